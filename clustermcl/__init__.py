@@ -1,0 +1,1 @@
+"""The front door: the command a person types, and the Python client."""

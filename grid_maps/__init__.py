@@ -1,0 +1,1 @@
+"""Map files to arrays, and the digest that names a map."""

@@ -1,0 +1,176 @@
+"""The numbers of the filter: one frozen structure a part, every field with its unit and meaning.
+
+They travel inside every job that the coordinator hands out, so that all workers of a robot
+filter alike. The defaults are one set for all buildings and recordings.
+"""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+
+def described(
+    meaning: str, unit: str = "", *, gt: float | None = None, ge: float | None = None,
+    le: float | None = None,
+) -> Meta:
+    """The bounds, unit and meaning of one setting, for checks and for `clustermcl settings`."""
+    extra: dict[str, Any] = {"unit": unit}
+    return Meta(description=meaning, extra=extra, gt=gt, ge=ge, le=le)
+
+
+class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How far odometry errs (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
+
+    model: Annotated[
+        Literal["omnidirectional", "differential"], described("motion model")
+    ] = "omnidirectional"
+    turn_noise_per_turn: Annotated[
+        float, described("noise of a turn caused by turning (nav2 alpha1)", "rad/rad", ge=0)
+    ] = 0.2
+    turn_noise_per_metre: Annotated[
+        float, described("noise of a turn caused by driving (nav2 alpha2)", "rad/m", ge=0)
+    ] = 0.1
+    drive_noise_per_metre: Annotated[
+        float, described("noise along the drive caused by driving (nav2 alpha3)", "m/m", ge=0)
+    ] = 0.15
+    drive_noise_per_turn: Annotated[
+        float, described("noise along the drive caused by turning (nav2 alpha4)", "m/rad", ge=0)
+    ] = 0.05
+    strafe_noise_per_metre: Annotated[
+        float,
+        described("noise across the drive, omnidirectional only (nav2 alpha5)", "m/m", ge=0),
+    ] = 0.1
+
+
+class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a scan is weighed against the map."""
+
+    model: Annotated[
+        Literal["likelihood_field", "beam"], described("sensor model")
+    ] = "likelihood_field"
+    scan_likelihood_exponent: Annotated[
+        float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
+    ] = 0.15
+    max_beams: Annotated[int, described("valid beams used of one scan, spread evenly", gt=0)] = 60
+    max_range_m: Annotated[
+        float, described("beams of this range or longer count as no return", "m", gt=0)
+    ] = 30.0
+    hit_sigma_m: Annotated[
+        float, described("spread of a hit around an obstacle", "m", gt=0)
+    ] = 0.15
+    hit_weight: Annotated[float, described("share of beams that hit the map", gt=0, le=1)] = 0.75
+    random_weight: Annotated[
+        float, described("share of beams explained by nothing", gt=0, le=1)
+    ] = 0.25
+    short_weight: Annotated[
+        float, described("beam model: share of beams cut short by what is not in the map", ge=0)
+    ] = 0.1
+    max_weight: Annotated[
+        float, described("beam model: share of beams without return", ge=0)
+    ] = 0.05
+    short_decay_per_m: Annotated[
+        float, described("beam model: decay of short readings", "1/m", gt=0)
+    ] = 0.3
+    max_obstacle_distance_m: Annotated[
+        float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
+    ] = 2.0
+    not_free_log_penalty: Annotated[
+        float,
+        described("log-weight of a particle on occupied or unknown ground, each step", le=0),
+    ] = -1.0
+
+
+class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One cluster and its particles (section 2 of the paper)."""
+
+    particles: Annotated[int, described("particles of one tracked cluster", gt=0)] = 2000
+    resampling: Annotated[
+        Literal["systematic", "stratified", "residual", "multinomial"],
+        described("how particles are redrawn"),
+    ] = "systematic"
+    resample_below_ess: Annotated[
+        float,
+        described("redraw when effective sample size / particles is under this", gt=0, le=1),
+    ] = 0.5
+
+
+class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Global MCL: the bootstrap and the periodic restart (section 4 of the paper)."""
+
+    start_particles_per_m2: Annotated[
+        float, described("particles at the start, for each square metre of free space", "1/m2", gt=0)
+    ] = 400.0
+    min_start_particles: Annotated[int, described("never fewer at the start", gt=0)] = 50_000
+    max_start_particles: Annotated[int, described("never more at the start", gt=0)] = 2_000_000
+    particles: Annotated[int, described("particles once annealed", gt=0)] = 50_000
+    shards: Annotated[
+        int, described("independent shares a search is cut into, whatever the workers", gt=0, le=64)
+    ] = 4
+    annealing_steps: Annotated[
+        int, described("steps over which the likelihood exponent rises", gt=0)
+    ] = 6
+    annealing_start_fraction: Annotated[
+        float, described("exponent at the first step, as a share of the full one", gt=0, le=1)
+    ] = 0.33
+    max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
+    converged_mass: Annotated[
+        float, described("a search ends when its best places hold this share", gt=0, le=1)
+    ] = 0.95
+    source_radius_m: Annotated[
+        float, described("points this near a cluster's source point belong to it", "m", gt=0)
+    ] = 1.0
+    source_heading_rad: Annotated[
+        float, described("and this near in heading", "rad", gt=0)
+    ] = 0.5
+    hand_over_particles: Annotated[
+        int, described("particles of a place that a shard hands over", gt=0)
+    ] = 500
+    min_place_share: Annotated[
+        float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
+    ] = 0.002
+
+
+class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The Bayes filter over clusters (eq. 12-17 and section 4 of the paper)."""
+
+    clusters: Annotated[int, described("clusters kept, K", gt=0)] = 10
+    squared_prior: Annotated[bool, described("square the prior, as eq. 17 is printed")] = False
+    transition_probability: Annotated[
+        float, described("share of the belief spread over all clusters each step", ge=0, le=1)
+    ] = 0.01
+    newcomer_probability: Annotated[
+        float, described("probability given to all newcomers of one search", gt=0, le=0.5)
+    ] = 0.02
+    grace_steps: Annotated[
+        int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
+    ] = 15
+    merge_every_steps: Annotated[
+        int, described("overlapping clusters are looked for every so many steps", "steps", gt=0)
+    ] = 5
+    merge_distance_m: Annotated[
+        float, described("clusters with means this near are one", "m", gt=0)
+    ] = 0.5
+    merge_heading_rad: Annotated[
+        float, described("and with headings this near", "rad", gt=0)
+    ] = 0.35
+    search_every_steps: Annotated[
+        int, described("a new global search starts so many steps after the last", "steps", gt=0)
+    ] = 25
+    localized_probability: Annotated[
+        float, described("the best place is called the pose from here on", gt=0, le=1)
+    ] = 0.9
+    set_pose_probability: Annotated[
+        float, described("probability of a pose that a person gives", gt=0, le=1)
+    ] = 0.9
+
+
+class FilterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All numbers that decide what the filter answers, besides the seed."""
+
+    seed: Annotated[int, described("seed of all random numbers", ge=0)] = 0
+    motion: MotionSettings = MotionSettings()
+    sensor: SensorSettings = SensorSettings()
+    cluster: ClusterSettings = ClusterSettings()
+    search: SearchSettings = SearchSettings()
+    belief: BeliefSettings = BeliefSettings()

@@ -1,0 +1,1 @@
+"""What every process needs: Zenoh session, inbox, settings, log, shutdown."""

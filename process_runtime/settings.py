@@ -1,0 +1,107 @@
+"""All settings of the system, one frozen structure a part, with defaults, units and meanings."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from particle_filter.settings import FilterSettings, described
+
+
+class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which robot this process serves."""
+
+    name: Annotated[
+        str, described("robot's name; keeps the keys of several robots apart on one router")
+    ] = "robot"
+
+
+class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How processes meet. Every process is a client of one router."""
+
+    router: Annotated[
+        str, described("endpoint of the router: where it listens and where clients connect")
+    ] = "tcp/127.0.0.1:7447"
+    connect_timeout_s: Annotated[
+        float, described("how long a command looks for the router", "s", gt=0)
+    ] = 2.0
+    query_timeout_s: Annotated[
+        float, described("how long a query waits for its answer", "s", gt=0)
+    ] = 1.0
+
+
+class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """From readings to steps."""
+
+    map: Annotated[str, described("map file: map_server YAML or wean.dat, may be .gz or .xz")] = ""
+    source: Annotated[
+        str,
+        described("a recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)"),
+    ] = "zenoh"
+    rate: Annotated[
+        float,
+        described("speed of a recording: 1 real time, 2 twice as fast, 0 as the workers follow",
+                  ge=0),
+    ] = 1.0
+    gate_distance_m: Annotated[
+        float, described("a scan becomes a step after so much driving", "m", ge=0)
+    ] = 0.2
+    gate_turn_rad: Annotated[
+        float, described("or after so much turning", "rad", ge=0)
+    ] = 0.2
+    laser_x_m: Annotated[
+        float, described("laser ahead of the robot's centre, where the source does not say", "m")
+    ] = 0.0
+    laser_y_m: Annotated[
+        float, described("laser left of the robot's centre, where the source does not say", "m")
+    ] = 0.0
+    laser_heading_rad: Annotated[
+        float, described("laser's heading, where the source does not say", "rad")
+    ] = 0.0
+    history_steps: Annotated[
+        int, described("steps kept for workers that join late", "steps", gt=0)
+    ] = 300
+
+
+class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """When the coordinator stops waiting."""
+
+    step_deadline_s: Annotated[
+        float, described("a step is applied at the latest so long after its scan", "s", gt=0)
+    ] = 0.5
+    paced_deadline_s: Annotated[
+        float, described("the same when the bridge waits for the workers", "s", gt=0)
+    ] = 20.0
+    stale_after_s: Annotated[
+        float, described("a pose whose newest data is older is called stale", "s", gt=0)
+    ] = 1.0
+    snapshot_every_steps: Annotated[
+        int, described("a worker hands its state out every so many steps", "steps", gt=0)
+    ] = 10
+
+
+class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Worker processes of this machine."""
+
+    count: Annotated[int, described("worker processes", "", gt=0)] = 12
+    cache_folder: Annotated[
+        str, described("where likelihood fields are kept; empty: the user's cache folder")
+    ] = ""
+
+
+class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is logged, on standard error."""
+
+    level: Annotated[
+        Literal["debug", "info", "warning", "error"], described("least severe message shown")
+    ] = "info"
+
+
+class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The whole settings file: sections in TOML, `--set section.key=value` on a command line."""
+
+    robot: RobotSettings = RobotSettings()
+    zenoh: ZenohSettings = ZenohSettings()
+    bridge: BridgeSettings = BridgeSettings()
+    coordinator: CoordinatorSettings = CoordinatorSettings()
+    worker: WorkerSettings = WorkerSettings()
+    log: LogSettings = LogSettings()

@@ -1,0 +1,1 @@
+"""Everything two processes must agree on: keys, messages, errors. No input, no output."""

@@ -1,0 +1,64 @@
+"""One tree of errors: what a peer, a file or a command did wrong, in one sentence each.
+
+A wrong argument inside the code raises `ValueError`; everything a person or another process
+can cause raises a `ClusterMclError`. Front ends print it as one line and exit with 2.
+"""
+
+from pathlib import Path
+
+
+class ClusterMclError(Exception):
+    """Root of all errors that a person can cause or mend."""
+
+
+class InputFileError(ClusterMclError):
+    """A map, recording, reference or settings file cannot be used."""
+
+    def __init__(self, path: Path | str, problem: str, *, line: int | None = None) -> None:
+        self.path, self.problem, self.line = Path(path), problem, line
+        where = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{where}: {problem}")
+
+
+class MapFileError(InputFileError):
+    """A map file is missing, broken, or holds nothing to localize in."""
+
+
+class RecordingError(InputFileError):
+    """A recording is missing, broken, or holds no scan."""
+
+
+class ReferenceFileError(InputFileError):
+    """A reference trajectory is missing or broken."""
+
+
+class SettingsError(ClusterMclError):
+    """A setting is unknown, of the wrong type, or out of its range."""
+
+
+class ProtocolError(ClusterMclError):
+    """A peer said something that this process cannot act on."""
+
+
+class MalformedMessageError(ProtocolError):
+    """Bytes from the wire are not the message they should be."""
+
+    def __init__(self, *, expected: str, problem: str) -> None:
+        self.expected, self.problem = expected, problem
+        super().__init__(f"not a valid {expected}: {problem}")
+
+
+class MapMismatchError(ProtocolError):
+    """A worker localizes in another map, so its poses cannot be compared with the others'."""
+
+    def __init__(self, *, worker: str, expected: str, found: str) -> None:
+        self.worker, self.expected, self.found = worker, expected, found
+        super().__init__(f"worker {worker!r} has map {found:.12}, expected {expected:.12}")
+
+
+class UnreachableError(ClusterMclError):
+    """No router, or nobody behind it, answered in time."""
+
+
+class AlreadyRunningError(ClusterMclError):
+    """A second coordinator or bridge was started for the same robot."""
