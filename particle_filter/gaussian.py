@@ -1,0 +1,38 @@
+"""The Gaussian through the particles of a cluster: the robot's estimate of its pose."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Pose, Poses
+from particle_filter.poses import circular_mean, wrap_angle
+
+
+def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDArray[np.float64]]:
+    """Mean and covariance of weighted poses (section 4 of the paper, last paragraph).
+
+    The heading's mean is circular and its deviations go the short way round, so that a cloud
+    across +-pi is as narrow as any other. The covariance is that of the cloud itself, divided
+    by the sum of weights: the maximum likelihood fit.
+
+    Args:
+        poses: (N, 3) x [m], y [m], heading [rad].
+        weights: (N,) linear weights with any positive sum.
+
+    Returns:
+        (3,) mean pose and (3, 3) covariance [m^2, m rad, rad^2].
+
+    Raises:
+        ValueError: no poses, or the weights sum to zero or are not finite.
+    """
+    total = float(weights.sum())
+    if not (0.0 < total < np.inf):
+        raise ValueError(f"weights that sum to {total} fit no Gaussian")
+    shares = weights / total
+    mean = np.empty(3)
+    # Deviations from one particle keep digits where coordinates are large.
+    mean[:2] = poses[0, :2] + shares @ (poses[:, :2] - poses[0, :2])
+    mean[2] = circular_mean(poses[:, 2], shares)
+    deviations = poses - mean
+    deviations[:, 2] = wrap_angle(deviations[:, 2])
+    covariance = deviations.T @ (deviations * shares[:, np.newaxis])
+    return mean, 0.5 * (covariance + covariance.T)

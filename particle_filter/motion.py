@@ -1,0 +1,126 @@
+"""Odometry motion models: particles move as the robot did, each with its own error."""
+
+from math import atan2, cos, floor, hypot, pi, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Pose, Poses
+from particle_filter.kernels import kernel
+from particle_filter.poses import between, heading_distance, wrap_angle
+from particle_filter.settings import MotionSettings
+
+_NO_BEARING_BELOW_M = 0.01
+"""A differential drive shorter than this is a turn on the spot: its bearing is noise [m]."""
+
+
+def move(
+    map_from_robot: Poses,
+    odom_from_before: Pose,
+    odom_from_after: Pose,
+    settings: MotionSettings,
+    rng: np.random.Generator,
+) -> Poses:
+    """Draw every particle's next pose from p(x_t | u_t, x_{t-1}).
+
+    Args:
+        map_from_robot: (N, 3) poses before the motion.
+        odom_from_before: (3,) odometry's pose then.
+        odom_from_after: (3,) odometry's pose now.
+        settings: motion model and noise, as standard deviations per metre and per radian.
+        rng: gives N x 3 normal numbers, also when the robot stands still.
+
+    Returns:
+        (N, 3) new array; headings in [-pi, pi). Without motion there is no noise.
+
+    References:
+        Probabilistic Robotics (2005), table 5.6 (differential); nav2_amcl's OmniMotionModel
+        (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
+    """
+    normals = rng.standard_normal((len(map_from_robot), 3))
+    return move_with_noise(map_from_robot, odom_from_before, odom_from_after, settings, normals)
+
+
+def move_with_noise(
+    map_from_robot: Poses,
+    odom_from_before: Pose,
+    odom_from_after: Pose,
+    settings: MotionSettings,
+    normals: NDArray[np.float64],
+) -> Poses:
+    """Move with standard normal numbers (N, 3) from whatever sequence; else as `move`."""
+    motion = between(odom_from_before, odom_from_after)
+    if settings.model == "differential":
+        return _turn_drive_turn(map_from_robot, _differential(motion, settings), normals)
+    return _drive_along_bearing(map_from_robot, _omnidirectional(motion, settings), normals)
+
+
+def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
+    """Bearing, drive, turn; standard deviations along the drive, across it, of the turn."""
+    drive, turn = hypot(motion[0], motion[1]), float(motion[2])
+    drive_by_turn = settings.drive_noise_per_turn * turn
+    return (
+        atan2(motion[1], motion[0]),
+        drive,
+        turn,
+        hypot(settings.drive_noise_per_metre * drive, drive_by_turn),
+        hypot(settings.strafe_noise_per_metre * drive, drive_by_turn),
+        hypot(settings.turn_noise_per_turn * turn, settings.turn_noise_per_metre * drive),
+    )
+
+
+def _differential(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
+    """First turn, drive, second turn, and the standard deviation of each (table 5.6)."""
+    drive = hypot(motion[0], motion[1])
+    turn_1 = atan2(motion[1], motion[0]) if drive >= _NO_BEARING_BELOW_M else 0.0
+    turn_2 = wrap_angle(float(motion[2]) - turn_1)
+    # Driving backwards is two half turns on paper; the robot turns by neither.
+    turned_1, turned_2 = (
+        min(float(heading_distance(turn, 0.0)), float(heading_distance(turn, pi)))
+        for turn in (turn_1, turn_2)
+    )
+    turn_by_drive = settings.turn_noise_per_metre * drive
+    return (
+        turn_1,
+        drive,
+        turn_2,
+        hypot(settings.turn_noise_per_turn * turned_1, turn_by_drive),
+        hypot(
+            settings.drive_noise_per_metre * drive,
+            settings.drive_noise_per_turn * hypot(turned_1, turned_2),
+        ),
+        hypot(settings.turn_noise_per_turn * turned_2, turn_by_drive),
+    )
+
+
+@kernel
+def _drive_along_bearing(
+    poses: Poses, motion: tuple[float, ...], normals: NDArray[np.float64]
+) -> Poses:
+    bearing, drive, turn, along_sigma, across_sigma, turn_sigma = motion
+    moved = np.empty_like(poses)
+    for i in range(len(poses)):
+        along = drive + along_sigma * normals[i, 0]
+        across = across_sigma * normals[i, 1]
+        c, s = cos(poses[i, 2] + bearing), sin(poses[i, 2] + bearing)
+        heading = poses[i, 2] + turn + turn_sigma * normals[i, 2]
+        moved[i, 0] = poses[i, 0] + along * c - across * s
+        moved[i, 1] = poses[i, 1] + along * s + across * c
+        moved[i, 2] = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
+    return moved
+
+
+@kernel
+def _turn_drive_turn(
+    poses: Poses, motion: tuple[float, ...], normals: NDArray[np.float64]
+) -> Poses:
+    turn_1, drive, turn_2, turn_1_sigma, drive_sigma, turn_2_sigma = motion
+    moved = np.empty_like(poses)
+    for i in range(len(poses)):
+        bearing = poses[i, 2] + turn_1 + turn_1_sigma * normals[i, 0]
+        driven = drive + drive_sigma * normals[i, 1]
+        heading = bearing + turn_2 + turn_2_sigma * normals[i, 2]
+        moved[i, 0] = poses[i, 0] + driven * cos(bearing)  # table 5.6, line 8
+        moved[i, 1] = poses[i, 1] + driven * sin(bearing)  # table 5.6, line 9
+        moved[i, 2] = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
+    return moved

@@ -1,0 +1,94 @@
+"""Poses in the plane and arithmetic of angles.
+
+A pose `a_from_b` carries points of frame b into frame a; poses chain by `compose(a_from_b,
+b_from_c)`. All functions take one pose `(3,)` or many `(N, 3)`, and broadcast.
+"""
+
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from particle_filter.arrays import Poses
+
+TURN = 2.0 * np.pi
+"""A full turn [rad]."""
+
+
+@overload
+def wrap_angle(angle: float) -> float: ...
+@overload
+def wrap_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]: ...
+def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
+    """The same direction in [-pi, pi) [rad]; an angle already in there comes back unchanged."""
+    wrapped = angle - TURN * np.floor((np.asarray(angle) + np.pi) / TURN)
+    # Rounding can leave a result on the wrong side of either end by one unit in the last place.
+    wrapped = np.where((wrapped >= np.pi) | (wrapped < -np.pi), -np.pi, wrapped)
+    return float(wrapped) if np.ndim(angle) == 0 else wrapped
+
+
+def heading_distance(
+    a: float | NDArray[np.float64], b: float | NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The angle between two headings, the short way round, in [0, pi] [rad]."""
+    return np.abs(wrap_angle(np.asarray(np.subtract(a, b), dtype=np.float64)))
+
+
+def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
+    """Chain two poses: `a_from_c`.
+
+    Args:
+        a_from_b: (..., 3) x [m], y [m], heading [rad].
+        b_from_c: (..., 3), broadcast against `a_from_b`.
+
+    Returns:
+        (..., 3) with headings in [-pi, pi).
+    """
+    a_from_b, b_from_c = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    x, y = b_from_c[..., 0], b_from_c[..., 1]
+    return np.stack(
+        [
+            a_from_b[..., 0] + cos * x - sin * y,
+            a_from_b[..., 1] + sin * x + cos * y,
+            wrap_angle(a_from_b[..., 2] + b_from_c[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+def inverse(a_from_b: Poses) -> Poses:
+    """The way back, `b_from_a`, of (..., 3) poses; headings in [-pi, pi)."""
+    a_from_b = np.asarray(a_from_b, np.float64)
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    x, y = a_from_b[..., 0], a_from_b[..., 1]
+    return np.stack([-cos * x - sin * y, sin * x - cos * y, wrap_angle(-a_from_b[..., 2])], axis=-1)
+
+
+def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
+    """Where c is, seen from b: `b_from_c`, (..., 3).
+
+    With two odometry poses this is the motion in between, in the frame of the first.
+    """
+    return compose(inverse(a_from_b), a_from_c)
+
+
+def circular_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> float:
+    """The direction of the (weighted) mean of unit vectors, in [-pi, pi) [rad].
+
+    The mean of 179 and -179 degrees is 180 degrees. Where the vectors cancel (two opposite
+    headings) no direction is better than another and the answer is arbitrary.
+
+    Args:
+        angles: (N,) angles [rad].
+        weights: (N,) weights, not negative, any positive sum; equal when left out.
+
+    Raises:
+        ValueError: no angles.
+    """
+    angles = np.asarray(angles, np.float64)
+    if angles.size == 0:
+        raise ValueError("no angles to take the mean of")
+    weights = np.ones_like(angles) if weights is None else np.asarray(weights, np.float64)
+    mean = np.arctan2(weights @ np.sin(angles), weights @ np.cos(angles))
+    return wrap_angle(float(mean))

@@ -1,0 +1,94 @@
+"""Redrawing particles in proportion to their weights, all schemes in O(N).
+
+Each scheme lays `count` increasing positions on the line of summed weights; one walk along the
+line finds the particle under each. They differ in how the positions are drawn, that is in
+variance: systematic least as a rule, multinomial most.
+
+References:
+    Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005).
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import LogWeights
+from particle_filter.kernels import kernel
+from particle_filter.log_weights import normalised
+
+Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
+Weights = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+def resample(
+    log_weights: LogWeights, count: int, scheme: Scheme, rng: np.random.Generator
+) -> Indices:
+    """Draw particles so that each is expected `count` times its normalised weight.
+
+    Args:
+        log_weights: (N,), not necessarily normalised.
+        count: how many to draw; need not be N.
+        scheme: how chance enters.
+        rng: gives one number (systematic) or about `count`.
+
+    Returns:
+        (count,) increasing indices of particles; never one of weight zero.
+
+    Raises:
+        ValueError: no weight is above zero, one is NaN or infinite, `count` is not positive,
+            or the scheme is unknown.
+    """
+    if count < 1:
+        raise ValueError(f"count must be positive, not {count}")
+    weights = normalised(log_weights)
+    match scheme:
+        case "systematic":
+            return _pick(weights, np.arange(count, dtype=np.float64) + rng.random())
+        case "stratified":
+            return _pick(weights, np.arange(count) + rng.random(count))
+        case "multinomial":
+            return _pick(weights, _sorted_uniforms(count, rng) * count)
+        case "residual":
+            return _residual(weights, count, rng)
+    raise ValueError(f"unknown resampling scheme {scheme!r}")
+
+
+def _sorted_uniforms(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Uniform numbers in increasing order without a sort: sums of exponential spacings."""
+    sums = np.cumsum(rng.standard_exponential(count + 1))
+    return np.asarray(sums[:-1] / sums[-1])
+
+
+def _residual(weights: Weights, count: int, rng: np.random.Generator) -> Indices:
+    """The whole part of every expected number for sure, the rest multinomial."""
+    expected = weights * count
+    # Equal weights are often expected 0.99...9 times: that is once, not by chance.
+    copies = np.floor(expected + 1e-9).astype(np.int64)
+    rest = count - int(copies.sum())
+    if rest > 0:
+        left = np.maximum(expected - copies, 0.0)
+        drawn = _pick(left, _sorted_uniforms(rest, rng) * rest)
+        copies += np.bincount(drawn, minlength=len(weights))
+    return np.repeat(np.arange(len(weights)), copies)
+
+
+@kernel
+def _pick(weights: Weights, positions: NDArray[np.float64]) -> Indices:
+    """The particle under each position; positions increase and run from 0 to their number."""
+    line, last = 0.0, 0
+    for j in range(len(weights)):
+        line += weights[j]
+        if weights[j] > 0.0:
+            last = j
+    unit = line / len(positions)
+    picked = np.empty(len(positions), np.int64)
+    j, end = 0, weights[0]
+    for i in range(len(positions)):
+        # Rounding may carry the last position past the line's end: stop at the last weight.
+        while end <= positions[i] * unit and j < last:
+            j += 1
+            end += weights[j]
+        picked[i] = j
+    return picked
