@@ -1,14 +1,22 @@
 """The likelihood field: how well a scan's end points lie on the map's obstacles."""
 
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import log, pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
+from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
+from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
 from particle_filter.kernels import kernel
-from particle_filter.poses import compose, inverse
 from particle_filter.settings import SensorSettings
+
+Codes = NDArray[np.uint16]
+_MAX_CODE = 65_535
+_MAX_BEAMS = 65_536
+"""More beams could overflow the 32-bit sum of their codes."""
+_BLOCK = 256
+"""Particles scored together: their numbers stay in the nearest cache."""
 
 
 def log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogField:
@@ -40,19 +48,31 @@ def log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogField
     distance_m = distance_transform_edt(empty).astype(np.float32)
     distance_m *= np.float32(cell_m)
     np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m), out=distance_m)
-    peak = settings.hit_weight / (sqrt(2.0 * pi) * settings.hit_sigma_m)
-    likelihood = np.float32(peak) * np.exp(-0.5 * (distance_m / settings.hit_sigma_m) ** 2)
+    likelihood = np.exp(-0.5 * (distance_m / np.float32(settings.hit_sigma_m)) ** 2)
+    likelihood *= np.float32(_peak(settings))
     likelihood += np.float32(settings.random_weight / settings.max_range_m)
     return np.asarray(np.log(likelihood), np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """A map made ready for scoring. Plain arrays: they may be mapped from a file and shared."""
+    """A map made ready for scoring.
 
-    table: LogField
-    """(rows + 2, cols + 2) log-likelihoods; the rim around the map is far from everything."""
+    Log-likelihoods are kept as 16-bit codes, half the memory of floats: a beam is read at most
+    `log_step` / 2 off, about 4e-5, and sums of codes are exact in any order. The arrays are
+    plain and read-only: several processes may map them from one file.
+    """
+
+    codes: Codes
+    """(rows + 2, cols + 2); the rim around the map is as far from obstacles as can be."""
+    cells: Cells
+    """(rows, cols) the map itself."""
+    log_floor: float
+    """Log-likelihood of code 0: a beam that ends far from everything."""
+    log_step: float
+    """From one code to the next."""
     cell_m: float
+    """Side of a cell [m]."""
     map_from_grid: Pose
     """(3,) the outer corner of cell (0, 0), in the map's frame."""
 
@@ -61,9 +81,21 @@ class LikelihoodField:
         cls, cells: Cells, cell_m: float, map_from_grid: Pose, settings: SensorSettings
     ) -> "LikelihoodField":
         """Compute the field of a map; see `log_field` for arguments and errors."""
-        inside = log_field(cells, cell_m, settings)
-        table = np.pad(inside, 1, constant_values=_far(settings))
-        return cls(table=table, cell_m=cell_m, map_from_grid=map_from_grid)
+        log_random = log(settings.random_weight / settings.max_range_m)
+        deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
+        log_floor = float(np.logaddexp(log_random, log(_peak(settings)) - 0.5 * deviations**2))
+        log_step = (float(np.logaddexp(log_random, log(_peak(settings)))) - log_floor) / _MAX_CODE
+        levels = (log_field(cells, cell_m, settings) - np.float32(log_floor)) / np.float32(log_step)
+        codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
+        codes[1:-1, 1:-1] = np.clip(np.rint(levels), 0, _MAX_CODE)
+        return cls(
+            codes=codes,
+            cells=cells,
+            log_floor=log_floor,
+            log_step=log_step,
+            cell_m=cell_m,
+            map_from_grid=np.array(map_from_grid, np.float64),
+        )
 
 
 def scan_log_likelihood(
@@ -83,64 +115,67 @@ def scan_log_likelihood(
         (N,) log-likelihood of the scan for each particle, not normalised.
 
     Raises:
-        ValueError: no beam returned; a sum over nothing would call all poses equally good.
+        ValueError: no beam returned; a sum over nothing would call all poses equally good. Or
+            more than 65,536 did.
 
     References:
         Probabilistic Robotics (2005), table 6.3, in logarithms: 180 densities underflow.
     """
-    if len(hits_in_robot) == 0:
-        raise ValueError("the scan has no returns to score")
-    grid_from_robot = compose(inverse(field.map_from_grid), map_from_robot)
-    return _sum_at_hits(grid_from_robot, hits_in_robot, field.table, 1.0 / field.cell_m)
+    if not 0 < len(hits_in_robot) <= _MAX_BEAMS:
+        raise ValueError(f"a scan of {len(hits_in_robot)} returns cannot be scored")
+    headings = (map_from_robot[:, 2] - field.map_from_grid[2]).astype(np.float32)
+    sums = _summed_codes(
+        plain(map_from_robot),
+        (np.cos(headings), np.sin(headings)),
+        (np.asarray(hits_in_robot) / field.cell_m).astype(np.float32),
+        read_only(field.codes),
+        to_cells(field.map_from_grid, field.cell_m),
+    )
+    return np.asarray(len(hits_in_robot) * field.log_floor + field.log_step * sums)
 
 
-def ground_log_penalty(
-    map_from_robot: Poses, cells: Cells, cell_m: float, map_from_grid: Pose, log_penalty: float
-) -> LogWeights:
-    """What each particle pays for the ground it stands on.
-
-    Args:
-        map_from_robot: (N, 3) poses.
-        cells: (rows, cols) grid; row 0 has the lowest y.
-        cell_m: side of a cell [m].
-        map_from_grid: (3,) the outer corner of cell (0, 0), in the map's frame.
-        log_penalty: for ground that is occupied, unknown or off the map.
-
-    Returns:
-        (N,) `log_penalty` or 0.
-    """
-    grid_from_robot = compose(inverse(map_from_grid), map_from_robot)
-    # Not int(): it rounds towards zero and counts cells just below the map as inside.
-    cols = np.floor(grid_from_robot[:, 0] / cell_m)
-    rows = np.floor(grid_from_robot[:, 1] / cell_m)
-    inside = (cols >= 0) & (cols < cells.shape[1]) & (rows >= 0) & (rows < cells.shape[0])
-    penalties = np.full(len(map_from_robot), log_penalty)
-    free = cells[rows[inside].astype(np.int64), cols[inside].astype(np.int64)] == FREE
-    penalties[np.flatnonzero(inside)[free]] = 0.0
-    return penalties
-
-
-def _far(settings: SensorSettings) -> float:
-    peak = settings.hit_weight / (sqrt(2.0 * pi) * settings.hit_sigma_m)
-    deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
-    hit = peak * np.exp(-0.5 * deviations**2)
-    return float(np.log(hit + settings.random_weight / settings.max_range_m))
+def _peak(settings: SensorSettings) -> float:
+    """Density of a hit right on an obstacle [1/m]."""
+    return settings.hit_weight / (sqrt(2.0 * pi) * settings.hit_sigma_m)
 
 
 @kernel
-def _sum_at_hits(poses: Poses, hits: Points, table: LogField, cells_per_m: float) -> LogWeights:
-    last_row, last_col = table.shape[0] - 0.5, table.shape[1] - 0.5
-    totals = np.zeros(len(poses))
-    for i in range(len(poses)):
-        c, s = np.cos(poses[i, 2]) * cells_per_m, np.sin(poses[i, 2]) * cells_per_m
-        x0, y0 = poses[i, 0] * cells_per_m + 1.0, poses[i, 1] * cells_per_m + 1.0
-        total = 0.0
-        for j in range(len(hits)):
-            x = x0 + c * hits[j, 0] - s * hits[j, 1]  # table 6.3, line 5
-            y = y0 + s * hits[j, 0] + c * hits[j, 1]  # table 6.3, line 6
-            # Clamped to the rim before int(): of a far pose, compiled int() is an overflow.
-            col = int(max(min(x, last_col), 0.0))
-            row = int(max(min(y, last_row), 0.0))
-            total += table[row, col]
-        totals[i] = total
-    return totals
+def _summed_codes(
+    poses: Poses,
+    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
+    hits: NDArray[np.float32],
+    codes: Codes,
+    in_cells: ToCells,
+) -> NDArray[np.uint32]:
+    """Sum the codes under every particle's hits; hits are in cells.
+
+    The loop over particles is the inner one: it carries no sum from one turn to the next, so
+    it is compiled to vector instructions.
+    """
+    c, s, x0, y0 = in_cells
+    flat, cols = codes.reshape(-1), np.int32(codes.shape[1])
+    # Middles of the last cells: rounding cannot push a clamped hit past the table.
+    last_x, last_y = np.float32(codes.shape[1] - 0.5), np.float32(codes.shape[0] - 0.5)
+    sums = np.zeros(len(poses), np.uint32)
+    x, y = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    cells = np.empty(_BLOCK, np.uint32)
+    for start in range(0, len(poses), _BLOCK):
+        block = slice(start, min(start + _BLOCK, len(poses)))
+        total, cos_h, sin_h = sums[block], cos_sin[0][block], cos_sin[1][block]
+        for i in range(len(total)):
+            at = poses[start + i]
+            x[i] = c * at[0] - s * at[1] + x0 + 1.0  # 1: the rim
+            y[i] = s * at[0] + c * at[1] + y0 + 1.0
+        for beam in range(len(hits)):
+            along, across = hits[beam, 0], hits[beam, 1]
+            for i in range(len(total)):
+                col = x[i] + cos_h[i] * along - sin_h[i] * across  # table 6.3, line 5
+                row = y[i] + sin_h[i] * along + cos_h[i] * across  # table 6.3, line 6
+                # Clamped to the rim before int(): of a far pose, compiled int() is an overflow.
+                # In this order a NaN goes to the rim too.
+                col = max(np.float32(0.0), min(last_x, col))
+                row = max(np.float32(0.0), min(last_y, row))
+                cells[i] = np.int32(row) * cols + np.int32(col)
+            for i in range(len(total)):
+                total[i] += flat[cells[i]]
+    return sums

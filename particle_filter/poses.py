@@ -4,6 +4,7 @@ A pose `a_from_b` carries points of frame b into frame a; poses chain by `compos
 b_from_c)`. All functions take one pose `(3,)` or many `(N, 3)`, and broadcast.
 """
 
+import math
 from typing import overload
 
 import numpy as np
@@ -21,17 +22,20 @@ def wrap_angle(angle: float) -> float: ...
 def wrap_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
     """The same direction in [-pi, pi) [rad]; an angle already in there comes back unchanged."""
-    wrapped = angle - TURN * np.floor((np.asarray(angle) + np.pi) / TURN)
+    if not isinstance(angle, np.ndarray):
+        wrapped = angle - TURN * math.floor((angle + math.pi) / TURN)
+        return wrapped if -math.pi <= wrapped < math.pi else -math.pi
+    turned = np.asarray(angle - TURN * np.floor((angle + np.pi) / TURN))
     # Rounding can leave a result on the wrong side of either end by one unit in the last place.
-    wrapped = np.where((wrapped >= np.pi) | (wrapped < -np.pi), -np.pi, wrapped)
-    return float(wrapped) if np.ndim(angle) == 0 else wrapped
+    turned[(turned >= np.pi) | (turned < -np.pi)] = -np.pi
+    return turned
 
 
 def heading_distance(
     a: float | NDArray[np.float64], b: float | NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The angle between two headings, the short way round, in [0, pi] [rad]."""
-    return np.abs(wrap_angle(np.asarray(np.subtract(a, b), dtype=np.float64)))
+    return np.abs(wrap_angle(np.asarray(np.subtract(a, b), np.float64)))
 
 
 def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
@@ -45,24 +49,24 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
         (..., 3) with headings in [-pi, pi).
     """
     a_from_b, b_from_c = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
+    a_from_c = a_from_b + b_from_c  # of the right shape; x and y come next
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     x, y = b_from_c[..., 0], b_from_c[..., 1]
-    return np.stack(
-        [
-            a_from_b[..., 0] + cos * x - sin * y,
-            a_from_b[..., 1] + sin * x + cos * y,
-            wrap_angle(a_from_b[..., 2] + b_from_c[..., 2]),
-        ],
-        axis=-1,
-    )
+    a_from_c[..., 0] = a_from_b[..., 0] + cos * x - sin * y
+    a_from_c[..., 1] = a_from_b[..., 1] + sin * x + cos * y
+    a_from_c[..., 2] = wrap_angle(a_from_c[..., 2])
+    return a_from_c
 
 
 def inverse(a_from_b: Poses) -> Poses:
     """The way back, `b_from_a`, of (..., 3) poses; headings in [-pi, pi)."""
     a_from_b = np.asarray(a_from_b, np.float64)
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
-    x, y = a_from_b[..., 0], a_from_b[..., 1]
-    return np.stack([-cos * x - sin * y, sin * x - cos * y, wrap_angle(-a_from_b[..., 2])], axis=-1)
+    b_from_a = np.empty_like(a_from_b)
+    b_from_a[..., 0] = -cos * a_from_b[..., 0] - sin * a_from_b[..., 1]
+    b_from_a[..., 1] = sin * a_from_b[..., 0] - cos * a_from_b[..., 1]
+    b_from_a[..., 2] = wrap_angle(-a_from_b[..., 2])
+    return b_from_a
 
 
 def between(a_from_b: Poses, a_from_c: Poses) -> Poses:

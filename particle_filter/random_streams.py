@@ -25,6 +25,8 @@ class Purpose(IntEnum):
     """One step of a global search; the entity is the search, the part is its shard."""
     START = 3
     """The first particles of a cluster; the entity is the cluster."""
+    GIVEN_POSE = 4
+    """The cloud round a pose that a person gave; the entity counts those poses."""
 
 
 def generator(
