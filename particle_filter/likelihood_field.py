@@ -59,8 +59,8 @@ class LikelihoodField:
     """A map made ready for scoring.
 
     Log-likelihoods are kept as 16-bit codes, half the memory of floats: a beam is read at most
-    `log_step` / 2 off, about 4e-5, and sums of codes are exact in any order. The arrays are
-    plain and read-only: several processes may map them from one file.
+    `log_step` / 2 off, about 4e-5 nat, and sums of codes are exact in any order. The arrays are
+    plain and never written: several processes may map them from one file.
     """
 
     codes: Codes
@@ -81,19 +81,37 @@ class LikelihoodField:
         cls, cells: Cells, cell_m: float, map_from_grid: Pose, settings: SensorSettings
     ) -> "LikelihoodField":
         """Compute the field of a map; see `log_field` for arguments and errors."""
-        log_random = log(settings.random_weight / settings.max_range_m)
-        deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
-        log_floor = float(np.logaddexp(log_random, log(_peak(settings)) - 0.5 * deviations**2))
-        log_step = (float(np.logaddexp(log_random, log(_peak(settings)))) - log_floor) / _MAX_CODE
+        log_floor, log_step = _code_scale(settings)
         levels = (log_field(cells, cell_m, settings) - np.float32(log_floor)) / np.float32(log_step)
         codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
         codes[1:-1, 1:-1] = np.clip(np.rint(levels), 0, _MAX_CODE)
+        return cls.from_codes(codes, cells, cell_m, map_from_grid, settings)
+
+    @classmethod
+    def from_codes(
+        cls,
+        codes: Codes,
+        cells: Cells,
+        cell_m: float,
+        map_from_grid: Pose,
+        settings: SensorSettings,
+    ) -> "LikelihoodField":
+        """A field from the codes that `build` made for the same map and settings.
+
+        Raises:
+            ValueError: the codes are of another type or do not fit the map's size.
+        """
+        expected = (cells.shape[0] + 2, cells.shape[1] + 2)
+        if codes.dtype != np.uint16 or codes.shape != expected:
+            problem = f"codes are {codes.dtype} of {codes.shape}, expected uint16 of {expected}"
+            raise ValueError(problem)
+        log_floor, log_step = _code_scale(settings)
         return cls(
             codes=codes,
             cells=cells,
             log_floor=log_floor,
             log_step=log_step,
-            cell_m=cell_m,
+            cell_m=float(cell_m),
             map_from_grid=np.array(map_from_grid, np.float64),
         )
 
@@ -132,6 +150,15 @@ def scan_log_likelihood(
         to_cells(field.map_from_grid, field.cell_m),
     )
     return np.asarray(len(hits_in_robot) * field.log_floor + field.log_step * sums)
+
+
+def _code_scale(settings: SensorSettings) -> tuple[float, float]:
+    """Log-likelihood of the farthest beam, and the step that brings code 65,535 to the nearest."""
+    log_random, log_peak = log(settings.random_weight / settings.max_range_m), log(_peak(settings))
+    deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
+    log_floor = float(np.logaddexp(log_random, log_peak - 0.5 * deviations**2))
+    span = float(np.logaddexp(log_random, log_peak)) - log_floor
+    return log_floor, max(span, 1e-9) / _MAX_CODE  # a field of one value has codes too
 
 
 def _peak(settings: SensorSettings) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
+from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 from particle_filter.poses import between, heading_distance, wrap_angle
 from particle_filter.settings import MotionSettings
@@ -49,10 +50,10 @@ def move_with_noise(
     normals: NDArray[np.float64],
 ) -> Poses:
     """Move with standard normal numbers (N, 3) from whatever sequence; else as `move`."""
-    motion = between(odom_from_before, odom_from_after)
+    poses, motion = plain(map_from_robot), between(odom_from_before, odom_from_after)
     if settings.model == "differential":
-        return _turn_drive_turn(map_from_robot, _differential(motion, settings), normals)
-    return _drive_along_bearing(map_from_robot, _omnidirectional(motion, settings), normals)
+        return _turn_drive_turn(poses, _differential(motion, settings), plain(normals))
+    return _drive_along_bearing(poses, _omnidirectional(motion, settings), plain(normals))
 
 
 def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
@@ -60,7 +61,7 @@ def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...
     drive, turn = hypot(motion[0], motion[1]), float(motion[2])
     drive_by_turn = settings.drive_noise_per_turn * turn
     return (
-        atan2(motion[1], motion[0]),
+        atan2(motion[1], motion[0]) if drive > 0.0 else 0.0,
         drive,
         turn,
         hypot(settings.drive_noise_per_metre * drive, drive_by_turn),

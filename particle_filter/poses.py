@@ -74,7 +74,15 @@ def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
 
     With two odometry poses this is the motion in between, in the frame of the first.
     """
-    return compose(inverse(a_from_b), a_from_c)
+    a_from_b = np.asarray(a_from_b, np.float64)
+    # Differences first: far from the origin they keep the digits that products would lose.
+    b_from_c = np.asarray(a_from_c, np.float64) - a_from_b
+    cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
+    x, y = b_from_c[..., 0].copy(), b_from_c[..., 1].copy()
+    b_from_c[..., 0] = cos * x + sin * y
+    b_from_c[..., 1] = cos * y - sin * x
+    b_from_c[..., 2] = wrap_angle(b_from_c[..., 2])
+    return b_from_c
 
 
 def circular_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> float:

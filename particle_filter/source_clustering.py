@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 
 Labels = NDArray[np.int32]
@@ -40,7 +41,9 @@ def cluster_by_source_point(
     if np.isnan(log_weights).any() or not np.isfinite(poses).all():
         raise ValueError("poses must be finite and weights not NaN")
     order = np.argsort(-log_weights, kind="stable")
-    labels, count = _assign(poses, order, radius_m, heading_rad, max_clusters)
+    labels, count = _assign(
+        plain(poses), order, float(radius_m), float(heading_rad), int(max_clusters)
+    )
     return labels, int(count)
 
 

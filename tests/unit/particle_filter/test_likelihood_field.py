@@ -1,0 +1,219 @@
+"""The likelihood field against its naive twin, and laws of symmetry."""
+
+from math import log
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, LogWeights, Points, Pose, Poses
+from particle_filter.likelihood_field import LikelihoodField, log_field, scan_log_likelihood
+from particle_filter.poses import compose
+from particle_filter.settings import SensorSettings
+from tests.unit.particle_filter import naive
+
+SENSOR = SensorSettings(max_obstacle_distance_m=1.0)
+CELL_M = 0.25
+FAR = naive.log_likelihood_at(1.0, SENSOR)
+ORIGIN = np.zeros(3)
+SLACK = 1e-3
+"""Single precision places hits to about 1e-5 of these maps' cells: at a border, either may be."""
+
+
+def random_map(rng: np.random.Generator, rows: int = 12, cols: int = 17) -> Cells:
+    kinds = [FREE, OCCUPIED, UNKNOWN]
+    return rng.choice(kinds, (rows, cols), p=[0.8, 0.15, 0.05]).astype(np.int8)
+
+
+def tolerance(beams: int, field: LikelihoodField) -> float:
+    """Half a code for each beam, and the single precision of the field itself."""
+    return beams * (0.5 * field.log_step + 2e-6)
+
+
+def assert_agrees_with_the_naive_sum(
+    found: LogWeights, poses: Poses, hits: Points, field: LikelihoodField
+) -> None:
+    truth = naive.log_field(field.cells, field.cell_m, SENSOR)
+    low, high = naive.scan_log_likelihood_bounds(
+        poses,
+        hits,
+        truth,
+        far=FAR,
+        cell_m=field.cell_m,
+        map_from_grid=field.map_from_grid,
+        slack_cells=SLACK,
+    )
+    allowed = tolerance(len(hits), field)
+    assert (found >= low - allowed).all()
+    assert (found <= high + allowed).all()
+    assert np.mean(high - low < 1e-9) > 0.8  # nearly always there is only one right answer
+
+
+@settings(max_examples=20)  # each compares every cell with every obstacle
+@given(seed=st.integers(0, 2**32))
+def test_the_field_is_the_sensor_model_at_the_nearest_obstacle(seed: int) -> None:
+    cells = random_map(np.random.default_rng(seed))
+    cells[3, 3] = OCCUPIED
+    truth = naive.log_field(cells, CELL_M, SENSOR)
+    np.testing.assert_allclose(log_field(cells, CELL_M, SENSOR), truth, atol=2e-6)
+    built = LikelihoodField.build(cells, CELL_M, ORIGIN, SENSOR)
+    decoded = built.log_floor + built.log_step * built.codes[1:-1, 1:-1]
+    np.testing.assert_allclose(decoded, truth, atol=0.5 * built.log_step + 2e-6)
+    assert built.log_step < 1e-4
+    assert built.log_floor == pytest.approx(FAR)
+
+
+@settings(max_examples=20)  # the twin is slow
+@given(seed=st.integers(0, 2**32), turn=st.floats(-4, 4))
+def test_the_kernel_agrees_with_the_naive_sum(seed: int, turn: float) -> None:
+    rng = np.random.default_rng(seed)
+    cells = random_map(rng)
+    cells[5, 5] = OCCUPIED
+    map_from_grid = np.array([*rng.uniform(-5, 5, 2), turn])
+    in_grid = rng.uniform([-2.0, -2.0, -7.0], [6.0, 5.0, 7.0], (20, 3))
+    poses, hits = compose(map_from_grid, in_grid), rng.uniform(-3, 3, (11, 2))
+    field = LikelihoodField.build(cells, CELL_M, map_from_grid, SENSOR)
+    found = scan_log_likelihood(poses, hits, field)
+    assert_agrees_with_the_naive_sum(found, poses, hits, field)
+
+
+@pytest.mark.parametrize("count", [0, 1, 255, 256, 257, 600])
+def test_every_particle_of_a_cloud_of_any_size_is_scored(count: int) -> None:
+    rng = np.random.default_rng(count)
+    field = LikelihoodField.build(random_map(rng), CELL_M, ORIGIN, SENSOR)
+    poses, hits = rng.uniform(0, 4, (count, 3)), rng.uniform(-2, 2, (7, 2))
+    together = scan_log_likelihood(poses, hits, field)
+    alone = [scan_log_likelihood(pose[np.newaxis], hits, field)[0] for pose in poses]
+    np.testing.assert_array_equal(together, np.array(alone).reshape(count))
+
+
+def test_a_hit_reads_the_cell_it_falls_in() -> None:
+    cells = np.zeros((3, 3), np.int8)
+    cells[2, 1] = OCCUPIED  # row 2: the highest y
+    field = LikelihoodField.build(cells, 1.0, ORIGIN, SENSOR)
+    facing_north, one_metre_ahead = np.array([[1.5, 1.5, np.pi / 2]]), np.array([[1.0, 0.0]])
+    on_it, beside_it = (
+        scan_log_likelihood(facing_north + shift, one_metre_ahead, field)[0]
+        for shift in (np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    )
+    assert on_it == pytest.approx(naive.log_likelihood_at(0.0, SENSOR), abs=1e-4)
+    assert beside_it == pytest.approx(naive.log_likelihood_at(1.0, SENSOR), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "outside", [(-0.01, 0.5), (0.5, -0.01), (2.01, 0.5), (0.5, 2.01), (-1e9, 1e9), (1e300, 0.5)]
+)
+def test_a_hit_outside_the_map_is_far_from_everything(outside: tuple[float, float]) -> None:
+    """All cells are obstacles, and yet one step outside there is nothing."""
+    field = LikelihoodField.build(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN, SENSOR)
+    with np.errstate(over="ignore"):  # 1e300 is infinite in single precision
+        found = scan_log_likelihood(np.array([[*outside, 0.0]]), np.zeros((1, 2)), field)
+    assert found[0] == pytest.approx(FAR, abs=1e-6)
+
+
+def test_poses_without_numbers_are_far_from_everything() -> None:
+    field = LikelihoodField.build(np.full((2, 2), OCCUPIED, np.int8), 1.0, ORIGIN, SENSOR)
+    nowhere = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [0.5, 0.5, np.nan]])
+    found = scan_log_likelihood(nowhere, np.array([[0.1, 0.1]]), field)
+    np.testing.assert_allclose(found, FAR, atol=1e-6)
+
+
+def mirrored(
+    poses: Poses, hits: Points, cells: Cells, across_x: bool
+) -> tuple[Poses, Points, Cells]:
+    """The same scene in a mirror through the middle of the map."""
+    width, height = cells.shape[1] * CELL_M, cells.shape[0] * CELL_M
+    if across_x:
+        image = poses * [-1.0, 1.0, -1.0] + [width, 0.0, np.pi]
+        return image, hits * [1.0, -1.0], cells[:, ::-1]
+    image = poses * [1.0, -1.0, -1.0] + [0.0, height, 0.0]
+    return image, hits * [1.0, -1.0], cells[::-1]
+
+
+@pytest.mark.parametrize("across_x", [True, False])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_mirrored_world_is_as_likely(seed: int, across_x: bool) -> None:
+    """Rounding towards zero would count the strip below the low edges as inside the map."""
+    rng = np.random.default_rng(seed)
+    cells = random_map(rng)
+    cells[[0, -1], :], cells[:, [0, -1]] = OCCUPIED, OCCUPIED  # what is off the map matters
+    poses = rng.uniform([-0.3, -0.3, -np.pi], [4.5, 3.3, np.pi], (300, 3))
+    hits = rng.uniform(-2, 2, (30, 2))
+    field = LikelihoodField.build(cells, CELL_M, ORIGIN, SENSOR)
+    found = scan_log_likelihood(poses, hits, field)
+    other_poses, other_hits, other_cells = mirrored(poses, hits, cells, across_x)
+    other_field = LikelihoodField.build(other_cells, CELL_M, ORIGIN, SENSOR)
+    image = scan_log_likelihood(other_poses, other_hits, other_field)
+    # Codes are exact; single precision may push one hit of 10,000 over a border.
+    assert np.mean(found == image) > 0.99
+    assert abs(np.mean(found - image)) < 1e-3
+
+
+@given(seed=st.integers(0, 2**32))
+def test_the_order_of_beams_and_particles_does_not_matter(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    poses, hits = rng.uniform(0, 4, (30, 3)), rng.uniform(-2, 2, (9, 2))
+    order = rng.permutation(len(poses))
+    found = scan_log_likelihood(poses, hits, SHARED_FIELD)
+    shuffled = scan_log_likelihood(poses[order], rng.permutation(hits), SHARED_FIELD)
+    np.testing.assert_array_equal(found[order], shuffled)
+
+
+@given(seed=st.integers(0, 2**32), shift=st.tuples(*[st.floats(-50, 50)] * 3))
+def test_where_the_map_has_its_origin_does_not_matter(
+    seed: int, shift: tuple[float, float, float]
+) -> None:
+    rng = np.random.default_rng(seed)
+    poses, hits = rng.uniform(0, 4, (30, 3)), rng.uniform(-2, 2, (9, 2))
+    found = scan_log_likelihood(poses, hits, SHARED_FIELD)
+    new: Pose = np.array(shift)
+    field = LikelihoodField.build(SHARED_FIELD.cells, CELL_M, new, SENSOR)
+    moved = scan_log_likelihood(compose(new, poses), hits, field)
+    assert np.mean(np.abs(found - moved) < 1e-9) > 0.9  # the rest lies at borders of cells
+
+
+SHARED_FIELD = LikelihoodField.build(random_map(np.random.default_rng(8)), CELL_M, ORIGIN, SENSOR)
+
+
+def test_a_field_mapped_from_a_file_scores_the_same(tmp_path: Path) -> None:
+    np.save(tmp_path / "codes.npy", SHARED_FIELD.codes)
+    codes = np.load(tmp_path / "codes.npy", mmap_mode="r")
+    field = LikelihoodField.from_codes(codes, SHARED_FIELD.cells, CELL_M, ORIGIN, SENSOR)
+    rng = np.random.default_rng(4)
+    poses, hits = rng.uniform(0, 4, (30, 3)), rng.uniform(-2, 2, (9, 2))
+    np.testing.assert_array_equal(
+        scan_log_likelihood(poses, hits, field), scan_log_likelihood(poses, hits, SHARED_FIELD)
+    )
+    assert field.codes is codes
+
+
+def test_codes_of_another_map_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"expected uint16 of \(14, 19\)"):
+        LikelihoodField.from_codes(
+            SHARED_FIELD.codes[:-1], SHARED_FIELD.cells, CELL_M, ORIGIN, SENSOR
+        )
+
+
+def test_a_scan_without_returns_is_refused() -> None:
+    with pytest.raises(ValueError, match="0 returns"):
+        scan_log_likelihood(np.zeros((1, 3)), np.zeros((0, 2)), SHARED_FIELD)
+
+
+def test_a_map_without_obstacles_is_refused() -> None:
+    with pytest.raises(ValueError, match="no occupied cell"):
+        LikelihoodField.build(np.zeros((3, 3), np.int8), 1.0, ORIGIN, SENSOR)
+
+
+def test_a_field_with_hardly_any_contrast_keeps_its_value() -> None:
+    flat = SensorSettings(max_obstacle_distance_m=1e-9)
+    field = LikelihoodField.build(np.eye(4, dtype=np.int8), 1.0, ORIGIN, flat)
+    found = scan_log_likelihood(np.ones((1, 3)), np.zeros((2, 2)), field)
+    assert found[0] == pytest.approx(2 * naive.log_likelihood_at(0.0, flat))
+
+
+def test_a_narrow_peak_does_not_underflow() -> None:
+    sharp = SensorSettings(hit_sigma_m=0.001, max_obstacle_distance_m=10.0)
+    field = LikelihoodField.build(np.eye(40, dtype=np.int8), 1.0, ORIGIN, sharp)
+    assert field.log_floor == pytest.approx(log(sharp.random_weight / sharp.max_range_m))

@@ -1,0 +1,47 @@
+"""Which clusters are one."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from particle_filter.arrays import Poses
+from particle_filter.overlaps import merge_overlapping
+from tests.unit.particle_filter.naive import angle_between
+
+means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
+
+
+def near(a: Poses, b: Poses) -> bool:
+    return bool(np.hypot(*(a - b)[:2]) <= 0.5 and angle_between(a[2], b[2]) <= 0.35)
+
+
+@given(means=means)
+def test_survivors_are_apart_and_the_absorbed_are_near_their_absorber(means: Poses) -> None:
+    absorber = merge_overlapping(means, 0.5, 0.35)
+    survivors = [k for k in range(len(means)) if absorber[k] == k]
+    for k in range(len(means)):
+        assert absorber[k] in survivors
+        assert absorber[k] == k or near(means[k], means[absorber[k]])
+    for i in survivors:
+        assert not any(near(means[i], means[j]) for j in survivors if j < i)
+
+
+def test_the_most_probable_absorbs() -> None:
+    three = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.0, 0.1]])
+    assert merge_overlapping(three, 0.5, 0.35).tolist() == [0, 1, 0]
+
+
+def test_headings_are_near_across_the_seam() -> None:
+    two = np.array([[0.0, 0.0, 3.1], [0.0, 0.0, -3.1]])
+    assert merge_overlapping(two, 0.5, 0.35).tolist() == [0, 0]
+
+
+def test_the_same_place_facing_the_other_way_is_another_place() -> None:
+    two = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
+    assert merge_overlapping(two, 0.5, 0.35).tolist() == [0, 1]
+
+
+def test_a_row_of_clusters_does_not_collapse_into_one() -> None:
+    row = np.array([[0.4 * k, 0.0, 0.0] for k in range(4)])
+    assert merge_overlapping(row, 0.5, 0.35).tolist() == [0, 0, 2, 2]

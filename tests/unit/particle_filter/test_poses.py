@@ -1,0 +1,127 @@
+"""Laws of poses and angles."""
+
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Pose, Poses
+from particle_filter.poses import (
+    between,
+    circular_mean,
+    compose,
+    heading_distance,
+    inverse,
+    wrap_angle,
+)
+from tests.unit.particle_filter import naive
+
+angles = st.floats(-1e4, 1e4)
+pose = arrays(np.float64, 3, elements=st.floats(-100, 100))
+poses = arrays(np.float64, (5, 3), elements=st.floats(-100, 100))
+IDENTITY = np.zeros(3)
+
+
+def assert_same_place(a: Poses, b: Poses) -> None:
+    """Equal up to rounding of numbers of size 100; headings of -pi and pi are the same."""
+    np.testing.assert_allclose(a[..., :2], b[..., :2], atol=1e-10)
+    np.testing.assert_allclose(heading_distance(a[..., 2], b[..., 2]), 0.0, atol=1e-10)
+
+
+@given(angle=angles)
+def test_a_wrapped_angle_points_the_same_way_and_is_in_range(angle: float) -> None:
+    wrapped = wrap_angle(angle)
+    assert -pi <= wrapped < pi
+    assert abs(sin(wrapped) - sin(angle)) < 1e-11  # 1e4 has an absolute precision of 1e-12
+    assert abs(cos(wrapped) - cos(angle)) < 1e-11
+
+
+@given(angle=st.floats(-pi, np.nextafter(pi, 0.0)))
+def test_an_angle_in_range_is_left_exactly_as_it_is(angle: float) -> None:
+    assert wrap_angle(angle) == angle
+
+
+@given(values=arrays(np.float64, 6, elements=angles))
+def test_an_array_wraps_like_its_elements(values: NDArray[np.float64]) -> None:
+    np.testing.assert_array_equal(wrap_angle(values), [wrap_angle(float(v)) for v in values])
+
+
+@pytest.mark.parametrize("turns", range(-3, 4))
+@pytest.mark.parametrize("ulps", [-1, 0, 1])
+def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
+    seam = (2 * turns + 1) * pi
+    angle = float(np.nextafter(seam, seam + ulps)) if ulps else seam
+    assert -pi <= wrap_angle(angle) < pi
+    assert -pi <= wrap_angle(np.array([angle]))[0] < pi
+
+
+@given(a=pose, b=pose, c=pose)
+def test_composing_is_associative(a: Pose, b: Pose, c: Pose) -> None:
+    assert_same_place(compose(compose(a, b), c), compose(a, compose(b, c)))
+
+
+@given(a=pose)
+def test_there_and_back_is_nowhere(a: Pose) -> None:
+    assert_same_place(compose(a, inverse(a)), IDENTITY)
+    assert_same_place(compose(inverse(a), a), IDENTITY)
+    assert_same_place(compose(a, IDENTITY), a)
+
+
+@given(a=pose, b=pose)
+def test_between_is_what_leads_from_one_to_the_other(a: Pose, b: Pose) -> None:
+    assert_same_place(compose(a, between(a, b)), b)
+
+
+@given(a=pose, b=pose)
+def test_composing_multiplies_matrices(a: Pose, b: Pose) -> None:
+    np.testing.assert_allclose(
+        naive.matrix(compose(a, b)), naive.matrix(a) @ naive.matrix(b), atol=1e-10
+    )
+
+
+@given(many=poses, one=pose)
+def test_one_and_many_broadcast(many: Poses, one: Pose) -> None:
+    for combine in (compose, between):
+        np.testing.assert_array_equal(
+            combine(one, many), np.array([combine(one, other) for other in many])
+        )
+        np.testing.assert_array_equal(
+            combine(many, one), np.array([combine(other, one) for other in many])
+        )
+    np.testing.assert_array_equal(inverse(many), np.array([inverse(other) for other in many]))
+
+
+def test_composing_leaves_its_arguments_alone() -> None:
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([[4.0, 5.0, 6.0]])
+    compose(a, b), inverse(b), between(a, b)
+    np.testing.assert_array_equal(a, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(b, [[4.0, 5.0, 6.0]])
+
+
+@given(a=angles, b=angles)
+def test_the_distance_of_headings_goes_the_short_way(a: float, b: float) -> None:
+    assert abs(float(heading_distance(a, b)) - naive.angle_between(a, b)) < 1e-7  # acos-like
+
+
+def test_the_mean_of_angles_across_the_seam_is_at_the_seam() -> None:
+    assert abs(abs(circular_mean(np.radians([179.0, -179.0]))) - pi) < 1e-12
+
+
+@given(offset=angles, spread=arrays(np.float64, 5, elements=st.floats(-1, 1)))
+def test_turning_all_angles_turns_their_mean(offset: float, spread: NDArray[np.float64]) -> None:
+    turned = circular_mean(spread + offset)
+    assert naive.angle_between(turned, circular_mean(spread) + offset) < 1e-10
+
+
+def test_weights_pull_the_mean() -> None:
+    assert circular_mean([0.0, 1.0], [0.0, 2.0]) == pytest.approx(1.0)
+    assert circular_mean([0.0, pi / 2], [1.0, 1.0]) == pytest.approx(pi / 4)
+
+
+def test_no_angles_have_no_mean() -> None:
+    with pytest.raises(ValueError, match="no angles"):
+        circular_mean([])

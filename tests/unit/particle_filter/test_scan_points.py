@@ -1,0 +1,70 @@
+"""Which beams are scored, and where they ended."""
+
+from math import pi
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from particle_filter.poses import compose
+from particle_filter.scan_points import points_in_robot, usable_beams
+
+readings = st.one_of(
+    st.floats(0.01, 9.99), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 10.0, 81.9])
+)
+scans = st.lists(readings, max_size=50).map(np.array)
+
+
+@given(ranges=scans, max_beams=st.integers(1, 60))
+def test_only_valid_beams_are_used_and_as_many_as_may_be(
+    ranges: NDArray[np.float64], max_beams: int
+) -> None:
+    valid = {i for i, r in enumerate(ranges) if 0 < r < 10.0}  # false for NaN
+    chosen = usable_beams(ranges, 10.0, max_beams)
+    assert set(chosen.tolist()) <= valid
+    assert len(chosen) == min(len(valid), max_beams)
+    assert (np.diff(chosen) > 0).all()
+
+
+@given(count=st.integers(1, 400), max_beams=st.integers(1, 400))
+def test_valid_beams_are_thinned_evenly(count: int, max_beams: int) -> None:
+    chosen = usable_beams(np.ones(count), 10.0, max_beams)
+    steps = np.diff(chosen)
+    assert len(steps) == 0 or steps.max() - steps.min() <= 1
+    if count > max_beams:  # the same margin at both ends, up to one beam
+        assert abs(int(chosen[0]) - (count - 1 - int(chosen[-1]))) <= 1
+
+
+def test_drop_outs_do_not_thin_a_scan_further() -> None:
+    ranges = np.ones(180)
+    ranges[::2] = np.nan
+    assert usable_beams(ranges, 10.0, 90).tolist() == list(range(1, 180, 2))
+
+
+def test_single_precision_ranges_are_welcome() -> None:
+    assert usable_beams(np.array([1.0, np.nan], np.float32), 10.0, 9).tolist() == [0]
+
+
+def test_at_least_one_beam_must_be_allowed() -> None:
+    with pytest.raises(ValueError, match="max_beams"):
+        usable_beams(np.ones(3), 10.0, 0)
+
+
+def test_a_beam_ends_where_it_points() -> None:
+    laser = np.array([0.25, 0.0, 0.0])
+    points = points_in_robot(np.array([1.0, 2.0, 3.0]), -pi / 2, pi / 2, laser, np.array([0, 2]))
+    np.testing.assert_allclose(points, [[0.25, -1.0], [0.25, 3.0]], atol=1e-15)
+
+
+@given(angle_min=st.floats(-4, 4), x=st.floats(-1, 1), y=st.floats(-1, 1), turn=st.floats(-4, 4))
+def test_points_are_the_laser_pose_composed_with_the_beam(
+    angle_min: float, x: float, y: float, turn: float
+) -> None:
+    laser, ranges = np.array([x, y, turn]), np.array([0.5, 7.0, 2.0])
+    points = points_in_robot(ranges, angle_min, 0.1, laser, np.arange(3))
+    for i, point in enumerate(points):
+        beam = np.array([0.0, 0.0, angle_min + 0.1 * i])
+        end = compose(compose(laser, beam), np.array([ranges[i], 0.0, 0.0]))
+        np.testing.assert_allclose(point, end[:2], atol=1e-12)
