@@ -107,7 +107,7 @@ def _drive_along_bearing(
         heading = poses[i, 2] + turn + turn_sigma * normals[i, 2]
         moved[i, 0] = poses[i, 0] + along * c - across * s
         moved[i, 1] = poses[i, 1] + along * s + across * c
-        moved[i, 2] = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
+        moved[i, 2] = _wrapped(heading)
     return moved
 
 
@@ -123,5 +123,12 @@ def _turn_drive_turn(
         heading = bearing + turn_2 + turn_2_sigma * normals[i, 2]
         moved[i, 0] = poses[i, 0] + driven * cos(bearing)  # table 5.6, line 8
         moved[i, 1] = poses[i, 1] + driven * sin(bearing)  # table 5.6, line 9
-        moved[i, 2] = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
+        moved[i, 2] = _wrapped(heading)
     return moved
+
+
+@kernel
+def _wrapped(heading: float) -> float:
+    """As `poses.wrap_angle`."""
+    wrapped = heading - 2.0 * pi * floor((heading + pi) / (2.0 * pi))
+    return wrapped if -pi <= wrapped < pi else -pi

@@ -23,11 +23,17 @@ def wrap_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
     """The same direction in [-pi, pi) [rad]; an angle already in there comes back unchanged."""
     if not isinstance(angle, np.ndarray):
+        if -math.pi <= angle < math.pi:
+            return angle
         wrapped = angle - TURN * math.floor((angle + math.pi) / TURN)
-        return wrapped if -math.pi <= wrapped < math.pi else -math.pi
-    turned = np.asarray(angle - TURN * np.floor((angle + np.pi) / TURN))
-    # Rounding can leave a result on the wrong side of either end by one unit in the last place.
-    turned[(turned >= np.pi) | (turned < -np.pi)] = -np.pi
+        return wrapped if -math.pi <= wrapped < math.pi else -math.pi  # rounding, by one digit
+    turned = angle.copy()
+    outside = (angle < -np.pi) | (angle >= np.pi)
+    if outside.any():
+        far = angle[outside]
+        far -= TURN * np.floor((far + np.pi) / TURN)
+        far[(far < -np.pi) | (far >= np.pi)] = -np.pi
+        turned[outside] = far
     return turned
 
 
