@@ -1,0 +1,75 @@
+"""The map as everybody uses it: a grid of free, occupied and unknown cells, and where it lies."""
+
+import hashlib
+import math
+import struct
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from protocol.messages import PoseTuple
+
+_DIGEST_VERSION = b"clustermcl map 1\n"
+
+
+@dataclass(frozen=True, eq=False)
+class GridMap:
+    """An occupancy grid that nobody can change.
+
+    Args:
+        cells: (rows, cols) int8: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y.
+        cell_m: side of a cell [m].
+        map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
+
+    Raises:
+        ValueError: the array is not such a grid, holds no free cell, or the geometry is not
+            finite.
+    """
+
+    cells: Cells
+    cell_m: float
+    map_from_grid: PoseTuple
+
+    def __post_init__(self) -> None:
+        _check_cells(self.cells)
+        if not (math.isfinite(self.cell_m) and self.cell_m > 0.0):
+            raise ValueError(f"cell_m must be a positive length, not {self.cell_m}")
+        if len(self.map_from_grid) != 3 or not all(map(math.isfinite, self.map_from_grid)):
+            raise ValueError(f"map_from_grid must be three finite numbers: {self.map_from_grid}")
+        cells = np.ascontiguousarray(self.cells)
+        if cells.flags.writeable:
+            cells = cells.copy()
+            cells.flags.writeable = False
+        object.__setattr__(self, "cells", cells)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of geometry and cells, in hex: equal where poses mean the same place."""
+        rows, cols = self.cells.shape
+        geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
+        summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))
+        summed.update(self.cells.data)
+        return summed.hexdigest()
+
+    @cached_property
+    def free_area_m2(self) -> float:
+        """Area of all free cells [m²]."""
+        return int(np.count_nonzero(self.cells == FREE)) * self.cell_m**2
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width along the columns and height along the rows [m]."""
+        rows, cols = self.cells.shape
+        return cols * self.cell_m, rows * self.cell_m
+
+
+def _check_cells(cells: Cells) -> None:
+    if cells.dtype != np.int8 or cells.ndim != 2 or cells.size == 0:
+        raise ValueError(f"cells must be a 2-d int8 array, not {cells.dtype} {cells.shape}")
+    low, high = int(cells.min()), int(cells.max())
+    if low < UNKNOWN or high > OCCUPIED:
+        raise ValueError(f"cells must be -1, 0 or 1, not {low} to {high}")
+    if not np.any(cells == FREE):
+        raise ValueError("no free cell: there is nowhere to localize")

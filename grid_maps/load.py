@@ -1,0 +1,47 @@
+"""From a file to a map, whatever the format: ROS map_server YAML or wean.dat, perhaps packed."""
+
+from pathlib import Path
+
+from grid_maps.compressed import read_decompressed
+from grid_maps.grid_map import GridMap
+from grid_maps.wean_map import is_wean_map, parse_wean_map
+from protocol.errors import MapFileError
+
+
+def load_map(path: Path | str) -> GridMap:
+    """Read a map. The format shows in the content; gzip and xz are unpacked on the way.
+
+    Args:
+        path: a map_server YAML file (its image is looked for beside it) or a wean.dat file.
+
+    Raises:
+        MapFileError: with file, line where there is one, cause and remedy.
+    """
+    path = Path(path)
+    content = read_decompressed(path, MapFileError)
+    if not content.strip():
+        raise MapFileError(path, "empty; expected a map_server YAML file or wean.dat")
+    if is_wean_map(content):
+        return parse_wean_map(content, path)
+    return _load_ros_map(content, path)
+
+
+def _load_ros_map(content: bytes, path: Path) -> GridMap:
+    # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
+    from grid_maps.ros_image import is_image, parse_ros_image  # noqa: PLC0415 - see above
+    from grid_maps.ros_map import parse_ros_header  # noqa: PLC0415 - see above
+
+    if is_image(content):
+        raise MapFileError(path, "is an image; name the YAML file that belongs to it")
+    header = parse_ros_header(content, path)
+    image = _image_file(header.image, path)
+    return parse_ros_image(read_decompressed(image, MapFileError), image, header)
+
+
+def _image_file(named: Path, header: Path) -> Path:
+    """The image as it is named, or packed under the same name."""
+    candidates = (named, Path(f"{named}.gz"), Path(f"{named}.xz"))
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    raise MapFileError(header, f"its image {named} does not exist; put it there or mend 'image:'")

@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import from_message, to_message
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from protocol.errors import MalformedMessageError
+from protocol.messages import MapMessage, PoseTuple
+
+CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]], np.int8)
+
+
+def a_map(
+    cells: Cells = CELLS, cell_m: float = 0.5, map_from_grid: PoseTuple = (1.0, -2.0, 0.3)
+) -> GridMap:
+    return GridMap(cells, cell_m, map_from_grid)
+
+
+def test_the_free_area_counts_free_cells_only() -> None:
+    assert a_map().free_area_m2 == 4 * 0.25
+    assert a_map().size_m == (1.5, 1.0)
+
+
+def test_nobody_can_change_a_map() -> None:
+    cells = CELLS.copy()
+    grid_map = a_map(cells)
+    with pytest.raises(ValueError, match="read-only"):
+        grid_map.cells[0, 0] = OCCUPIED
+    cells[0, 0] = OCCUPIED
+    assert grid_map.cells[0, 0] == FREE
+
+
+def test_equal_maps_have_equal_digests() -> None:
+    in_columns = np.asfortranarray(CELLS)
+    assert a_map().digest == a_map(in_columns).digest == a_map(CELLS[:, :]).digest
+    assert a_map(map_from_grid=(0.0, 0.0, 0.0)).digest == a_map(map_from_grid=(-0.0, 0, 0)).digest
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        a_map(np.flipud(CELLS)),
+        a_map(CELLS.reshape(3, 2)),
+        a_map(cell_m=0.25),
+        a_map(map_from_grid=(1.0, -2.0, 0.31)),
+    ],
+)
+def test_a_map_that_gives_poses_another_meaning_has_another_digest(other: GridMap) -> None:
+    assert other.digest != a_map().digest
+
+
+@pytest.mark.parametrize(
+    ("cells", "problem"),
+    [
+        (CELLS.astype(np.int16), "int8"),
+        (CELLS.ravel(), "2-d"),
+        (np.zeros((0, 3), np.int8), "2-d"),
+        (np.full((2, 2), 7, np.int8), "-1, 0 or 1"),
+        (np.full((2, 2), UNKNOWN, np.int8), "no free cell"),
+    ],
+)
+def test_what_is_no_grid_to_localize_in_is_refused(cells: Cells, problem: str) -> None:
+    with pytest.raises(ValueError, match=problem):
+        a_map(cells)
+
+
+@pytest.mark.parametrize("cell_m", [0.0, -0.1, np.nan, np.inf])
+def test_a_cell_needs_a_size(cell_m: float) -> None:
+    with pytest.raises(ValueError, match="cell_m"):
+        a_map(cell_m=cell_m)
+
+
+def test_a_pose_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="map_from_grid"):
+        a_map(map_from_grid=(0.0, np.nan, 0.0))
+
+
+@given(
+    cells=arrays(np.int8, (5, 4), elements=st.sampled_from([FREE, OCCUPIED, UNKNOWN])),
+    pose=st.tuples(*[st.floats(-100, 100)] * 3),
+)
+def test_a_map_survives_the_wire(cells: Cells, pose: PoseTuple) -> None:
+    cells[2, 2] = FREE
+    sent = a_map(cells, map_from_grid=pose)
+    received = from_message(to_message(sent, "bridge"))
+    np.testing.assert_array_equal(received.cells, sent.cells)
+    assert (received.digest, received.map_from_grid) == (sent.digest, pose)
+
+
+def a_message(**changed: object) -> MapMessage:
+    sent = to_message(a_map(), "bridge")
+    fields = {name: getattr(sent, name) for name in sent.__struct_fields__}
+    return MapMessage(**{**fields, **changed})
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        a_message(zlib_cells=b"no zlib"),
+        a_message(zlib_cells=b""),
+        a_message(rows=3),
+        a_message(rows=1),
+        a_message(rows=0),
+        a_message(cell_m=0.0),
+        a_message(digest="00"),
+    ],
+)
+def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -> None:
+    with pytest.raises(MalformedMessageError, match="not a valid map"):
+        from_message(message)

@@ -1,0 +1,265 @@
+import gzip
+import io
+import lzma
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from grid_maps.grid_map import GridMap
+from grid_maps.load import load_map
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
+from protocol.errors import MapFileError
+from tests.unit.recordings import recording_or_skip
+
+HEADER = {
+    "image": "map.pgm",
+    "resolution": "0.05",
+    "origin": "[-1.0, 2.0, 0.0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+PGM = b"P5\n3 2\n255\n" + bytes([0, 205, 254, 254, 254, 0])  # the upper row first
+OF_PGM = [[FREE, FREE, OCCUPIED], [OCCUPIED, UNKNOWN, FREE]]
+
+
+def write_map(folder: Path, content: bytes = PGM, /, **changed: str) -> Path:
+    header = {**HEADER, **changed}
+    (folder / "map.pgm").write_bytes(content)
+    (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
+    return folder / "map.yaml"
+
+
+def png(*pixels: int | tuple[int, ...], mode: str = "L") -> bytes:
+    """A PNG of one row."""
+    image = Image.new(mode, (len(pixels), 1))
+    for column, pixel in enumerate(pixels):
+        image.putpixel((column, 0), pixel)
+    packed = io.BytesIO()
+    image.save(packed, "PNG")
+    return packed.getvalue()
+
+
+def cells_of(folder: Path, content: bytes, /, **changed: str) -> list[int]:
+    loaded = load_map(write_map(folder, content, **changed)).cells
+    assert loaded.shape[0] == 1
+    return [int(cell) for cell in loaded[0]]
+
+
+def test_the_lowest_row_of_the_image_is_row_0(tmp_path: Path) -> None:
+    grid_map = load_map(write_map(tmp_path))
+    assert grid_map.cells.tolist() == OF_PGM
+    assert (grid_map.cell_m, grid_map.map_from_grid) == (0.05, (-1.0, 2.0, 0.0))
+
+
+def test_the_origin_may_be_turned(tmp_path: Path) -> None:
+    grid_map = load_map(write_map(tmp_path, origin="[1, 2, 1.57]"))
+    assert grid_map.map_from_grid == (1.0, 2.0, 1.57)
+
+
+def test_a_pgm_header_may_hold_comments(tmp_path: Path) -> None:
+    commented = b"P5\n# made by a map saver\n3 2\n# really\n255\n" + PGM[-6:]
+    assert load_map(write_map(tmp_path, commented)).cells.tolist() == OF_PGM
+
+
+def test_a_pgm_may_be_text_or_have_another_white(tmp_path: Path) -> None:
+    as_text = b"P2\n3 2\n255\n0 205 254\n254 254 0\n"
+    assert load_map(write_map(tmp_path, as_text)).cells.tolist() == OF_PGM
+    half_white = b"P5\n3 2\n100\n" + bytes([0, 80, 100, 100, 100, 0])
+    assert load_map(write_map(tmp_path, half_white)).cells.tolist() == OF_PGM
+    of_16_bits = b"P5\n2 1\n65535\n" + bytes([0xFF, 0xFF, 0, 0])
+    assert cells_of(tmp_path, of_16_bits) == [FREE, OCCUPIED]
+
+
+def test_thresholds_themselves_are_unknown(tmp_path: Path) -> None:
+    # occupied with probability 1, 0.6, 0.4, 0: exactly on the thresholds is neither
+    image = png(0, 102, 153, 255)
+    on_them = cells_of(tmp_path, image, occupied_thresh="0.6", free_thresh="0.4")
+    assert on_them == [OCCUPIED, UNKNOWN, UNKNOWN, FREE]
+    beyond = cells_of(tmp_path, image, occupied_thresh="0.59", free_thresh="0.41")
+    assert beyond == [OCCUPIED, OCCUPIED, FREE, FREE]
+
+
+def test_205_is_unknown_or_free_as_free_thresh_says(tmp_path: Path) -> None:
+    assert cells_of(tmp_path, png(205, 254), free_thresh="0.196") == [UNKNOWN, FREE]
+    assert cells_of(tmp_path, png(205, 254), free_thresh="0.25") == [FREE, FREE]
+
+
+@pytest.mark.parametrize("negate", ["1", "true"])
+def test_negate_swaps_dark_and_light(tmp_path: Path, negate: str) -> None:
+    assert cells_of(tmp_path, png(0, 50, 128, 255), negate=negate) == [
+        FREE, UNKNOWN, UNKNOWN, OCCUPIED,
+    ]  # fmt: skip
+
+
+def test_colours_are_averaged(tmp_path: Path) -> None:
+    # red 255 alone is a third of white: occupied with probability 0.667
+    image = png((255, 0, 0), (255, 255, 255), (200, 255, 255), mode="RGB")
+    assert cells_of(tmp_path, image) == [OCCUPIED, FREE, FREE]
+
+
+def test_trinary_counts_alpha_as_a_fourth_channel(tmp_path: Path) -> None:
+    # black and opaque: (0 + 0 + 0 + 255) / 4, occupied 0.75; white and clear: occupied 0.25
+    image = png((0, 255), (255, 255), (255, 0), (0, 0), mode="LA")
+    expected = [OCCUPIED, FREE, UNKNOWN, OCCUPIED]
+    assert cells_of(tmp_path, image) == expected
+    in_colours = png(*[(v, v, v, a) for v, a in [(0, 255), (255, 255), (255, 0), (0, 0)]],
+                     mode="RGBA")  # fmt: skip
+    assert cells_of(tmp_path, in_colours) == expected
+
+
+def test_scale_leaves_the_middle_and_the_transparent_unknown(tmp_path: Path) -> None:
+    image = png((0, 255), (255, 255), (255, 254), (128, 255), mode="LA")
+    assert cells_of(tmp_path, image, mode="scale") == [OCCUPIED, FREE, UNKNOWN, UNKNOWN]
+
+
+def test_raw_pixels_are_percentages_and_not_negated(tmp_path: Path) -> None:
+    image = png(0, 100, 50, 101, 205, 255)
+    expected = [FREE, OCCUPIED, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN]
+    assert cells_of(tmp_path, image, mode="raw") == expected
+    assert cells_of(tmp_path, image, mode="raw", negate="1") == expected
+
+
+def test_the_mode_may_be_left_out(tmp_path: Path) -> None:
+    assert (
+        load_map(write_map(tmp_path)).digest == load_map(write_map(tmp_path, mode="trinary")).digest
+    )
+
+
+def test_a_number_may_be_written_as_ros_accepts_it(tmp_path: Path) -> None:
+    assert load_map(write_map(tmp_path, resolution="5e-2")).cell_m == 0.05  # a text in YAML 1.1
+
+
+@pytest.mark.parametrize(("suffix", "compress"), [(".gz", gzip.compress), (".xz", lzma.compress)])
+def test_header_and_image_may_be_compressed(
+    tmp_path: Path, suffix: str, compress: Callable[[bytes], bytes]
+) -> None:
+    plain = write_map(tmp_path)
+    packed = tmp_path / f"map.yaml{suffix}"
+    packed.write_bytes(compress(plain.read_bytes()))
+    image = tmp_path / "map.pgm"
+    (tmp_path / f"map.pgm{suffix}").write_bytes(compress(image.read_bytes()))
+    image.unlink()  # now only the packed one is there, under the name of the plain one
+    assert load_map(packed).cells.tolist() == OF_PGM
+
+
+def test_pillows_limit_of_size_does_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 2)  # of 179 million, so that the test is short
+    assert load_map(write_map(tmp_path)).cells.tolist() == OF_PGM
+    assert Image.MAX_IMAGE_PIXELS == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "problem"),
+    [
+        ({"image": ""}, "map.yaml:1: image: None must be a file name"),
+        ({"image": "other.pgm"}, "other.pgm does not exist"),
+        ({"resolution": "-0.05"}, "map.yaml:2: resolution: -0.05 must be metres a cell"),
+        ({"resolution": "fine"}, "map.yaml:2: resolution: 'fine' must be a number"),
+        ({"resolution": "true"}, "must be a number"),
+        ({"origin": "[0, 0]"}, "map.yaml:3: origin: [0, 0] must be three numbers"),
+        ({"origin": "[0, 0, .nan]"}, "must be three numbers"),
+        ({"negate": "2"}, "map.yaml:4: negate: 2 must be 0 or 1"),
+        ({"occupied_thresh": "65"}, "map.yaml:5: occupied_thresh: 65 must be a probability"),
+        ({"free_thresh": "0.7"}, "map.yaml:6: free_thresh: 0.7 must not exceed occupied_thresh"),
+        ({"mode": "colour"}, "map.yaml:7: mode: 'colour' must be trinary, scale or raw"),
+    ],
+)
+def test_a_wrong_key_is_named_with_its_line(
+    tmp_path: Path, changed: dict[str, str], problem: str
+) -> None:
+    path = write_map(tmp_path, **changed)
+    with pytest.raises(MapFileError) as caught:
+        load_map(path)
+    assert problem in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", list(HEADER))
+def test_a_missing_key_is_named(tmp_path: Path, key: str) -> None:
+    path = write_map(tmp_path)
+    kept = [line for line in path.read_text().splitlines() if not line.startswith(key)]
+    path.write_text("\n".join(kept))
+    with pytest.raises(MapFileError, match=f"key '{key}' is missing"):
+        load_map(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "empty"),
+        ("- image\n- resolution\n", "not a map"),
+        ("image: map.pgm\nresolution: [1\n", "map.yaml:3: not YAML"),
+        ("image: \x00", "not a YAML text"),
+        ("a: !!python/object:os.system x", "map.yaml:1: not YAML: could not determine"),
+    ],
+)
+def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(MapFileError) as caught:
+        load_map(tmp_path / "map.yaml")
+    assert problem in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("image", "problem"),
+    [
+        (PGM[:-1], "cut off or damaged"),
+        (b"P2\n3 2\n255\n0 205", "cut off or damaged"),
+        (png(*range(256))[:45], "cut off or damaged"),
+        (b"P5\n3", "damaged"),
+        (b"", "not an image"),
+        (b"<html>not found</html>", "not an image"),
+        (b"P5\n40000 40000\n255\n", "at most 1073741824"),
+        (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
+    ],
+)
+def test_an_image_that_is_no_map_is_refused(tmp_path: Path, image: bytes, problem: str) -> None:
+    path = write_map(tmp_path, image)
+    with pytest.raises(MapFileError, match=problem) as caught:
+        load_map(path)
+    assert caught.value.path == tmp_path / "map.pgm"
+
+
+def test_an_image_without_its_header_is_refused(tmp_path: Path) -> None:
+    write_map(tmp_path)
+    with pytest.raises(MapFileError, match="name the YAML file"):
+        load_map(tmp_path / "map.pgm")
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(MapFileError, match="no such file"):
+        load_map(tmp_path / "map.yaml")
+    with pytest.raises(MapFileError, match="is a folder"):
+        load_map(tmp_path)
+
+
+def test_a_cut_archive_is_refused(tmp_path: Path) -> None:
+    path = write_map(tmp_path)
+    path.write_bytes(gzip.compress(path.read_bytes())[:-10])
+    with pytest.raises(MapFileError, match="cut off"):
+        load_map(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape", "free_m2"),
+    [
+        ("carmen-maps/nsh_level_3", (469, 677), 618.4),
+        ("ros-maps/turtlebot3_world", (384, 384), 19.8),
+        ("ros-maps/depot", (307, 604), 448.7),
+        ("ros-maps/warehouse", (1674, 1006), 1280.1),
+    ],
+)
+def test_maps_of_others_load(name: str, shape: tuple[int, int], free_m2: float) -> None:
+    grid_map: GridMap = load_map(recording_or_skip(f"{name}.yaml"))
+    assert grid_map.cells.shape == shape
+    assert grid_map.free_area_m2 == pytest.approx(free_m2, abs=0.1)
+
+
+def test_depot_has_no_unknown_cell_because_205_is_free_there() -> None:
+    assert not np.any(load_map(recording_or_skip("ros-maps/depot.yaml")).cells == UNKNOWN)
