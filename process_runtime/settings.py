@@ -27,6 +27,13 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     query_timeout_s: Annotated[
         float, described("how long a query waits for its answer", "s", gt=0)
     ] = 1.0
+    tls_ca_certificate: Annotated[
+        str, described("for tls/: file of the authority that signed the certificates")
+    ] = ""
+    tls_certificate: Annotated[
+        str, described("for tls/: file of this process's own certificate")
+    ] = ""
+    tls_private_key: Annotated[str, described("for tls/: file of the key of that certificate")] = ""
 
 
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -39,15 +46,14 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = "zenoh"
     rate: Annotated[
         float,
-        described("speed of a recording: 1 real time, 2 twice as fast, 0 as the workers follow",
-                  ge=0),
+        described(
+            "speed of a recording: 1 real time, 2 twice as fast, 0 as the workers follow", ge=0
+        ),
     ] = 1.0
     gate_distance_m: Annotated[
         float, described("a scan becomes a step after so much driving", "m", ge=0)
     ] = 0.2
-    gate_turn_rad: Annotated[
-        float, described("or after so much turning", "rad", ge=0)
-    ] = 0.2
+    gate_turn_rad: Annotated[float, described("or after so much turning", "rad", ge=0)] = 0.2
     laser_x_m: Annotated[
         float, described("laser ahead of the robot's centre, where the source does not say", "m")
     ] = 0.0

@@ -1,0 +1,174 @@
+"""Settings from a TOML file and from ``section.key=value`` of a command line."""
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from process_runtime.settings import Settings
+from process_runtime.settings_table import TABLE, SettingInfo
+from protocol.errors import InputFileError, SettingsError
+
+_NAV2_ALIASES = {
+    "motion.alpha1": "motion.turn_noise_per_turn",
+    "motion.alpha2": "motion.turn_noise_per_metre",
+    "motion.alpha3": "motion.drive_noise_per_metre",
+    "motion.alpha4": "motion.drive_noise_per_turn",
+    "motion.alpha5": "motion.strafe_noise_per_metre",
+}
+"""nav2's names. Its alphas multiply squares, so they are variances; ours are their roots."""
+
+_SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
+
+_COMMAND_LINE = "--set"
+
+_LARGEST = 2**63 - 1
+"""Settings travel in messages, whose whole numbers have 64 bits."""
+
+
+def load_settings(path: Path | None, assignments: Sequence[str]) -> Settings:
+    """Read the settings: defaults, over them the file's, over them the assignments in order.
+
+    nav2's ``alpha1`` to ``alpha5`` are accepted in the section ``motion``, in nav2's meaning.
+
+    Args:
+        path: TOML file, or None.
+        assignments: ``section.key=value``, the value as in TOML; text needs no quotes.
+
+    Raises:
+        InputFileError: the file cannot be read or is not TOML.
+        SettingsError: a setting is unknown, of the wrong type or out of its range.
+    """
+    given: dict[str, Any] = {}
+    origin: dict[str, str] = {}
+    if path is not None:
+        from_file = _without_aliases(_read(path), str(path))
+        given |= from_file
+        origin |= dict.fromkeys(from_file, str(path))
+    assigned = _without_aliases(_parse_assignments(assignments), _COMMAND_LINE)
+    given |= assigned
+    origin |= dict.fromkeys(assigned, _COMMAND_LINE)
+    for name, value in given.items():
+        _check(TABLE[name], value, origin[name])
+    return msgspec.convert(_nested(given), Settings)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """All leaves of the file by dotted name."""
+    try:
+        with path.open("rb") as file:
+            tables = tomllib.load(file)
+    except OSError as error:
+        raise InputFileError(path, error.strerror or str(error)) from error
+    except UnicodeDecodeError as error:
+        raise InputFileError(path, "not TOML: not UTF-8 text") from error
+    except tomllib.TOMLDecodeError as error:
+        place = re.search(r" \(at line (\d+), column \d+\)", str(error))
+        problem = str(error).replace(place[0], "") if place else str(error)
+        line = int(place[1]) if place else None
+        raise InputFileError(path, f"not TOML: {problem}", line=line) from error
+    leaves: dict[str, Any] = {}
+    for name, value in tables.items():
+        if isinstance(value, dict):
+            leaves |= {f"{name}.{key}": leaf for key, leaf in value.items()}
+            _check_section(name, str(path))
+        else:
+            leaves[name] = value
+    for name in leaves:
+        _check_known(name, str(path))
+    return leaves
+
+
+def _parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        name, equals, text = (part.strip() for part in assignment.partition("="))
+        if not equals or not name:
+            raise SettingsError(f"{_COMMAND_LINE} {assignment!r}: write section.key=value")
+        _check_known(name, _COMMAND_LINE)
+        values[name] = _parse_value(_canonical(name), text)
+    return values
+
+
+def _parse_value(setting: str, text: str) -> object:
+    """A TOML value; what is not one, or none that fits a text setting, is the bare text."""
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    value = parsed["value"]
+    bare = len(parsed) > 1 or (TABLE[setting].kind is str and not isinstance(value, str))
+    return text if bare else value
+
+
+def _without_aliases(values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """The same values by our names and in our units."""
+    renamed: dict[str, Any] = {}
+    for name, value in values.items():
+        setting = _canonical(name)
+        if setting in renamed or (setting != name and setting in values):
+            raise SettingsError(f"{where}: {name} and {setting} are the same setting: give one")
+        if setting != name:
+            _check(TABLE[setting], value, where, name)
+            renamed[setting] = math.sqrt(value)
+        else:
+            renamed[name] = value
+    return renamed
+
+
+def _canonical(name: str) -> str:
+    return _NAV2_ALIASES.get(name, name)
+
+
+def _check_section(name: str, where: str) -> None:
+    if name not in _SECTIONS:
+        raise SettingsError(f"{where}: unknown section [{name}]{_hint(name, _SECTIONS)}")
+
+
+def _check_known(name: str, where: str) -> None:
+    if _canonical(name) in TABLE:
+        return
+    if name in _SECTIONS:
+        raise SettingsError(f"{where}: {name} is a section: give {name}.KEY")
+    known = [*TABLE, *_NAV2_ALIASES]
+    elsewhere = [setting for setting in known if setting.endswith(f".{name.rpartition('.')[2]}")]
+    raise SettingsError(f"{where}: unknown setting {name}{_hint(name, elsewhere or known)}")
+
+
+def _hint(name: str, known: Sequence[str]) -> str:
+    near = known if len(known) == 1 else difflib.get_close_matches(name, known, n=1)
+    return f", did you mean {near[0]}?" if near else "; 'clustermcl settings' lists all"
+
+
+def _check(setting: SettingInfo, value: object, where: str, name: str | None = None) -> None:
+    """Let msgspec judge the value; say what was wrong with the setting's name and the value."""
+    fits = not isinstance(value, int | float) or abs(value) <= _LARGEST  # NaN does not
+    try:
+        msgspec.convert(value, setting.checked_type)
+    except msgspec.ValidationError:
+        fits = False
+    if not fits:
+        raise SettingsError(
+            f"{where}: {name or setting.name} = {_shown(value)}: expected {setting.expected}"
+        )
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    tables: dict[str, Any] = {}
+    for name, value in values.items():
+        section, dot, key = name.rpartition(".")
+        if dot:
+            tables.setdefault(section, {})[key] = value
+        else:
+            tables[key] = value
+    return tables

@@ -1,0 +1,205 @@
+from pathlib import Path
+from typing import get_args
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from process_runtime.settings import Settings
+from process_runtime.settings_file import load_settings
+from process_runtime.settings_table import TABLE, SettingInfo, settings_as_toml
+from protocol.errors import ClusterMclError, InputFileError, SettingsError
+
+TEXT = st.text(st.sampled_from("az AZ09/\"'\\#=[]{}\n\r\t\0\x1b\x7f\x85é€😀\u2028"), max_size=20)
+
+
+def write(folder: Path, text: str) -> Path:
+    file = folder / "settings.toml"
+    file.write_text(text)
+    return file
+
+
+def complaint(*assignments: str, path: Path | None = None) -> str:
+    with pytest.raises(ClusterMclError) as caught:
+        load_settings(path, assignments)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def values_of(info: SettingInfo) -> st.SearchStrategy[bool | int | float | str]:
+    plain, meta = get_args(info.checked_type)
+    if choices := get_args(plain):
+        return st.sampled_from(choices)
+    over, least = meta.gt, meta.ge
+    if plain is int:
+        least = over + 1 if over is not None else least
+        return st.integers(least, 2**63 - 1 if meta.le is None else meta.le)
+    if plain is float:
+        low = over if over is not None else least
+        return st.floats(
+            -1e18 if low is None else low,
+            1e18 if meta.le is None else meta.le,
+            exclude_min=over is not None,
+        )
+    return st.booleans() if plain is bool else TEXT
+
+
+@st.composite
+def any_settings(draw: st.DrawFn) -> Settings:
+    tables: dict[str, object] = {}
+    changed = draw(st.lists(st.sampled_from(sorted(TABLE)), max_size=8, unique=True))
+    for name in changed:
+        section, _, key = name.rpartition(".")
+        value = draw(values_of(TABLE[name]))
+        table = tables.setdefault(section, {}) if section else tables
+        assert isinstance(table, dict)
+        table[key] = value
+    return msgspec.convert(tables, Settings)
+
+
+@given(settings=any_settings())
+def test_settings_written_as_toml_are_read_back_the_same(
+    settings: Settings, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "round-trip.toml"
+    file.write_bytes(settings_as_toml(settings).encode())
+    assert load_settings(file, []) == settings
+
+
+@given(name=st.sampled_from(sorted(TABLE)), data=st.data())
+def test_every_setting_can_be_given_on_the_command_line(name: str, data: st.DataObject) -> None:
+    value = data.draw(values_of(TABLE[name]).filter(lambda v: str(v) == str(v).strip()))
+    section, _, key = name.rpartition(".")
+    text = str(value).lower() if isinstance(value, bool) else str(value)
+    if isinstance(value, str) and text.startswith(('"', "'")):
+        return  # quoted text is TOML: another test
+    settings = load_settings(None, [f"{name}={text}"])
+    part = getattr(settings, section) if section else settings
+    assert getattr(part, key) == value
+
+
+def test_every_setting_is_written_with_unit_meaning_and_default() -> None:
+    text = " ".join(
+        settings_as_toml(Settings(seed=7)).replace("#   ", "").replace("\n", " ").split()
+    )
+    assert "# seed of all random numbers; a whole number >= 0; default 0 seed = 7" in text
+    for info in TABLE.values():
+        assert info.meaning in text
+        assert info.unit == "" or f"[{info.unit}]" in text
+
+
+def test_without_file_and_assignments_all_is_default() -> None:
+    assert load_settings(None, []) == Settings()
+
+
+def test_the_command_line_goes_over_the_file_and_the_last_over_the_first(tmp_path: Path) -> None:
+    file = write(tmp_path, "seed = 1\n[cluster]\nparticles = 10\n")
+    settings = load_settings(file, ["cluster.particles=20", "cluster.particles = 30"])
+    assert (settings.seed, settings.cluster.particles) == (1, 30)
+
+
+def test_text_needs_no_quotes_on_the_command_line() -> None:
+    given = ["robot.name=7", "bridge.map=maps/wean.dat", 'bridge.source="a b"', "log.level=debug"]
+    settings = load_settings(None, given)
+    assert settings.robot.name == "7"
+    assert settings.bridge.map == "maps/wean.dat"
+    assert settings.bridge.source == "a b"
+    assert settings.log.level == "debug"
+
+
+def test_a_second_line_in_a_value_is_no_second_setting() -> None:
+    assert load_settings(None, ["robot.name='a'\nseed=5"]).robot.name == "'a'\nseed=5"
+
+
+def test_nav2_names_are_taken_in_nav2_meaning() -> None:
+    # nav2 draws a turn's noise with variance alpha1 turn^2 + alpha2 drive^2, and so on;
+    # ours are the standard deviations of each.
+    given = [f"motion.alpha{i}={(0.1 * i) ** 2}" for i in range(1, 6)]
+    motion = load_settings(None, given).motion
+    assert motion.turn_noise_per_turn == pytest.approx(0.1)
+    assert motion.turn_noise_per_metre == pytest.approx(0.2)
+    assert motion.drive_noise_per_metre == pytest.approx(0.3)
+    assert motion.drive_noise_per_turn == pytest.approx(0.4)
+    assert motion.strafe_noise_per_metre == pytest.approx(0.5)
+
+
+def test_the_command_line_may_say_by_its_own_name_what_the_file_says_by_nav2s(
+    tmp_path: Path,
+) -> None:
+    file = write(tmp_path, "[motion]\nalpha1 = 0.04\n")
+    assert load_settings(file, []).motion.turn_noise_per_turn == pytest.approx(0.2)
+    given = ["motion.turn_noise_per_turn=0.3"]
+    assert load_settings(file, given).motion.turn_noise_per_turn == 0.3
+
+
+def test_one_setting_by_two_names_is_refused(tmp_path: Path) -> None:
+    file = write(tmp_path, "[motion]\nturn_noise_per_turn = 0.1\nalpha1 = 0.04\n")
+    same = "motion.alpha1 and motion.turn_noise_per_turn are the same setting: give one"
+    assert complaint(path=file) == f"{file}: {same}"
+    given = ["motion.alpha1=1", "motion.turn_noise_per_turn=1"]
+    assert complaint(*given) == f"--set: {same}"
+
+
+def test_a_wrong_alias_is_named_as_it_was_given() -> None:
+    expected = "--set: motion.alpha1 = -1: expected a number >= 0"
+    assert complaint("motion.alpha1=-1") == expected
+
+
+@pytest.mark.parametrize(
+    ("assignment", "says"),
+    [
+        ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
+        ("seeed=5", "unknown setting seeed, did you mean seed?"),
+        ("clusters=5", "unknown setting clusters, did you mean belief.clusters?"),
+        ("qqqq=5", "unknown setting qqqq; 'clustermcl settings' lists all"),
+        ("motion=5", "motion is a section: give motion.KEY"),
+        ("cluster.particles=abc", "cluster.particles = 'abc': expected a whole number > 0"),
+        ("cluster.particles=2.5", "cluster.particles = 2.5: expected a whole number > 0"),
+        ("cluster.particles=true", "cluster.particles = True: expected a whole number > 0"),
+        ("cluster.particles=0", "cluster.particles = 0: expected a whole number > 0"),
+        ("sensor.hit_weight=1.5", "hit_weight = 1.5: expected a number > 0 and <= 1"),
+        ("sensor.hit_sigma_m=nan", "sensor.hit_sigma_m = nan: expected a number > 0"),
+        ("bridge.rate=inf", "bridge.rate = inf: expected a number >= 0"),
+        ("bridge.rate=[1]", "bridge.rate = [1]: expected a number >= 0"),
+        ("seed=18446744073709551616", "seed = 18446744073709551616: expected a whole number"),
+        ("belief.squared_prior=1", "belief.squared_prior = 1: expected true or false"),
+        ("motion.model=omni", 'motion.model = \'omni\': expected "omnidirectional" or "differ'),
+        ("bridge.rate", "--set 'bridge.rate': write section.key=value"),
+        ("=1", "--set '=1': write section.key=value"),
+    ],
+)
+def test_a_wrong_assignment_is_named_with_what_was_expected(assignment: str, says: str) -> None:
+    assert says in complaint(assignment)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[motoin]\nmodel = 1", "unknown section [motoin], did you mean motion?"),
+        ("[motion]\nmodle = 1", "unknown setting motion.modle, did you mean motion.model?"),
+        ("motion = 3", "motion is a section: give motion.KEY"),
+        ("seed = 'x'", "seed = 'x': expected a whole number >= 0"),
+        ("[cluster.particles]\nmany = 1", "cluster.particles = {'many': 1}: expected a whole"),
+    ],
+)
+def test_a_wrong_setting_in_a_file_is_named_with_the_file(
+    text: str, says: str, tmp_path: Path
+) -> None:
+    file = write(tmp_path, text)
+    with pytest.raises(SettingsError) as caught:
+        load_settings(file, [])
+    assert str(caught.value).startswith(f"{file}: ")
+    assert says in str(caught.value)
+
+
+def test_a_file_that_is_not_toml_is_named_with_the_line(tmp_path: Path) -> None:
+    file = write(tmp_path, "seed = 1\n[motion\n")
+    assert complaint(path=file).startswith(f"{file}:2: not TOML: Expected ']'")
+    file.write_bytes(b"seed = 1 # \xff")
+    assert complaint(path=file) == f"{file}: not TOML: not UTF-8 text"
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputFileError, match=r"none\.toml: No such file or directory"):
+        load_settings(tmp_path / "none.toml", [])
