@@ -1,0 +1,104 @@
+"""The inbox: Zenoh's callbacks put, the process's one loop takes."""
+
+import threading
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import Generic, TypeVar
+
+EventT = TypeVar("EventT")
+
+
+class Inbox(Generic[EventT]):
+    """Bounded queue from many threads to one, in the order of arrival; a put never waits.
+
+    A callback that waits stalls, 256 messages later, every subscription and query of its
+    session. So a full inbox gives way: of the *states* (scans, odometry) the oldest of the
+    same kind is dropped, for the next repairs it. *Events* (assignments, liveliness, queries)
+    are never dropped for a state; past their own bound the newest is refused, and the caller
+    can say so to whoever asks.
+    """
+
+    def __init__(self, keep_newest: Mapping[str, int], *, max_events: int = 4096) -> None:
+        """Set the bounds.
+
+        Args:
+            keep_newest: kinds of states, and how many of each are kept.
+            max_events: events that may wait; more means that the loop hangs.
+
+        Raises:
+            ValueError: a bound is less than one.
+        """
+        if min([max_events, *keep_newest.values()]) < 1:
+            raise ValueError("an inbox keeps at least one of each kind")
+        self._states = {kind: deque[tuple[int, EventT]]() for kind in keep_newest}
+        self._bounds = dict(keep_newest)
+        self._events: deque[tuple[int, EventT]] = deque()
+        self._max_events = max_events
+        self._arrived = 0
+        self._closed = False
+        self._dropped: Counter[str] = Counter()
+        self._changed = threading.Condition(threading.Lock())
+
+    def put(self, event: EventT) -> bool:
+        """Append an event; return False if it was refused, the inbox being full or closed."""
+        with self._changed:
+            if self._closed:
+                return False
+            if len(self._events) >= self._max_events:
+                self._dropped["event"] += 1
+                return False
+            self._append(self._events, event)
+            return True
+
+    def put_newest(self, kind: str, state: EventT) -> None:
+        """Append a state; the oldest of its kind gives way when there are too many.
+
+        Raises:
+            KeyError: the inbox was not made for this kind.
+        """
+        with self._changed:
+            waiting = self._states[kind]
+            if self._closed:
+                return
+            if len(waiting) >= self._bounds[kind]:
+                waiting.popleft()
+                self._dropped[kind] += 1
+            self._append(waiting, state)
+
+    def get(self, timeout_s: float) -> EventT | None:
+        """Take what arrived first, waiting at most so long; None if nothing came.
+
+        What was put before the inbox was closed is still handed out. Python runs signal
+        handlers during the wait but does not end it: loops that look at a `StopFlag` wait
+        0.1 s at a time.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._oldest() is not None, timeout_s)
+            oldest = self._oldest()
+            return oldest.popleft()[1] if oldest is not None else None
+
+    def close(self) -> None:
+        """Accept no more and wake the loop; may be called again."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called; there may still be something to get."""
+        return self._closed
+
+    def dropped(self) -> dict[str, int]:
+        """How many of each kind of state were lost here, and of refused events as ``event``."""
+        with self._changed:
+            return dict(self._dropped)
+
+    def _append(self, waiting: deque[tuple[int, EventT]], event: EventT) -> None:
+        waiting.append((self._arrived, event))
+        self._arrived += 1
+        self._changed.notify()
+
+    def _oldest(self) -> deque[tuple[int, EventT]] | None:
+        """The queue whose head arrived first; None if all are empty."""
+        filled = [waiting for waiting in (self._events, *self._states.values()) if waiting]
+        return min(filled, key=lambda waiting: waiting[0][0], default=None)

@@ -1,0 +1,48 @@
+import logging
+import subprocess
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from process_runtime.logs import CauseCounter
+
+
+def test_a_cause_is_said_once_a_minute_with_how_often_it_happened() -> None:
+    causes = CauseCounter(period_s=60.0)
+    said = [causes.count("malformed scan", now_s) for now_s in (0.0, 1.0, 59.9, 60.0, 61.0)]
+    assert said == [1, 0, 0, 3, 0]
+    assert causes.total == {"malformed scan": 5}
+
+
+@given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 500)), max_size=50))
+def test_no_occurrence_is_forgotten_or_said_twice(happened: list[tuple[str, float]]) -> None:
+    causes = CauseCounter()
+    said = {"a": 0, "b": 0}
+    for cause, now_s in sorted(happened, key=lambda item: item[1]):
+        said[cause] += causes.count(cause, now_s)
+    for cause, times in said.items():
+        said_at_the_end = causes.count(cause, 1000.0)
+        assert times + said_at_the_end == causes.total[cause]
+
+
+def test_a_warning_names_cause_count_and_detail(caplog: pytest.LogCaptureFixture) -> None:
+    causes, log = CauseCounter(), logging.getLogger("test")
+    for now_s in (0.0, 1.0, 60.0):
+        causes.warn(log, "scan dropped", "no beams", now_s)
+    assert caplog.messages == ["scan dropped: no beams", "scan dropped (2 times): no beams"]
+
+
+def test_a_message_is_one_line_on_standard_error_with_the_process_in_front() -> None:
+    program = (
+        "import logging; from process_runtime.logs import configure_logging as c;"
+        "c('early', 'debug'); c('50% worker-3', 'info'); log = logging.getLogger('x');"
+        "log.debug('hidden'); log.info('two\\nlines %s', 1)"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout == ""
+    assert len(ran.stderr.splitlines()) == 1
+    assert ran.stderr.endswith("INFO    50% worker-3: two | lines 1\n")

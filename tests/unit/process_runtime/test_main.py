@@ -1,0 +1,90 @@
+import argparse
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from process_runtime.main import Invocation, run_process
+from process_runtime.stop import StopFlag, StoppedError
+from protocol.errors import UnreachableError
+
+
+def run(body: Callable[[Invocation], None], *argv: str) -> int:
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("--count", type=int)
+
+    return run_process(
+        "tester", body, StopFlag(), describe="x", add_arguments=add_arguments, argv=argv
+    )
+
+
+def test_the_body_gets_name_settings_and_its_own_arguments(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("seed = 4\n")
+    got: list[Invocation] = []
+    given = ["--settings", str(file), "--set", "robot.name=r2", "--name", "t-1", "--count", "3"]
+    assert run(got.append, *given) == 0
+    invocation = got[0]
+    assert (invocation.process, invocation.settings.seed) == ("t-1", 4)
+    assert (invocation.settings.robot.name, invocation.arguments.count) == ("r2", 3)
+
+
+def test_an_error_of_a_persons_making_is_one_line_and_exit_code_2(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def body(_: Invocation) -> None:
+        raise UnreachableError("no router\nanywhere")
+
+    assert run(body, "--name", "t-1") == 2
+    assert capsys.readouterr().err == "t-1: no router anywhere\n"
+
+
+def test_a_bug_is_logged_with_its_traceback_and_exit_code_1(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def body(_: Invocation) -> None:
+        raise ZeroDivisionError("oops")
+
+    assert run(body) == 1
+    assert "Traceback" in (text := capsys.readouterr().err)
+    assert text.endswith("ZeroDivisionError: oops\n")
+
+
+def test_being_stopped_while_waiting_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+    def body(_: Invocation) -> None:
+        raise StoppedError
+
+    assert run(body) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_wrong_settings_are_said_before_the_body_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    got: list[Invocation] = []
+    assert run(got.append, "--set", "cluster.particles=none") == 2
+    assert capsys.readouterr().err == (
+        "tester: --set: cluster.particles = 'none': expected a whole number > 0\n"
+    )
+    assert got == []
+
+
+def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, "--cuont", "3")
+    assert caught.value.code == 2
+    error = "tester: unrecognized arguments: --cuont 3 (see --help)\n"
+    assert capsys.readouterr().err == error
+
+
+def test_the_runtime_loads_nothing_heavy() -> None:
+    # Every process imports all of this before its first word; numba alone takes half a second.
+    program = (
+        "import sys, process_runtime.main, process_runtime.inbox, process_runtime.session,"
+        "process_runtime.router, process_runtime.supervisor, process_runtime.prefork;"
+        "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout == "set()\n"

@@ -1,0 +1,71 @@
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from process_runtime.stop import StopFlag, StoppedError
+
+TELLS_WHEN_STOPPED = """
+import os, signal
+from process_runtime.stop import stop_on_signals
+stop = stop_on_signals()
+for number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM):
+    os.kill(os.getpid(), number)
+print(stop.wait(60.0))
+"""
+
+HANGS = """
+import os, signal, threading
+from process_runtime.stop import stop_on_signals
+stop = stop_on_signals(exit_after_s=0.2)
+os.kill(os.getpid(), signal.SIGTERM)
+threading.Lock().acquire() and threading.Event().wait()
+"""
+
+
+def test_a_wait_ends_when_another_thread_sets_the_flag() -> None:
+    stop = StopFlag()
+    threading.Timer(0.02, stop.set).start()
+    started_s = time.monotonic()
+    assert stop.wait(60.0)
+    assert time.monotonic() - started_s < 10.0
+
+
+def test_a_wait_ends_when_the_time_is_up() -> None:
+    stop = StopFlag()
+    assert not stop.wait(0.0)
+    assert not stop.wait(0.02)
+    assert not stop.is_set()
+
+
+def test_check_raises_once_the_flag_is_set() -> None:
+    stop = StopFlag()
+    stop.check()
+    stop.set()
+    with pytest.raises(StoppedError):
+        stop.check()
+
+
+def test_signals_set_the_flag_and_the_second_does_no_harm() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", TELLS_WHEN_STOPPED],
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        check=True,
+    )
+    assert (ran.stdout, ran.stderr) == ("True\n", "")
+
+
+def test_a_process_that_hangs_after_the_signal_says_where_and_ends() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", HANGS],
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        check=False,
+    )
+    assert ran.returncode == 1
+    assert "in wait" in ran.stderr
