@@ -1,0 +1,157 @@
+"""Many like processes from one: heavy modules are imported once, and their memory is shared.
+
+A worker of its own takes a second and 150 MB to import numba; twelve of them on two cores take
+ten. Here the parent imports, compiles and maps once, and forks children that start at once.
+"""
+
+import gc
+import logging
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+from process_runtime.backoff import Backoff
+from process_runtime.logs import configure_logging
+from process_runtime.main import outermost
+from process_runtime.parent import die_with_parent
+from process_runtime.stop import StopFlag, stop_on_signals
+
+_log = logging.getLogger(__name__)
+
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+_TERMINATE_WITHIN_S = 1.2
+_POLL_S = 0.05
+
+
+def use_one_thread_for_arithmetic() -> None:
+    """Keep OpenBLAS and OpenMP from starting threads; call before numpy is imported first.
+
+    A fork copies only the thread that calls it: a lock that another one holds at that moment
+    stays locked in the child. And twelve workers on two cores need no threads besides.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"
+
+
+def run_forked(
+    count: int, child_main: Callable[[int, StopFlag], None], stop: StopFlag, *, name: str
+) -> None:
+    """Fork children and keep `count` of them alive until `stop` is set, then end them.
+
+    A child that ends, however, is replaced by another with the same index, soon at first,
+    then after longer and longer waits. Children die with this process, even by kill -9.
+
+    Args:
+        count: number of children.
+        child_main: the work of one child: its index from 0, its own stop flag. It opens its
+            own Zenoh session; the parent must never have had one.
+        stop: stop flag of this process.
+        name: name of this process; children are called ``name-index`` in the log.
+
+    Raises:
+        RuntimeError: this process has threads, so that a fork is not safe.
+    """
+    _check_single_threaded()
+    gc.collect()
+    gc.freeze()  # the collector would touch, and so copy, every page shared with the children
+    slots = [_Slot(index, f"{name}-{index}") for index in range(count)]
+    try:
+        while not stop.wait(_POLL_S):
+            for slot in slots:
+                slot.keep_alive(child_main, time.monotonic())
+    finally:
+        _end(slots)
+
+
+@dataclass
+class _Slot:
+    """One child, and its successors."""
+
+    index: int
+    name: str
+    pid: int | None = None
+    backoff: Backoff = field(default_factory=Backoff)
+    started_at_s: float = 0.0
+    start_at_s: float = 0.0
+
+    def keep_alive(self, child_main: Callable[[int, StopFlag], None], now_s: float) -> None:
+        if self.pid is not None and (code := self.reap(os.WNOHANG)) is not None:
+            wait_s = self.backoff.after_death(now_s - self.started_at_s)
+            self.start_at_s = now_s + wait_s
+            _log.warning("%s ended with code %d; next in %.1f s", self.name, code, wait_s)
+        if self.pid is None and now_s >= self.start_at_s:
+            self.started_at_s = now_s
+            self.pid = _fork(self.index, self.name, child_main)
+
+    def reap(self, options: int) -> int | None:
+        """Exit code (-9 for SIGKILL) if the child has ended, None if it runs."""
+        if self.pid is None:
+            return None
+        pid, status = os.waitpid(self.pid, options)
+        if pid == 0:
+            return None
+        self.pid = None
+        return os.waitstatus_to_exitcode(status)
+
+    def send(self, number: signal.Signals) -> None:
+        if self.pid is not None:
+            os.kill(self.pid, number)  # not reaped yet, so the id is still its own
+
+
+def _fork(index: int, name: str, child_main: Callable[[int, StopFlag], None]) -> int:
+    """Return the child's process id; in the child, do its work and never return."""
+    parent_pid = os.getpid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # A signal between the fork and the child's own handlers waits until these are there.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    pid = os.fork()
+    if pid == 0:
+        _run_child(index, name, child_main, parent_pid)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+    return pid
+
+
+def _run_child(
+    index: int, name: str, child_main: Callable[[int, StopFlag], None], parent_pid: int
+) -> NoReturn:
+    code = 1
+    try:
+        die_with_parent(parent_pid)
+        stop = stop_on_signals()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        configure_logging(name, logging.getLevelName(logging.getLogger().level))
+        code = outermost(name, lambda: child_main(index, stop))
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)  # the exit handlers and open files are the parent's
+
+
+def _end(slots: list[_Slot]) -> None:
+    for slot in slots:
+        slot.send(signal.SIGTERM)
+    deadline_s = time.monotonic() + _TERMINATE_WITHIN_S
+    while any(slot.pid is not None for slot in slots) and time.monotonic() < deadline_s:
+        for slot in slots:
+            slot.reap(os.WNOHANG)
+        time.sleep(_POLL_S / 5)
+    for slot in slots:
+        slot.send(signal.SIGKILL)
+        slot.reap(0)
+
+
+def _check_single_threaded() -> None:
+    tasks = Path("/proc/self/task")
+    threads = sum(1 for _ in tasks.iterdir()) if tasks.is_dir() else threading.active_count()
+    if threads > 1:
+        raise RuntimeError(
+            f"{threads} threads run at the fork: fork before opening a Zenoh session, "
+            "and call use_one_thread_for_arithmetic() before importing numpy"
+        )

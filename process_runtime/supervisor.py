@@ -1,0 +1,165 @@
+"""Starts the processes of this machine, restarts those that die, and ends them all."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from process_runtime.backoff import Backoff
+from process_runtime.main import EXIT_ERROR, EXIT_OK
+from process_runtime.parent import PARENT_VARIABLE
+
+_TERMINATE_WITHIN_S = 1.5
+_GIVEN_UP_BEFORE_S = 10.0
+_LAST_WORDS_BYTES = 4096
+_STANDARD_ERROR = 2
+
+
+@dataclass(frozen=True)
+class ChildSpec:
+    """A process to keep alive."""
+
+    name: str
+    module: str
+    """Started as ``python -I -m module``."""
+    arguments: Sequence[str] = ()
+    log: Path | None = None
+    """File its output is appended to; None: this process's standard error."""
+    restart: Literal["always", "on-failure"] = "always"
+    """Whether an end with exit code 0 counts: a recording ends, a router does not."""
+
+
+@dataclass(frozen=True)
+class ChildExit:
+    """A child has ended."""
+
+    name: str
+    code: int
+    """Exit code; -9 for SIGKILL and so on, as `subprocess` has it."""
+    restart_in_s: float | None
+    """None: it stays down, because it is done or has refused to start."""
+    last_words: str
+    """Last line of its log file, which is the error when the code is 2; else empty."""
+
+
+class Supervisor:
+    """Children that run, are restarted, and never outlive this process.
+
+    The kernel ends a child when the *thread* that started it ends: call `start` and `poll`
+    from one thread that lives as long as the children shall. A child that refuses its
+    settings (exit code 2, soon after its start) is not restarted: it would refuse them again.
+    """
+
+    def __init__(self, children: Sequence[ChildSpec]) -> None:
+        """Know the children; `start` starts them.
+
+        Raises:
+            ValueError: two have the same name.
+        """
+        if len({child.name for child in children}) < len(children):
+            raise ValueError("two children have the same name")
+        self._children = [_Child(spec) for spec in children]
+
+    def start(self) -> None:
+        """Start all; each tells the kernel to end it when this process dies."""
+        for child in self._children:
+            child.start()
+
+    def poll(self, now_s: float) -> list[ChildExit]:
+        """Restart whose time has come; return who has ended since the last call.
+
+        Args:
+            now_s: `time.monotonic` [s].
+        """
+        ended = []
+        for child in self._children:
+            child.start_if_due(now_s)
+            if (exit_ := child.exited(now_s)) is not None:
+                ended.append(exit_)
+        return ended
+
+    def pids(self) -> dict[str, int]:
+        """Process ids of the children that run, by name."""
+        return {
+            child.spec.name: child.process.pid
+            for child in self._children
+            if child.process is not None
+        }
+
+    def stop(self) -> None:
+        """End all within 2 s: SIGTERM, and SIGKILL for those still there after 1.5 s."""
+        running = [child.process for child in self._children if child.process is not None]
+        for process in running:
+            process.terminate()
+        deadline_s = time.monotonic() + _TERMINATE_WITHIN_S
+        for process in running:
+            try:
+                process.wait(max(0.0, deadline_s - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+        for child in self._children:
+            child.forget()
+
+
+class _Child:
+    """One process at a time, and when to start the next."""
+
+    def __init__(self, spec: ChildSpec) -> None:
+        self.spec = spec
+        self.process: subprocess.Popen[bytes] | None = None
+        self._backoff = Backoff()
+        self._started_at_s = 0.0
+        self._start_at_s: float | None = None
+
+    def start(self) -> None:
+        with ExitStack() as stack:
+            log = None
+            if self.spec.log is not None:
+                log = stack.enter_context(self.spec.log.open("ab"))
+            self._start_at_s = None
+            self._started_at_s = time.monotonic()
+            # A process group of its own: Ctrl-C reaches this process, which ends the others.
+            self.process = subprocess.Popen(
+                [sys.executable, "-I", "-m", self.spec.module, *self.spec.arguments],
+                stdin=subprocess.DEVNULL,
+                # Standard output belongs to this process alone: it may be one JSON object.
+                stdout=log or _STANDARD_ERROR,
+                stderr=log or _STANDARD_ERROR,
+                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                process_group=0,
+            )
+
+    def start_if_due(self, now_s: float) -> None:
+        if self._start_at_s is not None and now_s >= self._start_at_s:
+            self.start()
+
+    def exited(self, now_s: float) -> ChildExit | None:
+        """Say once that the process has ended, and decide when it starts again."""
+        if self.process is None or (code := self.process.poll()) is None:
+            return None
+        self.process = None
+        lived_s = now_s - self._started_at_s
+        done = code == EXIT_OK and self.spec.restart == "on-failure"
+        refused = code == EXIT_ERROR and lived_s < _GIVEN_UP_BEFORE_S
+        wait_s = None if done or refused else self._backoff.after_death(lived_s)
+        self._start_at_s = None if wait_s is None else now_s + wait_s
+        return ChildExit(self.spec.name, code, wait_s, self._last_words())
+
+    def forget(self) -> None:
+        """Reap the process and plan no other."""
+        if self.process is not None:
+            self.process.wait()
+        self.process, self._start_at_s = None, None
+
+    def _last_words(self) -> str:
+        if self.spec.log is None:
+            return ""
+        with self.spec.log.open("rb") as log:
+            log.seek(max(0, self.spec.log.stat().st_size - _LAST_WORDS_BYTES))
+            lines = log.read().decode(errors="replace").split("\n")
+        return next((line.strip() for line in reversed(lines) if line.strip()), "")
