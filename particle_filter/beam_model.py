@@ -1,0 +1,149 @@
+"""The beam model: every beam's length against the length of a ray cast into the map."""
+
+from dataclasses import dataclass
+from math import cos, erf, exp, log, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.kernel_arguments import plain, read_only, to_cells
+from particle_filter.kernels import kernel
+from particle_filter.ray_casting import JumpField, cast_ray
+from particle_filter.settings import SensorSettings
+
+_Mixture = tuple[float, float, float, float, float, float, float]
+"""Weights of hit, short, max and rand; hit_sigma_m, short_decay_per_m, max_range_m."""
+_NEGLIGIBLE = 6.0
+"""Deviations beyond which a Gaussian's tail (1e-9 of it) is not worth an error function."""
+
+
+@dataclass(frozen=True, eq=False)
+class RayMap:
+    """A map made ready for ray casting."""
+
+    jumps: JumpField
+    """(rows, cols) `ray_casting.jump_field` of its cells."""
+    cell_m: float
+    """Side of a cell [m]."""
+    map_from_grid: Pose
+    """(3,) the outer corner of cell (0, 0), in the map's frame."""
+
+
+def beam_log_likelihood(
+    map_from_robot: Poses,
+    ranges: NDArray[np.floating],
+    angles: NDArray[np.float64],
+    *,
+    robot_from_laser: Pose,
+    ray_map: RayMap,
+    max_range_m: float,
+    settings: SensorSettings,
+) -> LogWeights:
+    """Weigh every particle by how well each beam's length fits the map from its pose.
+
+    A beam is a mixture: it hits what the map shows, is cut short by something else, does not
+    return, or is explained by nothing. The four weights are normalised to one. Beams are taken
+    as independent, so logarithms add. Unlike the likelihood field, beams without return count:
+    they are readings of `max_range_m`, likely where the map shows nothing.
+
+    Args:
+        map_from_robot: (N, 3) poses.
+        ranges: (B,) readings [m]; not finite, <= 0 or >= `max_range_m`: no return.
+        angles: (B,) directions of the beams in the laser's frame [rad].
+        robot_from_laser: (3,) where the laser sits on the robot.
+        ray_map: the map.
+        max_range_m: the shorter of what the laser can see and the settings' `max_range_m` [m].
+        settings: weights and widths of the mixture.
+
+    Returns:
+        (N,) log-likelihood of the scan for each particle, not normalised.
+
+    Raises:
+        ValueError: there are no beams, a pose is not finite, or the range is not positive.
+
+    References:
+        Probabilistic Robotics (2005), table 6.1 and eq. 6.4 to 6.11, in logarithms.
+    """
+    if len(ranges) == 0 or len(ranges) != len(angles):
+        raise ValueError(f"{len(ranges)} ranges and {len(angles)} angles cannot be scored")
+    if not (max_range_m > 0 and np.isfinite(map_from_robot).all()):
+        raise ValueError("beams are scored from finite poses and with a positive range")
+    readings = np.asarray(ranges, np.float64)
+    returned = np.isfinite(readings) & (readings > 0.0) & (readings < max_range_m)
+    beams = np.empty((len(readings), 3))
+    beams[:, 0], beams[:, 1] = np.cos(angles), np.sin(angles)
+    beams[:, 2] = np.where(returned, readings, max_range_m)
+    return _summed_logs(
+        plain(map_from_robot),
+        plain(beams),
+        plain(robot_from_laser),
+        read_only(ray_map.jumps),
+        (ray_map.cell_m, *to_cells(ray_map.map_from_grid, ray_map.cell_m)),
+        _mixture(settings, max_range_m),
+    )
+
+
+def _mixture(settings: SensorSettings, max_range_m: float) -> _Mixture:
+    weights = np.array(
+        [
+            settings.hit_weight,
+            settings.short_weight,
+            settings.max_weight,
+            settings.random_weight,
+        ]
+    )
+    hit, short, none, rand = (float(weight) for weight in weights / weights.sum())
+    widths = settings.hit_sigma_m, settings.short_decay_per_m, float(max_range_m)
+    return hit, short, none, rand, *widths
+
+
+@kernel
+def _summed_logs(  # noqa: PLR0917 - compiled code takes no keyword-only arguments
+    poses: Poses,
+    beams: NDArray[np.float64],
+    robot_from_laser: Pose,
+    jumps: JumpField,
+    grid: tuple[float, float, float, float, float],
+    mixture: _Mixture,
+) -> LogWeights:
+    cell_m, c, s, x0, y0 = grid
+    max_cells = mixture[6] / cell_m
+    total = np.zeros(len(poses))
+    for i in range(len(poses)):
+        ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
+        x = poses[i, 0] + ch * robot_from_laser[0] - sh * robot_from_laser[1]
+        y = poses[i, 1] + sh * robot_from_laser[0] + ch * robot_from_laser[1]
+        col, row = c * x - s * y + x0, s * x + c * y + y0
+        ch = cos(poses[i, 2] + robot_from_laser[2])
+        sh = sin(poses[i, 2] + robot_from_laser[2])
+        ch, sh = (c * ch - s * sh) * cell_m, (s * ch + c * sh) * cell_m  # in the grid's frame
+        for j in range(len(beams)):
+            dx = ch * beams[j, 0] - sh * beams[j, 1]
+            dy = sh * beams[j, 0] + ch * beams[j, 1]
+            expected = min(cast_ray(jumps, col, row, dx, dy, max_cells) * cell_m, mixture[6])
+            total[i] += log(beam_density(beams[j, 2], expected, mixture))
+    return total
+
+
+@kernel
+def beam_density(measured: float, expected: float, mixture: _Mixture) -> float:
+    """Density of one reading given the map's [1/m]; both in (0, max] and [0, max] metres.
+
+    At the largest range it adds the probability of no return, a point mass, as the book does;
+    unlike there, the uniform part holds there too, so that no density is zero.
+    """
+    hit_weight, short_weight, max_weight, rand_weight, sigma, decay, longest = mixture
+    density = 0.0  # of a hit: eq. 6.4 to 6.6, of a beam cut short: eq. 6.7 to 6.9
+    off = (measured - expected) / sigma
+    if abs(off) < 5.0 * _NEGLIGIBLE:
+        inside = 1.0  # share of the Gaussian between 0 and the largest range
+        to_far, to_near = (longest - expected) / sigma, expected / sigma
+        if min(to_far, to_near) < _NEGLIGIBLE:
+            inside = 0.5 * (erf(to_far / sqrt(2.0)) + erf(to_near / sqrt(2.0)))
+        density = hit_weight * exp(-0.5 * off * off) / (sqrt(2.0 * pi) * sigma * inside)
+    if measured <= expected:
+        density += short_weight * decay * exp(-decay * measured) / -np.expm1(-decay * expected)
+    if measured >= longest:
+        density += max_weight  # eq. 6.10
+    return density + rand_weight / longest  # eq. 6.11

@@ -1,0 +1,151 @@
+"""The beam model, against the book's formulas line by line."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Cells, LogWeights, Poses
+from particle_filter.beam_model import RayMap, beam_density, beam_log_likelihood
+from particle_filter.ray_casting import jump_field
+from particle_filter.settings import SensorSettings
+from tests.unit.particle_filter import naive_rays
+
+SETTINGS = SensorSettings()
+CELL_M = 0.5
+MAX_RANGE_M = 6.0
+LASER = np.array([0.3, -0.1, 0.4])
+ANGLES = np.linspace(-1.5, 1.5, 7)
+HALL = (np.random.default_rng(5).random((14, 20)) < 0.08).astype(np.int8)
+relaxed = settings(deadline=None, max_examples=30)  # the first call compiles
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_poses(seed: int) -> Poses:
+    rng = np.random.default_rng(seed)
+    return rng.uniform([-1.0, -1.0, -np.pi], [11.0, 8.0, np.pi], (6, 3))
+
+
+def random_readings(seed: int) -> NDArray[np.float64]:
+    """Readings among which some did not return, each kind of them."""
+    rng = np.random.default_rng(seed)
+    readings = rng.uniform(0.1, MAX_RANGE_M, len(ANGLES))
+    readings[rng.integers(len(ANGLES), size=3)] = rng.choice([np.inf, np.nan, 0.0, 6.0, 81.9], 3)
+    return readings
+
+
+def weigh(
+    poses: Poses,
+    ranges: NDArray[np.float64],
+    cells: Cells = HALL,
+    map_from_grid: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    settings: SensorSettings = SETTINGS,
+) -> LogWeights:
+    return beam_log_likelihood(
+        poses,
+        ranges,
+        ANGLES,
+        robot_from_laser=LASER,
+        ray_map=RayMap(jump_field(cells), CELL_M, np.array(map_from_grid)),
+        max_range_m=MAX_RANGE_M,
+        settings=settings,
+    )
+
+
+@relaxed
+@given(seed=seeds)
+def test_the_kernel_agrees_with_the_book_line_by_line(seed: int) -> None:
+    poses, readings = random_poses(seed), random_readings(seed)
+    naive = [
+        naive_rays.beam_log_likelihood(
+            naive_rays.turned(pose, LASER), readings, ANGLES, HALL, CELL_M, MAX_RANGE_M, SETTINGS
+        )
+        for pose in poses
+    ]
+    # A Gaussian's tail past six deviations is left out: 1e-9 of each density.
+    np.testing.assert_allclose(weigh(poses, readings), naive, atol=1e-6)
+
+
+@relaxed
+@given(seed=seeds, x=st.floats(-50, 50), y=st.floats(-50, 50), heading=st.floats(-3.2, 3.2))
+def test_where_the_map_lies_does_not_matter(seed: int, x: float, y: float, heading: float) -> None:
+    in_grid, readings, map_from_grid = random_poses(seed), random_readings(seed), (x, y, heading)
+    in_map = np.array([naive_rays.turned(np.array(map_from_grid), pose) for pose in in_grid])
+    moved = weigh(in_map, readings, map_from_grid=map_from_grid)
+    np.testing.assert_allclose(moved, weigh(in_grid, readings), atol=1e-6)
+
+
+@relaxed
+@given(seed=seeds)
+def test_mirrored_clusters_get_equal_likelihoods(seed: int) -> None:
+    """A point-symmetric map: turned by half a turn, every pose sees the same."""
+    cells = np.maximum(HALL, HALL[::-1, ::-1])
+    poses, readings = random_poses(seed), random_readings(seed)
+    opposite = np.array([10.0, 7.0, np.pi]) + poses * [-1.0, -1.0, 1.0]
+    there = weigh(opposite, readings, cells)
+    np.testing.assert_allclose(there, weigh(poses, readings, cells), atol=1e-6)
+
+
+@pytest.mark.parametrize("expected", [0.05, 0.4, 3.0, 11.8, 12.0])
+def test_the_density_of_all_readings_sums_to_one(expected: float) -> None:
+    """Without return is a point mass; all the rest is a density over the range."""
+    mixture = (0.7, 0.1, 0.05, 0.15, SETTINGS.hit_sigma_m, SETTINGS.short_decay_per_m, 12.0)
+    middles = (np.arange(120_000) + 0.5) / 10_000
+    densities = [beam_density(float(middle), expected, mixture) for middle in middles]
+    assert np.mean(densities) * 12.0 + 0.05 == pytest.approx(1.0, abs=1e-3)  # steps of 0.1 mm
+
+
+def test_the_true_pose_beats_a_displaced_one() -> None:
+    room = np.ones((12, 20), dtype=np.int8)
+    room[1:-1, 1:-1] = 0
+    pose = np.array([4.0, 3.0, 0.2])
+    laser = naive_rays.turned(pose, LASER)
+    seen = [naive_rays.cast_ray(room, CELL_M, laser, angle, MAX_RANGE_M) for angle in ANGLES]
+    poses = np.array([pose, [4.5, 3.0, 0.2], [4.0, 3.0, 0.5]])
+    assert int(np.argmax(weigh(poses, np.array(seen), room))) == 0
+
+
+def test_no_return_speaks_for_a_pose_that_faces_nothing() -> None:
+    cells = np.zeros((14, 60), dtype=np.int8)
+    cells[:, 20] = 1
+    faces_the_wall, faces_the_void = [8.0, 3.5, -LASER[2]], [14.0, 3.5, -LASER[2]]
+    log_wall, log_void = weigh(
+        np.array([faces_the_wall, faces_the_void]), np.full(len(ANGLES), np.inf), cells
+    )
+    assert log_void > log_wall
+
+
+def test_weights_count_by_their_shares() -> None:
+    doubled = SensorSettings(hit_weight=0.6, short_weight=0.2, max_weight=0.1, random_weight=0.4)
+    halved = SensorSettings(hit_weight=0.3, short_weight=0.1, max_weight=0.05, random_weight=0.2)
+    poses, readings = random_poses(1), random_readings(1)
+    np.testing.assert_allclose(
+        weigh(poses, readings, settings=doubled), weigh(poses, readings, settings=halved)
+    )
+
+
+def test_no_reading_is_impossible() -> None:
+    without_max = SensorSettings(max_weight=0.0, short_weight=0.0)
+    assert np.isfinite(
+        weigh(random_poses(2), np.full(len(ANGLES), np.nan), settings=without_max)
+    ).all()
+
+
+def test_a_scan_without_beams_is_refused() -> None:
+    ray_map = RayMap(jump_field(HALL), CELL_M, np.zeros(3))
+    with pytest.raises(ValueError, match="0 ranges"):
+        beam_log_likelihood(
+            np.zeros((1, 3)),
+            np.zeros(0),
+            np.zeros(0),
+            robot_from_laser=LASER,
+            ray_map=ray_map,
+            max_range_m=MAX_RANGE_M,
+            settings=SETTINGS,
+        )
+
+
+def test_a_pose_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        weigh(np.full((1, 3), np.nan), np.ones(len(ANGLES)))

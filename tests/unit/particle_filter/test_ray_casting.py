@@ -1,0 +1,136 @@
+"""Rays in grid maps, against squares cut one by one and against mirrors."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Cells
+from particle_filter.ray_casting import cast_rays, cast_rays_from_poses, jump_field
+from tests.unit.particle_filter import naive_rays
+
+CELL_M = 0.25
+ALL_AROUND = np.linspace(-np.pi, np.pi, 48, endpoint=False) + 0.01  # never along a grid line
+grids = arrays(np.int8, (9, 13), elements=st.sampled_from([0, 0, 0, 0, 0, -1, -1, 1]))
+relaxed = settings(deadline=None, max_examples=50)  # the first call compiles
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_poses(seed: int, count: int = 4) -> NDArray[np.float64]:
+    """Poses in and around a grid of 9 x 13 cells; at random, none lies on a grid line."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(
+        [-1.0, -1.0, -np.pi], [13 * CELL_M + 1.0, 9 * CELL_M + 1.0, np.pi], (count, 3)
+    )
+
+
+def box() -> Cells:
+    """A closed room of 3 x 5 free cells."""
+    cells = np.ones((5, 7), dtype=np.int8)
+    cells[1:-1, 1:-1] = 0
+    return cells
+
+
+def test_a_ray_ends_at_the_boundary_of_the_first_occupied_cell() -> None:
+    laser = np.array([1.5, 2.5, 0.0])  # in the middle of cell [2, 1]
+    right_up_left_down = np.array([0.0, np.pi / 2, np.pi, -np.pi / 2])
+    ranges = cast_rays(box(), 1.0, laser, right_up_left_down, 10.0)
+    np.testing.assert_allclose(ranges, [4.5, 1.5, 0.5, 1.5])
+
+
+def test_a_ray_inside_an_obstacle_has_no_length() -> None:
+    assert cast_rays(box(), 1.0, np.array([0.5, 0.5, 0.3]), np.zeros(1), 10.0) == [0.0]
+
+
+def test_a_ray_that_meets_nothing_has_the_largest_range() -> None:
+    empty = np.zeros((4, 4), dtype=np.int8)
+    assert cast_rays(empty, 1.0, np.array([2.0, 2.0, 0.3]), np.zeros(1), 7.5) == [7.5]
+
+
+def test_a_wall_behind_the_largest_range_is_not_seen() -> None:
+    assert cast_rays(box(), 1.0, np.array([1.5, 2.5, 0.0]), np.zeros(1), 4.0) == [4.0]
+
+
+def test_unknown_cells_let_rays_pass() -> None:
+    cells = np.array([[0, -1, -1, 1]], dtype=np.int8)
+    assert cast_rays(cells, 1.0, np.array([0.5, 0.5, 0.0]), np.zeros(1), 9.0) == [2.5]
+
+
+def test_a_ray_from_outside_enters_the_map() -> None:
+    laser = np.array([-3.0, 2.5, 0.0])
+    assert cast_rays(box(), 1.0, laser, np.array([0.0, np.pi]), 9.0).tolist() == [3.0, 9.0]
+
+
+@relaxed
+@given(cells=grids)
+def test_the_jump_field_is_the_chessboard_distance(cells: Cells) -> None:
+    np.testing.assert_array_equal(jump_field(cells), naive_rays.jump_field(cells))
+
+
+def test_a_distance_too_large_for_a_byte_saturates() -> None:
+    cells = np.zeros((3, 600), dtype=np.int8)
+    cells[1, 0] = 1
+    assert jump_field(cells)[2, 250:260].tolist() == [250, 251, 252, 253, 254] + 5 * [255]
+    laser = np.array([599.5, 1.5, np.pi])
+    assert cast_rays_from_poses(jump_field(cells), 1.0, laser[None], np.zeros(1), 1e3) == [[598.5]]
+
+
+@relaxed
+@given(cells=grids, seed=seeds)
+def test_jumping_finds_what_cutting_every_square_finds(cells: Cells, seed: int) -> None:
+    poses = random_poses(seed)
+    jumped = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
+    naive = [
+        [naive_rays.cast_ray(cells, CELL_M, pose, angle, 3.0) for angle in ALL_AROUND]
+        for pose in poses
+    ]
+    np.testing.assert_allclose(jumped, naive, atol=1e-9)  # rounding of lengths under 10 m
+
+
+@relaxed
+@given(cells=grids, seed=seeds)
+def test_jumping_finds_what_walking_finds(cells: Cells, seed: int) -> None:
+    poses = random_poses(seed)
+    jumped = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
+    walked = [cast_rays(cells, CELL_M, pose, ALL_AROUND, 3.0) for pose in poses]
+    np.testing.assert_allclose(jumped, walked, atol=1e-9)
+
+
+@relaxed
+@given(cells=grids, seed=seeds)
+def test_a_mirrored_map_gives_mirrored_rays(cells: Cells, seed: int) -> None:
+    """Truncation towards zero would make cells left of the map a part of it, on one side only."""
+    poses = random_poses(seed)
+    mirrored_poses = poses * [-1.0, 1.0, -1.0] + [cells.shape[1] * CELL_M, 0.0, np.pi]
+    seen = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
+    mirrored = cast_rays_from_poses(
+        jump_field(cells[:, ::-1]), CELL_M, mirrored_poses, -ALL_AROUND, 3.0
+    )
+    np.testing.assert_allclose(mirrored, seen, atol=1e-9)
+
+
+@relaxed
+@given(cells=grids, seed=seeds)
+def test_a_quarter_turned_map_gives_the_same_ranges(cells: Cells, seed: int) -> None:
+    poses = random_poses(seed)
+    x, y, heading = poses.T
+    turned = np.stack([cells.shape[0] * CELL_M - y, x, heading + np.pi / 2], axis=-1)
+    # Rows grow upwards: a quarter turn to the left of the map is one to the right of the array.
+    turned_cells = np.rot90(cells, -1)
+    seen = cast_rays_from_poses(jump_field(cells), CELL_M, poses, ALL_AROUND, 3.0)
+    again = cast_rays_from_poses(jump_field(turned_cells), CELL_M, turned, ALL_AROUND, 3.0)
+    np.testing.assert_allclose(again, seen, atol=1e-9)
+
+
+@pytest.mark.parametrize("pose", [[np.nan, 0.0, 0.0], [0.0, np.inf, 0.0]])
+def test_a_pose_that_is_not_finite_is_refused(pose: list[float]) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        cast_rays(box(), 1.0, np.array(pose), np.zeros(1), 5.0)
+
+
+@pytest.mark.parametrize(("cell_m", "max_range_m"), [(0.0, 5.0), (0.1, -1.0), (np.nan, 5.0)])
+def test_lengths_that_are_not_positive_are_refused(cell_m: float, max_range_m: float) -> None:
+    with pytest.raises(ValueError, match="positive"):
+        cast_rays(box(), cell_m, np.zeros(3), np.zeros(1), max_range_m)
