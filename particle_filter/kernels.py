@@ -4,6 +4,8 @@ Kept apart from the array types so that processes without mathematics never impo
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
 """
 
+from typing import cast
+
 from particle_filter.arrays import F
 
 
@@ -15,5 +17,5 @@ def kernel(function: F) -> F:
     """
     from numba import njit  # noqa: PLC0415 - heavy; only processes that compute pay for it
 
-    compiled: F = njit(cache=True, error_model="numpy", boundscheck=False)(function)
-    return compiled
+    compiled = njit(cache=True, error_model="numpy", boundscheck=False)(function)
+    return cast(F, compiled)

@@ -1,6 +1,6 @@
 """Odometry motion models: particles move as the robot did, each with its own error."""
 
-from math import atan2, cos, floor, hypot, pi, sin
+from math import atan2, floor, hypot, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Pose, Poses
 from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
+from particle_filter.normal_numbers import standard_normals
 from particle_filter.poses import between, heading_distance, wrap_angle
 from particle_filter.settings import MotionSettings
 
@@ -38,7 +39,7 @@ def move(
         Probabilistic Robotics (2005), table 5.6 (differential); nav2_amcl's OmniMotionModel
         (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
     """
-    normals = rng.standard_normal((len(map_from_robot), 3))
+    normals = standard_normals(rng, 3, len(map_from_robot)).T
     return move_with_noise(map_from_robot, odom_from_before, odom_from_after, settings, normals)
 
 
@@ -47,13 +48,26 @@ def move_with_noise(
     odom_from_before: Pose,
     odom_from_after: Pose,
     settings: MotionSettings,
-    normals: NDArray[np.float64],
+    normals: NDArray[np.floating],
 ) -> Poses:
-    """Move with standard normal numbers (N, 3) from whatever sequence; else as `move`."""
+    """Move with standard normal numbers (N, 3) from whatever sequence; else as `move`.
+
+    Columns: along the drive, across it, turn; or first turn, drive, second turn.
+    """
     poses, motion = plain(map_from_robot), between(odom_from_before, odom_from_after)
+    noise = np.require(normals.T, np.float32, ["C", "A", "W"])
     if settings.model == "differential":
-        return _turn_drive_turn(poses, _differential(motion, settings), plain(normals))
-    return _drive_along_bearing(poses, _omnidirectional(motion, settings), plain(normals))
+        turn_drive_turn = _differential(motion, settings)
+        bearings = poses[:, 2] + (turn_drive_turn[0] + turn_drive_turn[3] * noise[0])
+        return _turn_drive_turn(poses, turn_drive_turn, noise, _cos_sin(bearings))
+    drive = _omnidirectional(motion, settings)
+    return _drive_along_bearing(poses, drive, noise, _cos_sin(poses[:, 2] + drive[0]))
+
+
+def _cos_sin(angles: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """In single precision, five times as fast: a drive of a metre ends 0.1 um beside."""
+    single = angles.astype(np.float32)
+    return np.cos(single), np.sin(single)
 
 
 def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
@@ -96,34 +110,39 @@ def _differential(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
 
 @kernel
 def _drive_along_bearing(
-    poses: Poses, motion: tuple[float, ...], normals: NDArray[np.float64]
+    poses: Poses,
+    motion: tuple[float, ...],
+    noise: NDArray[np.float32],
+    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
 ) -> Poses:
-    bearing, drive, turn, along_sigma, across_sigma, turn_sigma = motion
+    _, drive, turn, along_sigma, across_sigma, turn_sigma = motion
+    cos_bearing, sin_bearing = cos_sin
     moved = np.empty_like(poses)
     for i in range(len(poses)):
-        along = drive + along_sigma * normals[i, 0]
-        across = across_sigma * normals[i, 1]
-        c, s = cos(poses[i, 2] + bearing), sin(poses[i, 2] + bearing)
-        heading = poses[i, 2] + turn + turn_sigma * normals[i, 2]
-        moved[i, 0] = poses[i, 0] + along * c - across * s
-        moved[i, 1] = poses[i, 1] + along * s + across * c
-        moved[i, 2] = _wrapped(heading)
+        along = drive + along_sigma * noise[0, i]
+        across = across_sigma * noise[1, i]
+        moved[i, 0] = poses[i, 0] + along * cos_bearing[i] - across * sin_bearing[i]
+        moved[i, 1] = poses[i, 1] + along * sin_bearing[i] + across * cos_bearing[i]
+        moved[i, 2] = _wrapped(poses[i, 2] + turn + turn_sigma * noise[2, i])
     return moved
 
 
 @kernel
 def _turn_drive_turn(
-    poses: Poses, motion: tuple[float, ...], normals: NDArray[np.float64]
+    poses: Poses,
+    motion: tuple[float, ...],
+    noise: NDArray[np.float32],
+    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
 ) -> Poses:
     turn_1, drive, turn_2, turn_1_sigma, drive_sigma, turn_2_sigma = motion
+    cos_bearing, sin_bearing = cos_sin
     moved = np.empty_like(poses)
     for i in range(len(poses)):
-        bearing = poses[i, 2] + turn_1 + turn_1_sigma * normals[i, 0]
-        driven = drive + drive_sigma * normals[i, 1]
-        heading = bearing + turn_2 + turn_2_sigma * normals[i, 2]
-        moved[i, 0] = poses[i, 0] + driven * cos(bearing)  # table 5.6, line 8
-        moved[i, 1] = poses[i, 1] + driven * sin(bearing)  # table 5.6, line 9
-        moved[i, 2] = _wrapped(heading)
+        driven = drive + drive_sigma * noise[1, i]
+        turned = turn_1 + turn_1_sigma * noise[0, i] + turn_2 + turn_2_sigma * noise[2, i]
+        moved[i, 0] = poses[i, 0] + driven * cos_bearing[i]  # table 5.6, line 8
+        moved[i, 1] = poses[i, 1] + driven * sin_bearing[i]  # table 5.6, line 9
+        moved[i, 2] = _wrapped(poses[i, 2] + turned)  # table 5.6, line 10
     return moved
 
 

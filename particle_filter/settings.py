@@ -4,19 +4,21 @@ They travel inside every job that the coordinator hands out, so that all workers
 filter alike. The defaults are one set for all buildings and recordings.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
 
-def described(
-    meaning: str, unit: str = "", *, gt: float | None = None, ge: float | None = None,
-    le: float | None = None,
-) -> Meta:
-    """The bounds, unit and meaning of one setting, for checks and for `clustermcl settings`."""
-    extra: dict[str, Any] = {"unit": unit}
-    return Meta(description=meaning, extra=extra, gt=gt, ge=ge, le=le)
+def described(meaning: str, unit: str = "", **bounds: float) -> Meta:
+    """Bounds, unit and meaning of one setting, for checks and for `clustermcl settings`.
+
+    Args:
+        meaning: what it is, in a few words.
+        unit: of the number.
+        **bounds: `gt`, `ge`, `lt`, `le` as msgspec has them.
+    """
+    return Meta(description=meaning, extra={"unit": unit}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 
 
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -75,6 +77,12 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_obstacle_distance_m: Annotated[
         float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
     ] = 2.0
+    hidden_margin_m: Annotated[
+        float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
+    ] = 0.5
+    visibility_particles: Annotated[
+        int, described("particles of a cluster whose rays are followed; 0: none", ge=0)
+    ] = 200
     not_free_log_penalty: Annotated[
         float,
         described("log-weight of a particle on occupied or unknown ground, each step", le=0),
@@ -113,6 +121,12 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     annealing_start_fraction: Annotated[
         float, described("exponent at the first step, as a share of the full one", gt=0, le=1)
     ] = 0.33
+    jitter_m: Annotated[
+        float, described("spread added to redrawn points at first; fades while annealing", "m", ge=0)
+    ] = 0.1
+    jitter_rad: Annotated[
+        float, described("the same in heading", "rad", ge=0)
+    ] = 0.1
     max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
@@ -142,6 +156,22 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     newcomer_probability: Annotated[
         float, described("probability given to all newcomers of one search", gt=0, le=0.5)
     ] = 0.02
+    newcomers: Annotated[int, described("places that enter after one search, at most", gt=0)] = 3
+    newcomer_min_share: Annotated[
+        float, described("a place with a smaller share of its search does not enter", ge=0, le=1)
+    ] = 0.1
+    lost_newcomer_probability: Annotated[
+        float, described("probability given to newcomers when the robot is lost", gt=0, le=1)
+    ] = 0.5
+    lost_fit_drop: Annotated[
+        float, described("lost when scans fit so much worse than usual", "nat/beam", gt=0)
+    ] = 0.5
+    recent_fit_gain: Annotated[
+        float, described("weight of a new scan in the recent fit", gt=0, le=1)
+    ] = 0.3
+    usual_fit_gain: Annotated[
+        float, described("weight of a new scan in the usual fit", gt=0, le=1)
+    ] = 0.03
     grace_steps: Annotated[
         int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
     ] = 15

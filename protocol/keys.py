@@ -26,6 +26,12 @@ ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"
 
 
+def scan_history(first: int, last: int | None) -> str:
+    """Selector of the steps `first` to `last`, both included; None: to the newest."""
+    end = f";last={last}" if last is not None else ""
+    return f"{SCAN_HISTORY}?first={first}{end}"
+
+
 def worker_alive(name: str) -> str:
     """Liveliness token of a worker."""
     return f"worker/{name}/alive"

@@ -1,0 +1,174 @@
+"""The tracked places and their probabilities: at most K, always normalised."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from particle_filter import belief
+from particle_filter.overlaps import merge_overlapping
+from particle_filter.poses import heading_distance
+from particle_filter.settings import BeliefSettings
+from protocol.messages import Covariance, Particles, PoseTuple, TrackReport
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """One tracked place."""
+
+    cluster: int
+    log_probability: float
+    born_step: int
+    mean: PoseTuple
+    covariance: Covariance
+    protected_until: int = -1
+    """The step before which it may not be replaced."""
+    effective_sample_size: float = 0.0
+
+    @property
+    def job_id(self) -> str:
+        """The job that tracks it."""
+        return f"c{self.cluster}"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A place that asks to be tracked."""
+
+    probability: float
+    mean: PoseTuple
+    covariance: Covariance
+    sample: Particles
+
+
+class ClusterSet:
+    """All clusters of one robot, in the order of their numbers."""
+
+    def __init__(self, rules: BeliefSettings) -> None:
+        self._rules = rules
+        self._clusters: dict[int, Cluster] = {}
+        self._next_cluster = 0
+
+    def __len__(self) -> int:
+        return len(self._clusters)
+
+    @property
+    def job_ids(self) -> tuple[str, ...]:
+        """The jobs that track the clusters."""
+        return tuple(cluster.job_id for cluster in self._clusters.values())
+
+    def by_probability(self) -> list[Cluster]:
+        """Most probable first."""
+        return sorted(self._clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
+
+    def weigh(self, reports: Mapping[str, TrackReport]) -> None:
+        """One Bayes update (eq. 12-17), then the transition between clusters."""
+        if not self._clusters:
+            return
+        evidence = np.full(len(self._clusters), np.nan)
+        for index, cluster in enumerate(self._clusters.values()):
+            report = reports.get(cluster.job_id)
+            if report is not None:
+                evidence[index] = report.log_weight_sum - math.log(report.particles)
+                self._clusters[cluster.cluster] = replace(
+                    cluster,
+                    mean=report.mean,
+                    covariance=report.covariance,
+                    effective_sample_size=report.effective_sample_size,
+                )
+        posterior = belief.updated(
+            self._log_probabilities(), evidence, squared_prior=self._rules.squared_prior
+        )
+        self._set(belief.mixed(posterior, self._rules.transition_probability))
+
+    def merge_overlaps(self) -> list[str]:
+        """Join clusters at the same place: probabilities add, the most probable one stays.
+
+        Returns:
+            The jobs that end.
+        """
+        ordered = self.by_probability()
+        if len(ordered) < 2:
+            return []
+        rules, ended = self._rules, []
+        means = np.array([cluster.mean for cluster in ordered])
+        into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
+        for index in np.unique(into):
+            first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
+            total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
+            self._clusters[first.cluster] = replace(first, log_probability=float(total))
+            for cluster in rest:
+                del self._clusters[cluster.cluster]
+                ended.append(cluster.job_id)
+        return ended
+
+    def holds(self, pose: PoseTuple) -> bool:
+        """Whether a cluster is at this place already."""
+        return any(
+            math.dist(cluster.mean[:2], pose[:2]) <= self._rules.merge_distance_m
+            and heading_distance(cluster.mean[2], pose[2]) <= self._rules.merge_heading_rad
+            for cluster in self._clusters.values()
+        )
+
+    def free_places(self, step: int) -> int:
+        """How many newcomers could enter now: free ones and clusters out of their grace."""
+        held = sum(step < cluster.protected_until for cluster in self._clusters.values())
+        return self._rules.clusters - held
+
+    def admit(
+        self, candidates: Sequence[Candidate], step: int, *, protected_until: int = -1
+    ) -> tuple[list[tuple[Cluster, Candidate]], list[str]]:
+        """Let newcomers in; the least probable clusters leave, so that there are never above K.
+
+        Args:
+            candidates: at most `free_places` of them; their probabilities are what they get, the
+                clusters that stay share the rest in their proportions.
+            step: the step after which they are tracked.
+            protected_until: the step before which they may not be replaced.
+
+        Returns:
+            The new clusters, each with its candidate, and the jobs that end.
+        """
+        ended = self._make_room(len(candidates), step)
+        given = math.fsum(candidate.probability for candidate in candidates)
+        left = math.log1p(-given) if given < 1.0 else -math.inf
+        for number, cluster in self._clusters.items():
+            kept = max(cluster.log_probability + left, -1e6)
+            self._clusters[number] = replace(cluster, log_probability=kept)
+        admitted = []
+        for candidate in candidates:
+            cluster = Cluster(
+                self._next_cluster,
+                math.log(candidate.probability),
+                step,
+                candidate.mean,
+                candidate.covariance,
+                protected_until,
+            )
+            self._clusters[cluster.cluster] = cluster
+            self._next_cluster += 1
+            admitted.append((cluster, candidate))
+        if self._clusters:
+            self._set(belief.normalised(self._log_probabilities()))
+        return admitted, ended
+
+    def clear(self) -> list[str]:
+        """Forget all clusters; returns the jobs that end."""
+        ended = list(self.job_ids)
+        self._clusters.clear()
+        return ended
+
+    def _make_room(self, count: int, step: int) -> list[str]:
+        surplus = len(self._clusters) + count - self._rules.clusters
+        leaving = [c for c in reversed(self.by_probability()) if step >= c.protected_until]
+        for cluster in leaving[: max(surplus, 0)]:
+            del self._clusters[cluster.cluster]
+        return [cluster.job_id for cluster in leaving[: max(surplus, 0)]]
+
+    def _log_probabilities(self) -> belief.LogProbabilities:
+        return np.array([cluster.log_probability for cluster in self._clusters.values()])
+
+    def _set(self, log_probabilities: Iterable[float]) -> None:
+        for cluster, value in zip(list(self._clusters.values()), log_probabilities, strict=True):
+            self._clusters[cluster.cluster] = replace(cluster, log_probability=float(value))

@@ -1,0 +1,226 @@
+"""The belief and the search for new places: told of steps, answers with jobs.
+
+A plain object without clock, network or particles. The same object runs in the coordinator
+process and in `clustermcl evaluate`, so that both believe the same, bit for bit. All that it
+decides takes effect at a step number, never on arrival.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from coordinator.cluster_set import Candidate, Cluster, ClusterSet
+from coordinator.fit_monitor import FitMonitor
+from coordinator.search_pool import Pool, PooledPlace, SearchPool
+from particle_filter.settings import FilterSettings
+from protocol.messages import (
+    Covariance,
+    Hypothesis,
+    Report,
+    SearchJob,
+    SearchReport,
+    State,
+    TrackJob,
+    TrackReport,
+)
+
+Job = TrackJob | SearchJob
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one step, or one command, came to."""
+
+    step: int
+    state: State
+    hypotheses: tuple[Hypothesis, ...]
+    """Most probable first; while searching at the start, the places the search holds possible."""
+    searching: bool
+    missing: tuple[str, ...]
+    begin: dict[str, Job]
+    """Jobs that begin after `step`, by job id."""
+    end: tuple[str, ...]
+    """Jobs that end."""
+
+
+class Ensemble:
+    """All clusters of one robot and the search for new ones (section 4)."""
+
+    def __init__(self, settings: FilterSettings) -> None:
+        self.settings = settings
+        self.clusters = ClusterSet(settings.belief)
+        self._fit = FitMonitor(settings.belief)
+        self._search: SearchPool | None = None
+        self._pool: Pool | None = None
+        self._searches = 0
+        self._next_search_step = 0
+        self._begin: dict[str, Job] = {}
+        self._end: list[str] = []
+
+    @property
+    def expected(self) -> tuple[str, ...]:
+        """Jobs whose report on the next step is waited for."""
+        return (*self.clusters.job_ids, *(self._search.job_ids if self._search else ()))
+
+    def begin_at(self, step: int) -> dict[str, Job]:
+        """What must see the scan of `step` itself: the first search. Call once, before it."""
+        self._start_search(step)
+        begin, self._begin = self._begin, {}
+        return begin
+
+    def advance(self, step: int, reports: Sequence[Report]) -> Outcome:
+        """Apply one step.
+
+        Args:
+            step: its number.
+            reports: those of this step that arrived in time, others are missing; and those of
+                searches, which may be of an earlier step.
+        """
+        arrived = {report.job_id for report in reports if report.step == step}
+        missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
+        tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
+        self.clusters.weigh(tracks)
+        self._fit.update(max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan))
+        if step % self.settings.belief.merge_every_steps == 0:
+            self._end += self.clusters.merge_overlaps()
+        self._follow_search(step, reports)
+        if self._search is None and (self._fit.lost or step >= self._next_search_step):
+            self._start_search(step + 1)
+        return self._outcome(step, missing)
+
+    def set_pose(self, candidate: Candidate) -> Outcome:
+        """Believe a person: a cluster at the given pose takes its probability from the others."""
+        step = candidate.sample.step
+        self._stop_search(step)
+        if not len(self.clusters):
+            candidate = Candidate(1.0, candidate.mean, candidate.covariance, candidate.sample)
+        self._admit([candidate], step, protected_until=-1)
+        self._fit.forget()
+        return self._outcome(step, ())
+
+    def relocalize(self, step: int) -> Outcome:
+        """Forget all clusters and search everywhere from the next step on."""
+        self._end += self.clusters.clear()
+        self._stop_search(step)
+        self._fit.forget()
+        self._start_search(step + 1)
+        return self._outcome(step, ())
+
+    # --- the search
+
+    def _start_search(self, first_step: int) -> None:
+        search = SearchPool(self._searches, first_step, self.settings.search)
+        for shard, job_id in enumerate(search.job_ids):
+            job = SearchJob(search=self._searches, shard=shard, first_step=first_step)
+            self._begin[job_id] = job
+        self._searches += 1
+        self._search, self._pool = search, None
+
+    def _stop_search(self, step: int) -> None:
+        if self._search is not None:
+            self._end += self._search.job_ids
+        self._search = self._pool = None
+        self._next_search_step = step + self.settings.belief.search_every_steps
+
+    def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
+        if self._search is None:
+            return
+        for report in reports:
+            if isinstance(report, SearchReport) and report.job_id in self._search.job_ids:
+                self._search.take(report)
+        self._pool = self._search.pooled() or self._pool
+        if self._pool and self._search.finished(self._pool, self.settings.belief.clusters):
+            if len(self.clusters):
+                self._admit_newcomers(self._pool, step)
+            else:
+                self._admit_first(self._pool, step)
+            self._stop_search(step)
+
+    def _admit_first(self, pool: Pool, step: int) -> None:
+        """The K most probable places, by their share of points (section 4)."""
+        kept = pool.places[: self.settings.belief.clusters]
+        total = math.fsum(place.share for place in kept)
+        self._admit([_candidate(place, place.share / total) for place in kept], step)
+
+    def _admit_newcomers(self, pool: Pool, step: int) -> None:
+        """The best places of a restart that no cluster holds enter with a small probability."""
+        rules = self.settings.belief
+        fresh = [
+            place
+            for place in pool.places
+            if place.share >= rules.newcomer_min_share and not self.clusters.holds(place.mean)
+        ][: min(rules.newcomers, self.clusters.free_places(step))]
+        if not fresh:
+            return
+        given = rules.lost_newcomer_probability if self._fit.lost else rules.newcomer_probability
+        total = math.fsum(place.share for place in fresh)
+        candidates = [_candidate(place, given * place.share / total) for place in fresh]
+        self._admit(candidates, step, protected_until=step + rules.grace_steps)
+
+    def _admit(
+        self, candidates: list[Candidate], step: int, *, protected_until: int = -1
+    ) -> None:
+        admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)
+        for cluster, candidate in admitted:
+            job = TrackJob(cluster=cluster.cluster, start=candidate.sample, exact=False)
+            self._begin[cluster.job_id] = job
+        self._end += ended
+
+    # --- what it comes to
+
+    def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
+        begin, self._begin = self._begin, {}
+        end, self._end = tuple(self._end), []
+        hypotheses = tuple(_hypothesis(c, step) for c in self.clusters.by_probability())
+        if not hypotheses and self._pool:
+            hypotheses = _places(self._pool)
+        return Outcome(
+            step=step,
+            state=self._state(hypotheses),
+            hypotheses=hypotheses,
+            searching=self._search is not None,
+            missing=missing,
+            begin=begin,
+            end=end,
+        )
+
+    def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
+        if not len(self.clusters):
+            return "searching"
+        if self._fit.lost:
+            return "lost"
+        sure = hypotheses[0].probability >= self.settings.belief.localized_probability
+        return "localized" if sure else "ambiguous"
+
+
+def _candidate(place: PooledPlace, probability: float) -> Candidate:
+    return Candidate(probability, place.mean, place.covariance, place.sample)
+
+
+def _hypothesis(cluster: Cluster, step: int) -> Hypothesis:
+    return Hypothesis(
+        cluster=cluster.cluster,
+        probability=math.exp(cluster.log_probability),
+        log_probability=cluster.log_probability,
+        mean=cluster.mean,
+        covariance=cluster.covariance,
+        effective_sample_size=cluster.effective_sample_size,
+        age_steps=step - cluster.born_step,
+    )
+
+
+def _places(pool: Pool) -> tuple[Hypothesis, ...]:
+    """The places of a search that still runs; they are no clusters yet, so numbers are negative."""
+    total = math.fsum(place.share for place in pool.places)
+    return tuple(
+        Hypothesis(
+            cluster=-1 - index,
+            probability=place.share / total,
+            log_probability=math.log(place.share / total),
+            mean=place.mean,
+            covariance=place.covariance,
+            effective_sample_size=0.0,
+            age_steps=0,
+        )
+        for index, place in enumerate(pool.places)
+    )

@@ -1,0 +1,171 @@
+"""The rim of the coordinator: Zenoh in, Zenoh out; what happens between is `Coordinator`."""
+
+import logging
+import time
+from collections.abc import Iterable
+
+import zenoh
+from zenoh import handlers
+
+from coordinator.coordinator import Coordinator, Instruction, PublishBelief, SendOrder
+from process_runtime.inbox import Inbox
+from process_runtime.logs import CauseCounter
+from process_runtime.stop import StopFlag
+from process_runtime.wire import (
+    Asked,
+    Event,
+    Events,
+    Publisher,
+    Received,
+    Token,
+    serve,
+    subscribe,
+    watch,
+)
+from protocol import keys
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.messages import (
+    CommandDone,
+    OdometryReading,
+    OrderAnswer,
+    Relocalize,
+    Report,
+    Scan,
+    SetPose,
+)
+
+ORDER_TIMEOUT_S = 35.0
+"""A worker that fetches a large map before it answers takes long; orders are repeated sooner."""
+TICK_S = 0.05
+
+_log = logging.getLogger(__name__)
+
+
+class CoordinatorLoop:
+    """One coordinator's life between its connection and its stop."""
+
+    def __init__(self, coordinator: Coordinator, session: zenoh.Session) -> None:
+        self._coordinator, self._session = coordinator, session
+        self._inbox: Events = Inbox({"scan": 256, "odometry": 1, "report": 4096})
+        self._causes = CauseCounter()
+        self._belief = Publisher(session, keys.BELIEF)
+        self._pose = Publisher(session, keys.POSE)
+        self._commands_done: dict[str, CommandDone] = {}
+
+    def run(self, stop: StopFlag) -> None:
+        """Coordinate until told to stop."""
+        subscribe(self._session, keys.SCAN, self._inbox, "scan")
+        subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
+        subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
+        for key in (keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE):
+            serve(self._session, key, self._inbox)
+        watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
+        with self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE):
+            _log.info("coordinator ready")
+            while not stop.is_set():
+                event = self._inbox.get(TICK_S)
+                now_ns = time.monotonic_ns()
+                self._carry_out(self._handle(event, now_ns))
+
+    def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
+        try:
+            match event:
+                case Received():
+                    return self._on_message(event, now_ns)
+                case Asked():
+                    return self._on_query(event, now_ns)
+                case Token():
+                    return self._on_token(event, now_ns)
+        except MalformedMessageError as error:
+            cause = f"malformed {error.expected}"
+            self._causes.warn(_log, cause, error, time.monotonic())
+        return self._coordinator.tick(now_ns)
+
+    def _on_message(self, event: Received, now_ns: int) -> list[Instruction]:
+        match event.key:
+            case keys.SCAN:
+                scan = decode(event.payload, Scan)
+                scan.ranges.array()  # refuses a blob that does not fill its shape
+                return self._coordinator.scan(scan, now_ns)
+            case keys.ODOMETRY:
+                self._coordinator.odometry(decode(event.payload, OdometryReading), now_ns)
+                return []
+            case key if key.endswith("/order"):
+                answer = decode(event.payload, OrderAnswer)
+                self._coordinator.order_answered(keys.worker_name(key), answer)
+                return []
+            case _:
+                report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
+                return self._coordinator.report(report, now_ns)
+
+    def _on_token(self, event: Token, now_ns: int) -> list[Instruction]:
+        name = keys.worker_name(event.key)
+        if event.alive:
+            return self._coordinator.worker_joined(name, now_ns)
+        return self._coordinator.worker_left(name, now_ns)
+
+    def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
+        match asked.key:
+            case keys.POSE:
+                asked.answer(self._coordinator.pose(now_ns))
+            case keys.HYPOTHESES:
+                asked.answer(self._coordinator.hypotheses(now_ns))
+            case keys.STATUS:
+                dropped = {f"dropped {k}": n for k, n in self._inbox.dropped().items()}
+                asked.answer(self._coordinator.status(now_ns, {**self._causes.total, **dropped}))
+            case _:
+                return self._on_command(asked, now_ns)
+        return []
+
+    def _on_command(self, asked: Asked, now_ns: int) -> list[Instruction]:
+        """Carry out a command once, however often it is asked."""
+        kind: type[SetPose | Relocalize]
+        kind = SetPose if asked.key == keys.SET_POSE else Relocalize
+        try:
+            command = decode(asked.payload, kind)
+        except MalformedMessageError as error:
+            asked.refuse(str(error))
+            raise
+        done = self._commands_done.get(command.command_id)
+        if done is not None:
+            asked.answer(done)
+            return []
+        instructions: list[Instruction] = []
+        done = CommandDone(sender="coordinator")
+        try:
+            if isinstance(command, SetPose):
+                instructions = self._coordinator.set_pose(command, now_ns)
+            else:
+                instructions = self._coordinator.relocalize(now_ns)
+        except ValueError as error:
+            done = CommandDone(sender="coordinator", problem=str(error))
+        self._commands_done[command.command_id] = done
+        while len(self._commands_done) > 100:
+            del self._commands_done[next(iter(self._commands_done))]
+        asked.answer(done)
+        return instructions
+
+    def _carry_out(self, instructions: Iterable[Instruction]) -> None:
+        for instruction in instructions:
+            match instruction:
+                case SendOrder():
+                    self._send(instruction)
+                case PublishBelief(belief, pose):
+                    self._belief.put(belief)
+                    self._pose.put(pose)
+
+    def _send(self, instruction: SendOrder) -> None:
+        """Send an order; its answer comes through the inbox."""
+        key = keys.worker_order(instruction.worker)
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                self._inbox.put(Received(key, reply.ok.payload.to_bytes()))
+
+        self._session.get(
+            key,
+            handlers.Callback(on_reply, lambda: None),
+            payload=encode(instruction.order),
+            timeout=ORDER_TIMEOUT_S,
+        )

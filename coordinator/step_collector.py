@@ -1,0 +1,101 @@
+"""Steps in their order: when all reports are in, or none can be waited for any longer."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from process_runtime.settings import CoordinatorSettings
+from protocol.messages import Report, Scan, SearchReport
+
+HAND_OVER_NS = 2_000_000_000
+"""A job that has just been given to a worker is waited for so long."""
+KEPT_AHEAD = 1_000
+"""Reports of at most so many different steps are kept."""
+
+
+@dataclass
+class OpenStep:
+    """A step that has not been applied yet."""
+
+    scan: Scan | None = None
+    arrived_ns: int = 0
+    reports: dict[str, Report] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ReadyStep:
+    """A step that can be applied."""
+
+    scan: Scan
+    reports: tuple[Report, ...]
+
+
+class StepCollector:
+    """Collects scans and reports; gives out steps strictly in order."""
+
+    def __init__(self, settings: CoordinatorSettings) -> None:
+        self._settings = settings
+        self._open: dict[int, OpenStep] = {}
+        self._late: list[SearchReport] = []
+        self.applied: int | None = None
+        self.steps_lost = 0
+
+    def take_scan(self, scan: Scan, now_ns: int) -> bool:
+        """A scan arrived; False for one that is not news."""
+        if self.applied is not None and scan.step <= self.applied:
+            return False
+        opened = self._open.setdefault(scan.step, OpenStep())
+        if opened.scan is not None:
+            return False
+        opened.scan, opened.arrived_ns = scan, now_ns
+        return True
+
+    def take_report(self, report: Report) -> bool:
+        """A report arrived; False when its step is over and it can tell nothing any more."""
+        if self.applied is not None and report.step <= self.applied:
+            if isinstance(report, SearchReport):
+                self._late.append(report)  # a search tells the same a step later
+                return True
+            return False
+        if len(self._open) > KEPT_AHEAD and report.step not in self._open:
+            return False
+        self._open.setdefault(report.step, OpenStep()).reports[report.job_id] = report
+        return True
+
+    def ready(
+        self, expected: Iterable[str], placed_ns: Callable[[str], int], now_ns: int
+    ) -> ReadyStep | None:
+        """The next step, if it is complete or its deadline has passed.
+
+        Args:
+            expected: jobs whose report it waits for.
+            placed_ns: when a job was given to its worker; a fresh one is waited for longer.
+            now_ns: by the same clock as `take_scan`.
+        """
+        step = min((s for s, opened in self._open.items() if opened.scan), default=None)
+        if step is None:
+            return None
+        opened = self._open[step]
+        missing = [job_id for job_id in expected if job_id not in opened.reports]
+        if missing and now_ns < self._deadline(opened, missing, placed_ns):
+            return None
+        return self._close(step)
+
+    def _deadline(
+        self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
+    ) -> int:
+        paced = opened.scan is not None and opened.scan.paced
+        settings = self._settings
+        wait_s = settings.paced_deadline_s if paced else settings.step_deadline_s
+        newest = max(placed_ns(job_id) for job_id in missing)
+        return max(opened.arrived_ns + int(wait_s * 1e9), newest + HAND_OVER_NS if newest else 0)
+
+    def _close(self, step: int) -> ReadyStep:
+        opened = self._open.pop(step)
+        assert opened.scan is not None  # `ready` chose a step that has one
+        for older in [other for other in self._open if other < step]:
+            del self._open[older]
+        if self.applied is not None:
+            self.steps_lost += step - self.applied - 1
+        self.applied = step
+        late, self._late = self._late, []
+        return ReadyStep(opened.scan, (*late, *opened.reports.values()))

@@ -1,0 +1,84 @@
+"""The Bayes filter over clusters, in logarithms (eq. 12-17 and section 4 of the paper).
+
+Every function takes and returns (K,) natural logarithms of probabilities that sum to one;
+a probability of 1e-300 is -690 here and comes back.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+LogProbabilities = NDArray[np.float64]
+"""(K,) natural logarithms of probabilities that sum to one."""
+
+
+def normalised(log_values: NDArray[np.float64]) -> LogProbabilities:
+    """Shift logarithms so that their exponentials sum to one.
+
+    Raises:
+        ValueError: there are none, or none is finite: nothing could be normalised.
+    """
+    if not np.any(np.isfinite(log_values)):
+        raise ValueError("no cluster has a finite probability")
+    shifted = log_values - np.max(log_values)
+    result: LogProbabilities = shifted - math.log(np.sum(np.exp(shifted)))
+    return result
+
+
+def updated(
+    log_prior: LogProbabilities,
+    log_average_likelihood: NDArray[np.float64],
+    *,
+    squared_prior: bool = False,
+) -> LogProbabilities:
+    """One Bayes update: prior times the average likelihood of the cluster's particles.
+
+    A missing report (NaN) is no information about that cluster: its probability stays, and the
+    others share what is left.
+
+    Args:
+        log_prior: (K,) belief before the scan.
+        log_average_likelihood: (K,) log of each cluster's average likelihood, NaN where missing.
+        squared_prior: multiply by the prior twice, as eq. 17 is printed.
+
+    Returns:
+        (K,) belief after the scan.
+
+    References:
+        Section 4: "multiplying the prior probability of the cluster by the average of the
+        likelihood of the points in that cluster"; eq. 17 for `squared_prior`.
+    """
+    reported = ~np.isnan(log_average_likelihood)
+    if not np.any(reported):
+        return log_prior
+    log_mass = np.logaddexp.reduce(log_prior[reported])
+    prior = 2.0 * log_prior if squared_prior else log_prior
+    fresh = prior[reported] + log_average_likelihood[reported]
+    if not np.any(np.isfinite(fresh)):
+        return log_prior  # the scan is impossible everywhere: it tells nothing apart
+    posterior = log_prior.copy()
+    posterior[reported] = normalised(fresh) + log_mass
+    return normalised(posterior)
+
+
+def mixed(log_belief: LogProbabilities, transition_probability: float) -> LogProbabilities:
+    """Let the robot be in another cluster than believed: B <- (1 - rho) B + rho / K.
+
+    A departure from eq. 14, where rho is 0: it bounds what Monte Carlo error of the average
+    likelihoods can do to places that look alike.
+    """
+    if transition_probability == 0.0:
+        return log_belief
+    uniform = math.log(transition_probability / len(log_belief))
+    kept = math.log1p(-transition_probability) if transition_probability < 1.0 else -math.inf
+    return normalised(np.logaddexp(log_belief + kept, uniform))
+
+
+def normalised_entropy(probabilities: NDArray[np.float64]) -> float:
+    """Entropy of probabilities over that of equal ones: 1 for no preference, 0 for certainty."""
+    if len(probabilities) < 2:
+        return 0.0
+    share = probabilities / np.sum(probabilities)
+    positive = share[share > 0.0]
+    return float(-np.sum(positive * np.log(positive)) / math.log(len(share)))

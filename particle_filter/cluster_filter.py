@@ -1,0 +1,140 @@
+"""One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.gaussian import fit_gaussian
+from particle_filter.log_weights import effective_sample_size, log_sum, normalised
+from particle_filter.motion import move
+from particle_filter.resampling import resample
+from particle_filter.sensor_model import Beams, SensorModel
+from particle_filter.settings import ClusterSettings, MotionSettings
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A weighted set of particles: the belief of one filter."""
+
+    map_from_robot: Poses
+    """(N, 3) x [m], y [m], heading [rad]."""
+    log_weights: LogWeights
+    """(N,); the weights sum to N, so that an even cloud has weights of one."""
+
+    @classmethod
+    def even(cls, map_from_robot: Poses) -> "Cloud":
+        """A cloud whose particles count alike."""
+        return cls(map_from_robot, np.zeros(len(map_from_robot)))
+
+    @property
+    def effective_sample_size(self) -> float:
+        """How many even particles would tell as much."""
+        return effective_sample_size(self.log_weights)
+
+    def gaussian(self) -> tuple[Pose, Poses]:
+        """Mean pose and (3, 3) covariance, heading on the circle (section 4, last paragraph)."""
+        return fit_gaussian(self.map_from_robot, normalised(self.log_weights))
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A cloud after a scan, and what the scan said of it."""
+
+    cloud: Cloud
+    log_weight_sum: float
+    """Log of the sum of w_{t-1} p(z_t | x_t); less log N it is the log average likelihood."""
+    log_likelihood_per_beam: float
+    """Best particle's, without the exponent."""
+
+
+def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator) -> Cloud:
+    """Redraw the particles by weight where too few of them count; else carry the weights on."""
+    count = len(cloud.log_weights)
+    if cloud.effective_sample_size >= settings.resample_below_ess * count:
+        return cloud
+    chosen = resample(cloud.log_weights, count, settings.resampling, rng)
+    return Cloud.even(cloud.map_from_robot[chosen])
+
+
+def weighed(
+    cloud: Cloud, beams: Beams, model: SensorModel, exponent: float
+) -> Weighed:
+    """Multiply the weights by the likelihood of a scan.
+
+    Args:
+        cloud: N particles.
+        beams: the scan; without a valid beam it tells nothing and the evidence is one.
+        model: weighs poses.
+        exponent: on the likelihood of the scan; beams are not independent.
+    """
+    count = len(cloud.log_weights)
+    if beams.count == 0:
+        return Weighed(cloud, math.log(count), math.nan)
+    fit = model.log_likelihood(cloud.map_from_robot, beams)
+    log_weights = cloud.log_weights + exponent * fit + model.ground_penalty(cloud.map_from_robot)
+    total = log_sum(log_weights)
+    even = Cloud(cloud.map_from_robot, log_weights - (total - math.log(count)))
+    hidden = log_visible_share(even, beams, model, exponent)
+    return Weighed(even, total + hidden, float(np.max(fit)) / beams.count)
+
+
+def log_visible_share(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> float:
+    """Log of the share of a cloud's likelihood that is left when walls hide what is behind.
+
+    The average, over the weighed cloud, of what following the rays takes from each particle:
+    times the average likelihood by the field, it is the average likelihood with visibility.
+    Estimated from a systematic sample of the cloud.
+    """
+    count = model.settings.visibility_particles
+    if count == 0 or beams.count == 0:
+        return 0.0
+    weights = normalised(cloud.log_weights)
+    middles = (np.arange(count) + 0.5) / count
+    chosen = np.searchsorted(np.cumsum(weights), middles).clip(max=len(weights) - 1)
+    hidden = model.hidden(cloud.map_from_robot[chosen], beams)
+    return log_sum(-exponent * hidden) - math.log(count)
+
+
+def advanced(
+    cloud: Cloud,
+    odom_from_before: Pose,
+    odom_from_after: Pose,
+    beams: Beams,
+    model: SensorModel,
+    motion: MotionSettings,
+    settings: ClusterSettings,
+    rng: np.random.Generator,
+) -> Weighed:
+    """One step of MCL: draw from the cloud, move by odometry, weigh by the scan.
+
+    A particle never leaves its cluster (eq. 14): all happens within this cloud.
+
+    References:
+        Section 2, routine 1-3; the draw is left out while enough particles count.
+    """
+    cloud = resampled(cloud, settings, rng)
+    moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
+    exponent = model.settings.scan_likelihood_exponent
+    return weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
+
+
+def drawn_from(
+    sample: Poses,
+    log_weights: LogWeights,
+    settings: ClusterSettings,
+    rng: np.random.Generator,
+) -> Cloud:
+    """A cluster's own particles from a handed-over sample, spread a little where it repeats.
+
+    The kernel is Silverman's for the sample's covariance, so the cloud keeps its shape.
+
+    Raises:
+        ValueError: the sample is empty or has no weight.
+    """
+    chosen = sample[resample(log_weights, settings.particles, settings.resampling, rng)]
+    _, covariance = fit_gaussian(sample, normalised(log_weights))
+    width = len(sample) ** (-1.0 / 7.0) * (4.0 / 5.0) ** (1.0 / 7.0)  # 3 dimensions
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width * 0.5
+    return Cloud.even(chosen + rng.standard_normal(chosen.shape) * spread)

@@ -1,0 +1,135 @@
+"""Messages over a Zenoh session: publish, ask, and put what arrives into an inbox.
+
+Callbacks only put: a callback that computes or waits stalls every other subscription and query
+of its session. Decoding happens in the loop that takes from the inbox.
+"""
+
+from dataclasses import dataclass
+from typing import TypeAlias, TypeVar
+
+import zenoh
+
+from process_runtime.inbox import Inbox
+from protocol.codec import decode, encode
+from protocol.errors import UnreachableError
+from protocol.messages import Message
+
+ENCODING = "application/msgpack"
+
+M = TypeVar("M")
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message that was published, still undecoded."""
+
+    key: str
+    payload: bytes
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A query that waits for its answer."""
+
+    key: str
+    payload: bytes
+    query: zenoh.Query
+
+    def answer(self, message: Message) -> None:
+        """Answer and close the query."""
+        with self.query:
+            self.query.reply(self.query.key_expr, encode(message), encoding=ENCODING)
+
+    def refuse(self, problem: str) -> None:
+        """Answer with an error and close the query."""
+        with self.query:
+            self.query.reply_err(problem.encode(), encoding="text/plain")
+
+
+@dataclass(frozen=True)
+class Token:
+    """A liveliness token appeared or vanished."""
+
+    key: str
+    alive: bool
+
+
+Event: TypeAlias = Received | Asked | Token
+Events: TypeAlias = Inbox[Event]
+
+
+class Publisher:
+    """Publishes messages on one key; dropped rather than blocked when a link is slow."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=ENCODING,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.DATA_HIGH,
+            express=True,
+        )
+
+    def put(self, message: Message) -> None:
+        """Publish."""
+        self._publisher.put(encode(message))
+
+
+def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> None:
+    """Put what is published on `key` into the inbox, as states of a kind."""
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        inbox.put_newest(kind, Received(str(sample.key_expr), sample.payload.to_bytes()))
+
+    session.declare_subscriber(key, on_sample)
+
+
+def serve(session: zenoh.Session, key: str, inbox: Events) -> None:
+    """Put queries on `key` into the inbox; one that finds it full is refused at once."""
+
+    def on_query(query: zenoh.Query) -> None:
+        payload = query.payload.to_bytes() if query.payload is not None else b""
+        asked = Asked(str(query.key_expr), payload, query)
+        if not inbox.put(asked):
+            asked.refuse("too busy; ask again")
+
+    session.declare_queryable(key, on_query, complete=True)
+
+
+def watch(session: zenoh.Session, key: str, inbox: Events) -> None:
+    """Put liveliness tokens on `key` into the inbox, those there already first."""
+
+    def on_token(sample: zenoh.Sample) -> None:
+        inbox.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+
+    session.liveliness().declare_subscriber(key, on_token, history=True)
+
+
+def is_alive(session: zenoh.Session, key: str, timeout_s: float) -> bool:
+    """Whether a liveliness token is there."""
+    return any(reply.ok is not None for reply in session.liveliness().get(key, timeout=timeout_s))
+
+
+def ask(
+    session: zenoh.Session,
+    key: str,
+    answer: type[M],
+    *,
+    timeout_s: float,
+    message: Message | None = None,
+) -> M:
+    """Ask whoever serves `key` and take the first answer.
+
+    Raises:
+        UnreachableError: nobody answered in time, or the one who did refused.
+        MalformedMessageError: the answer is not the message it should be.
+    """
+    payload = encode(message) if message is not None else None
+    problem = f"nobody answers on {key!r}"
+    for reply in session.get(key, payload=payload, timeout=timeout_s):
+        if reply.ok is not None:
+            return decode(reply.ok.payload.to_bytes(), answer)
+        if reply.err is not None:
+            said = reply.err.payload.to_bytes().decode(errors="replace")
+            problem = f"no answer on {key!r}: {said}"
+    raise UnreachableError(problem)

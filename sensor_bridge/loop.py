@@ -1,0 +1,173 @@
+"""The rim of the bridge: readings in, steps out; the map and past steps to whoever asks."""
+
+import logging
+import time
+from typing import Protocol
+
+import zenoh
+
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import to_message
+from process_runtime.inbox import Inbox
+from process_runtime.logs import CauseCounter
+from process_runtime.settings import BridgeSettings
+from process_runtime.stop import StopFlag
+from process_runtime.wire import (
+    Asked,
+    Event,
+    Events,
+    Publisher,
+    Received,
+    Token,
+    ask,
+    serve,
+    subscribe,
+    watch,
+)
+from protocol import keys
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, MalformedMessageError
+from protocol.messages import Belief, LaserReading, OdometryReading, Scan, ScanHistory, Status
+from sensor_bridge.pacing import Pacing
+from sensor_bridge.step_history import StepHistory
+from sensor_bridge.step_maker import StepMaker
+
+Reading = OdometryReading | LaserReading
+POLL_S = 0.1
+
+_log = logging.getLogger(__name__)
+
+
+class Source(Protocol):
+    """Where readings come from when no robot publishes them."""
+
+    def next_reading(self) -> Reading | None:
+        """The next reading in the order of time; None at the end."""
+
+
+class BridgeLoop:
+    """One bridge's life between its connection and its stop."""
+
+    def __init__(
+        self,
+        name: str,
+        session: zenoh.Session,
+        settings: BridgeSettings,
+        grid_map: GridMap,
+        source: Source | None,
+    ) -> None:
+        self._session, self._settings, self._source = session, settings, source
+        self._name = name
+        self._map_message = to_message(grid_map, name)
+        self._pacing = Pacing(settings.rate if source else 1.0)
+        self._history = StepHistory(settings.history_steps)
+        self._causes = CauseCounter()
+        self._inbox: Events = Inbox({"odometry": 256, "laser": 16, "belief": 1})
+        self._scans = Publisher(session, keys.SCAN)
+        self._odometry = Publisher(session, keys.ODOMETRY)
+        self._maker: StepMaker | None = None
+        self._coordinator_there = False
+        self._next: Reading | None = None
+
+    def run(self, stop: StopFlag) -> None:
+        """Serve until told to stop; a recording's end does not end it."""
+        serve(self._session, keys.MAP, self._inbox)
+        serve(self._session, keys.SCAN_HISTORY, self._inbox)
+        watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
+        subscribe(self._session, keys.BELIEF, self._inbox, "belief")
+        if self._source is None:
+            subscribe(self._session, keys.ODOMETRY_READING, self._inbox, "odometry")
+            subscribe(self._session, keys.LASER_READING, self._inbox, "laser")
+        with self._session.liveliness().declare_token(keys.BRIDGE_ALIVE):
+            while not stop.is_set():
+                self._handle(self._inbox.get(self._send_due()))
+
+    # --- readings
+
+    def _send_due(self) -> float:
+        """Send what is due; returns how long to wait for the next [s]."""
+        now_ns = time.monotonic_ns()
+        if self._pacing.resend_due(now_ns):
+            self._scans.put(self._history.newest())
+        if self._source is None or self._pacing.waits or not self._coordinator_there:
+            return POLL_S
+        if self._next is None:
+            self._next = self._source.next_reading()
+        if self._next is None:
+            self._finish()
+            return POLL_S
+        wait_s = self._pacing.due_in_s(self._next.stamp_ns, now_ns)
+        if wait_s > 0.0:
+            return min(wait_s, POLL_S)
+        reading, self._next = self._next, None
+        self._take(reading)
+        return 0.0
+
+    def _take(self, reading: Reading) -> None:
+        if self._maker is None:
+            self._maker = self._new_maker()
+        if isinstance(reading, OdometryReading) and not self._pacing.paced:
+            self._odometry.put(reading)
+        scan = self._maker.take(reading)
+        if scan is not None:
+            self._send(scan)
+
+    def _finish(self) -> None:
+        """The source has ended: its last step may still be waiting for later odometry."""
+        self._source = None
+        scan = self._maker.finish() if self._maker else None
+        if scan is not None:
+            self._send(scan)
+        _log.info("the source has ended; the map is still served")
+
+    def _send(self, scan: Scan) -> None:
+        self._history.add(scan)
+        self._scans.put(scan)
+        self._pacing.step_sent(scan.step, time.monotonic_ns())
+
+    def _new_maker(self) -> StepMaker:
+        """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
+        first_step = 0
+        try:
+            first_step = ask(self._session, keys.STATUS, Status, timeout_s=1.0).step + 1
+        except ClusterMclError as error:
+            _log.info("steps start at 0: %s", error)
+        return StepMaker(
+            self._settings,
+            self._map_message.digest,
+            self._name,
+            first_step=first_step,
+            paced=self._pacing.paced,
+        )
+
+    # --- what arrives
+
+    def _handle(self, event: Event | None) -> None:
+        try:
+            match event:
+                case Asked():
+                    self._answer(event)
+                case Token():
+                    self._coordinator_there = event.alive
+                case Received(key=keys.BELIEF):
+                    self._pacing.believed(decode(event.payload, Belief).step)
+                case Received(key=keys.ODOMETRY_READING):
+                    self._take(decode(event.payload, OdometryReading))
+                case Received(key=keys.LASER_READING):
+                    self._take(decode(event.payload, LaserReading))
+        except MalformedMessageError as error:
+            self._causes.warn(_log, f"malformed {error.expected}", error, time.monotonic())
+
+    def _answer(self, asked: Asked) -> None:
+        if asked.key == keys.MAP:
+            asked.answer(self._map_message)
+            return
+        parameters = asked.query.parameters
+        try:
+            first = int(str(parameters.get("first", "")))
+            last = int(str(parameters.get("last", str(2**62))))
+        except ValueError:
+            asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
+            return
+        scans = tuple(self._history.between(first, last))
+        asked.answer(ScanHistory(sender=self._name, scans=scans))

@@ -1,0 +1,95 @@
+"""The sensor bridge process: a robot's readings, or a recording, to numbered steps."""
+
+import argparse
+import logging
+
+from grid_maps.grid_map import GridMap
+from grid_maps.load import load_map
+from process_runtime.main import Invocation, process_main
+from process_runtime.session import open_session
+from process_runtime.settings import BridgeSettings
+from process_runtime.wire import is_alive
+from protocol import keys
+from protocol.errors import AlreadyRunningError, SettingsError
+from protocol.messages import LaserReading, OdometryReading
+from sensor_bridge.loop import BridgeLoop, Source
+from sensor_bridge.recording import open_recording
+
+LIVE_SOURCE = "zenoh"
+
+_log = logging.getLogger(__name__)
+
+
+class RecordedSource:
+    """The readings of a recording."""
+
+    def __init__(self, path: str, settings: BridgeSettings) -> None:
+        recording = open_recording(path, settings)
+        for skipped in recording.skipped:
+            _log.warning("%s:%d left out: %s", path, skipped.line_number, skipped.problem)
+        self._readings = iter(recording.readings)
+
+    def next_reading(self) -> OdometryReading | LaserReading | None:
+        """The next reading in the order of time; None at the end."""
+        return next(self._readings, None)
+
+
+def main() -> None:
+    """Run the bridge."""
+    process_main(
+        "sensor_bridge",
+        run_bridge,
+        describe="Sensor bridge of Cluster-MCL: synchronises, gates and numbers scans.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--map", metavar="FILE", help="map file (default: bridge.map)")
+    parser.add_argument(
+        "--source", metavar="SOURCE", help="recording, or 'zenoh' (default: bridge.source)"
+    )
+
+
+def run_bridge(invocation: Invocation) -> None:
+    """Bridge until told to stop.
+
+    Raises:
+        SettingsError: no map is named, or the source is a simulation.
+        MapFileError: the map cannot be used.
+        RecordingError: the recording cannot be used.
+    """
+    settings, arguments = invocation.settings.bridge, invocation.arguments
+    map_file, source_name = arguments.map or settings.map, arguments.source or settings.source
+    if not map_file:
+        raise SettingsError("bridge.map is empty: name the map file there, or by --map")
+    if source_name.startswith("sim:"):
+        raise SettingsError(
+            f"{source_name} is a simulation: start 'python -I -m robot_simulator' instead"
+        )
+    grid_map = load_map(map_file)
+    source = None if source_name == LIVE_SOURCE else RecordedSource(source_name, settings)
+    serve_robot(invocation, grid_map, source)
+
+
+def serve_robot(invocation: Invocation, grid_map: GridMap, source: Source | None) -> None:
+    """Publish the steps of a source and serve the map until told to stop.
+
+    Args:
+        invocation: of the process.
+        grid_map: the map to localize in.
+        source: readings; None: a robot publishes them over Zenoh.
+
+    Raises:
+        AlreadyRunningError: the robot has a bridge.
+    """
+    settings = invocation.settings
+    with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
+        if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
+            raise AlreadyRunningError(
+                f"robot {settings.robot.name!r} has a sensor bridge already at "
+                f"{settings.zenoh.router}: stop it, or choose another robot.name"
+            )
+        BridgeLoop(invocation.process, session, settings.bridge, grid_map, source).run(
+            invocation.stop
+        )

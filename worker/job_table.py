@@ -1,0 +1,92 @@
+"""All jobs of one worker: told of orders and scans, answers with reports."""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings
+from protocol.messages import Report, Scan, WorkOrder
+from worker.jobs import RunningJob, running
+
+RECENT_SCANS = 64
+"""Scans kept at hand for jobs that begin a little behind."""
+
+
+@dataclass(frozen=True)
+class MissingScans:
+    """Steps that a job needs and that only the bridge's history has."""
+
+    first: int
+    last: int | None
+    """None: up to the newest, for this worker has seen no scan yet."""
+
+
+class JobTable:
+    """The jobs of one worker, each with the last step it has done."""
+
+    def __init__(self, sender: str) -> None:
+        self._sender = sender
+        self._jobs: dict[str, RunningJob] = {}
+        self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
+
+    def summary(self) -> tuple[tuple[str, int, int], ...]:
+        """(job id, epoch, last step done) of each job."""
+        return tuple(
+            (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
+        )
+
+    def follow(self, order: WorkOrder, model: SensorModel, settings: FilterSettings) -> None:
+        """Begin and end jobs, so that just those of the order are left.
+
+        Raises:
+            ValueError: a job's particles are no cloud; no job is changed then.
+        """
+        kept = {
+            job_id: job
+            for job_id, job in self._jobs.items()
+            if (job_id, job.assignment.epoch) in order.keep
+        }
+        begun = {
+            assignment.job_id: self._same(assignment.job_id, assignment.epoch)
+            or running(
+                assignment, model, settings, sender=self._sender,
+                snapshot_every_steps=order.snapshot_every_steps,
+            )
+            for assignment in order.begin
+        }
+        self._jobs = kept | begun
+
+    def _same(self, job_id: str, epoch: int) -> RunningJob | None:
+        """The job if it has begun already: an order may come twice."""
+        job = self._jobs.get(job_id)
+        return job if job is not None and job.assignment.epoch == epoch else None
+
+    def missing(self) -> MissingScans | None:
+        """The steps that must be fetched before the jobs can catch up with the newest scan."""
+        if not self._jobs:
+            return None
+        first = min(job.step for job in self._jobs.values()) + 1
+        if not self._recent:
+            return MissingScans(first, None)
+        oldest = self._recent[0].step
+        return MissingScans(first, oldest - 1) if first < oldest else None
+
+    def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
+        """Bring every job up to the newest scan, with scans of the past where it needs them."""
+        known = {scan.step: scan for scan in (*history, *self._recent)}
+        return [
+            job.advance(known[step])
+            for step in sorted(known)
+            for _, job in sorted(self._jobs.items())
+            if step > job.step
+        ]
+
+    def take(self, scan: Scan) -> list[Report]:
+        """One new scan: every job that has not done its step does it."""
+        if self._recent and scan.step <= self._recent[-1].step:
+            return []
+        self._recent.append(scan)
+        return [
+            job.advance(scan) for _, job in sorted(self._jobs.items()) if scan.step > job.step
+        ]

@@ -1,0 +1,208 @@
+"""The two kinds of work: track one cluster, or run one shard of a global search.
+
+Each job is told of scans in the order of their steps and answers with a report. All chance
+comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
+"""
+
+from typing import Protocol
+
+import numpy as np
+
+from particle_filter import cluster_filter, global_search
+from particle_filter.arrays import FREE, Pose
+from particle_filter.cluster_filter import Cloud
+from particle_filter.random_streams import Purpose, generator
+from particle_filter.sensor_model import Beams, SensorModel, beams_of
+from particle_filter.settings import FilterSettings
+from protocol.arrays import ArrayBlob
+from protocol.messages import (
+    Assignment,
+    Covariance,
+    Particles,
+    Place,
+    PoseTuple,
+    Report,
+    Scan,
+    SearchJob,
+    SearchReport,
+    TrackJob,
+    TrackReport,
+)
+
+
+class RunningJob(Protocol):
+    """A job with its state."""
+
+    assignment: Assignment
+    step: int
+    """The last step done."""
+
+    def advance(self, scan: Scan) -> Report:
+        """Take the scan of a later step; steps in between are lost."""
+
+
+def running(
+    assignment: Assignment,
+    model: SensorModel,
+    settings: FilterSettings,
+    *,
+    sender: str,
+    snapshot_every_steps: int = 0,
+) -> RunningJob:
+    """Begin a job.
+
+    Args:
+        assignment: what to do.
+        model: the map as the sensors see it.
+        settings: the filter's numbers.
+        sender: the worker's name, for its reports.
+        snapshot_every_steps: a tracked cluster reports its particles so often; 0: never.
+
+    Raises:
+        ValueError: the job's particles are no cloud.
+    """
+    match assignment.job:
+        case TrackJob() as job:
+            return Tracking(assignment, job, model, settings, sender, snapshot_every_steps)
+        case SearchJob() as job:
+            return Searching(assignment, job, model, settings, sender)
+
+
+class Tracking:
+    """The particles of one cluster."""
+
+    def __init__(
+        self, assignment: Assignment, job: TrackJob, model: SensorModel,
+        settings: FilterSettings, sender: str, snapshot_every_steps: int,
+    ) -> None:
+        self.assignment, self.step = assignment, job.start.step
+        self._cluster, self._sender = job.cluster, sender
+        self._model, self._settings = model, settings
+        self._snapshot_every = snapshot_every_steps
+        self._odom_from_robot = np.array(job.start.odom_from_robot)
+        poses = job.start.map_from_robot.array()
+        log_weights = job.start.log_weights.array()
+        if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
+            raise ValueError(f"no cloud: poses {poses.shape}, weights {log_weights.shape}")
+        if job.exact:
+            self._cloud = Cloud(poses, log_weights)
+        else:
+            rng = generator(settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step)
+            self._cloud = cluster_filter.drawn_from(poses, log_weights, settings.cluster, rng)
+
+    def advance(self, scan: Scan) -> TrackReport:
+        """Move, weigh, and tell what the cluster makes of the scan."""
+        rng = generator(
+            self._settings.seed, purpose=Purpose.TRACK, entity=self._cluster, step=scan.step
+        )
+        after = np.array(scan.odom_from_robot)
+        result = cluster_filter.advanced(
+            self._cloud, self._odom_from_robot, after, scan_beams(scan, self._settings),
+            self._model, self._settings.motion, self._settings.cluster, rng,
+        )
+        self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
+        mean, covariance = self._cloud.gaussian()
+        return TrackReport(
+            sender=self._sender,
+            job_id=self.assignment.job_id,
+            epoch=self.assignment.epoch,
+            step=scan.step,
+            log_weight_sum=result.log_weight_sum,
+            particles=len(self._cloud.log_weights),
+            log_likelihood_per_beam=result.log_likelihood_per_beam,
+            effective_sample_size=self._cloud.effective_sample_size,
+            mean=pose_tuple(mean),
+            covariance=covariance_tuple(covariance),
+            snapshot=self._snapshot(scan),
+        )
+
+    def _snapshot(self, scan: Scan) -> Particles | None:
+        if self._snapshot_every == 0 or scan.step % self._snapshot_every != 0:
+            return None
+        return Particles(
+            step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
+            map_from_robot=ArrayBlob.of(self._cloud.map_from_robot, "float64"),
+            log_weights=ArrayBlob.of(self._cloud.log_weights, "float64"),
+        )
+
+
+class Searching:
+    """One shard of a global search."""
+
+    def __init__(
+        self, assignment: Assignment, job: SearchJob, model: SensorModel,
+        settings: FilterSettings, sender: str,
+    ) -> None:
+        self.assignment, self.step = assignment, job.first_step - 1
+        self._job, self._sender = job, sender
+        self._settings = settings
+        field = model.field
+        free_area_m2 = float(np.count_nonzero(field.cells == FREE)) * field.cell_m**2
+        start = global_search.uniform_over_free_space(
+            field.cells, field.cell_m, field.map_from_grid,
+            global_search.start_particles(free_area_m2, settings.search),
+            job.shard, settings.search.shards, self._rng(self.step + 1, 0),
+        )
+        self._search = global_search.GlobalSearch(model, settings, start)
+        self._odom_from_robot: Pose | None = None
+
+    def _rng(self, step: int, use: int) -> np.random.Generator:
+        part = self._job.shard * 4 + use
+        return generator(
+            self._settings.seed, purpose=Purpose.SEARCH, entity=self._job.search, step=step,
+            part=part,
+        )
+
+    def advance(self, scan: Scan) -> SearchReport:
+        """Move, weigh, and tell the places that are possible, once annealed."""
+        after = np.array(scan.odom_from_robot)
+        beams = scan_beams(scan, self._settings)
+        result = self._search.advance(self._odom_from_robot, after, beams, self._rng(scan.step, 1))
+        self._odom_from_robot, self.step = after, scan.step
+        found = self._search.places(self._rng(scan.step, 2)) if self._search.annealed else []
+        return SearchReport(
+            sender=self._sender,
+            job_id=self.assignment.job_id,
+            epoch=self.assignment.epoch,
+            step=scan.step,
+            log_evidence=self._search.log_evidence,
+            particles=len(self._search.cloud.log_weights),
+            annealed=self._search.annealed,
+            log_likelihood_per_beam=result.log_likelihood_per_beam,
+            places=tuple(_place(place, scan) for place in found),
+        )
+
+
+def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
+    """The beams of a scan that are scored."""
+    return beams_of(
+        scan.ranges.array(), scan.range_max_m, scan.angle_min_rad, scan.angle_step_rad,
+        np.array(scan.robot_from_laser), settings.sensor,
+    )
+
+
+def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
+    return Place(
+        share=place.share,
+        mean=pose_tuple(place.mean),
+        covariance=covariance_tuple(place.covariance),
+        sample=Particles(
+            step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
+            map_from_robot=ArrayBlob.of(place.sample, "float64"),
+            log_weights=ArrayBlob.of(np.zeros(len(place.sample)), "float64"),
+        ),
+    )
+
+
+def pose_tuple(pose: Pose) -> PoseTuple:
+    """A pose as it travels."""
+    x, y, heading = (float(value) for value in pose)
+    return (x, y, heading)
+
+
+def covariance_tuple(covariance: Pose) -> Covariance:
+    """A (3, 3) covariance as it travels."""
+    a, b, c, d, e, f, g, h, i = (float(value) for value in covariance.ravel())
+    return (a, b, c, d, e, f, g, h, i)

@@ -1,0 +1,131 @@
+"""The rim of one worker: Zenoh in, Zenoh out; what happens between is `worker.job_table`."""
+
+import logging
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import from_message
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings
+from process_runtime.inbox import Inbox
+from process_runtime.logs import CauseCounter
+from process_runtime.stop import StopFlag
+from process_runtime.wire import Asked, Events, Publisher, Received, ask, serve, subscribe
+from protocol import keys
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, MalformedMessageError, MapMismatchError
+from protocol.messages import MapMessage, OrderAnswer, Report, Scan, ScanHistory, WorkOrder
+from worker.job_table import JobTable, MissingScans
+from worker.map_model import sensor_model
+
+MAP_TIMEOUT_S = 30.0
+HISTORY_TIMEOUT_S = 5.0
+KEPT_SCANS = 64
+
+_log = logging.getLogger(__name__)
+
+
+class WorkerLoop:
+    """One worker's life between its first connection and its stop."""
+
+    def __init__(
+        self, name: str, session: zenoh.Session, cache_folder: Path, incarnation: int
+    ) -> None:
+        self._name, self._session, self._cache_folder = name, session, cache_folder
+        self._incarnation = incarnation
+        self._table = JobTable(name)
+        self._inbox: Events = Inbox({"scan": KEPT_SCANS})
+        self._causes = CauseCounter()
+        self._reports = Publisher(session, keys.worker_report(name))
+        self._order = 0
+        self._map: GridMap | None = None
+        self._model: SensorModel | None = None
+
+    def run(self, stop: StopFlag) -> None:
+        """Serve until told to stop."""
+        subscribe(self._session, keys.SCAN, self._inbox, "scan")
+        serve(self._session, keys.worker_order(self._name), self._inbox)
+        serve(self._session, keys.worker_state(self._name), self._inbox)
+        with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
+            while not stop.is_set():
+                match self._inbox.get(0.1):
+                    case Received(payload=payload):
+                        self._on_scan(payload)
+                    case Asked() as asked:
+                        self._on_query(asked)
+
+    def _on_scan(self, payload: bytes) -> None:
+        try:
+            scan = decode(payload, Scan)
+            scan.ranges.array()  # refuses a blob that does not fill its shape
+        except MalformedMessageError as error:
+            self._causes.warn(_log, "malformed scan dropped", error, time.monotonic())
+            return
+        self._publish(self._table.take(scan))
+
+    def _on_query(self, asked: Asked) -> None:
+        if asked.key.endswith("/state"):
+            asked.answer(self._answer())
+            return
+        try:
+            order = decode(asked.payload, WorkOrder)
+            self._follow(order)
+        except (ClusterMclError, msgspec.ValidationError, ValueError) as error:
+            self._causes.warn(_log, "order refused", error, time.monotonic())
+            asked.answer(self._answer(problem=str(error)))
+            return
+        asked.answer(self._answer())
+        self._catch_up()
+
+    def _follow(self, order: WorkOrder) -> None:
+        if order.order < self._order:
+            return  # overtaken by a later one
+        settings = msgspec.convert(order.filter_settings, FilterSettings)
+        if order.begin:
+            self._prepare(order.map_digest, settings)
+        if self._model is not None:
+            self._table.follow(order, self._model, settings)
+        self._order = order.order
+
+    def _prepare(self, map_digest: str, settings: FilterSettings) -> None:
+        """Have the map of that digest, as the settings' sensor sees it."""
+        if self._map is None or self._map.digest != map_digest:
+            message = ask(self._session, keys.MAP, MapMessage, timeout_s=MAP_TIMEOUT_S)
+            if message.digest != map_digest:
+                raise MapMismatchError(
+                    worker=self._name, expected=map_digest, found=message.digest
+                )
+            self._map, self._model = from_message(message), None
+        if self._model is None or self._model.settings != settings.sensor:
+            self._model = sensor_model(self._map, settings.sensor, self._cache_folder)
+
+    def _catch_up(self) -> None:
+        missing = self._table.missing()
+        history = self._fetch(missing) if missing else ()
+        self._publish(self._table.catch_up(history))
+
+    def _fetch(self, missing: MissingScans) -> tuple[Scan, ...]:
+        selector = keys.scan_history(missing.first, missing.last)
+        try:
+            return ask(self._session, selector, ScanHistory, timeout_s=HISTORY_TIMEOUT_S).scans
+        except ClusterMclError as error:
+            self._causes.warn(_log, "no scan history", error, time.monotonic())
+            return ()
+
+    def _publish(self, reports: Iterable[Report]) -> None:
+        for report in reports:
+            self._reports.put(report)
+
+    def _answer(self, problem: str = "") -> OrderAnswer:
+        return OrderAnswer(
+            sender=self._name,
+            order=self._order,
+            incarnation=self._incarnation,
+            jobs=self._table.summary(),
+            problem=problem,
+        )

@@ -1,0 +1,111 @@
+"""From a map to the sensor model; computed fields are kept on disk and mapped by all workers."""
+
+import hashlib
+import logging
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from grid_maps.grid_map import GridMap
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import SensorSettings
+
+CACHE_VERSION = 1
+"""Raise it when the same map and settings give another field."""
+
+_log = logging.getLogger(__name__)
+
+
+def default_cache_folder() -> Path:
+    """The user's cache folder, by the XDG rule."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "clustermcl"
+
+
+def sensor_model(
+    grid_map: GridMap, settings: SensorSettings, cache_folder: Path | None
+) -> SensorModel:
+    """The sensor model of a map.
+
+    Its arrays are computed once for a map and settings, written to the cache folder, and mapped
+    from there, so that the processes of a machine share one copy. A folder that cannot be
+    written or read costs a warning and a copy of one's own.
+
+    Args:
+        grid_map: the map.
+        settings: the sensor model's numbers.
+        cache_folder: None: no cache.
+
+    Raises:
+        ValueError: the map has no obstacle.
+    """
+    if cache_folder is not None:
+        entry = cache_folder / _name(grid_map, settings)
+        try:
+            if not entry.is_dir():
+                _write(entry, _computed(grid_map, settings))
+            return _read(entry, grid_map, settings)
+        except (OSError, EOFError, _BrokenEntryError) as error:
+            _log.warning("the cache in %s cannot be used: %s", cache_folder, error)
+            shutil.rmtree(entry, ignore_errors=True)
+    return _computed(grid_map, settings)
+
+
+class _BrokenEntryError(Exception):
+    """A cache entry is not what its name says."""
+
+
+def _computed(grid_map: GridMap, settings: SensorSettings) -> SensorModel:
+    field = LikelihoodField.build(
+        grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid), settings
+    )
+    return SensorModel(field, jump_field(grid_map.cells), settings)
+
+
+def _name(grid_map: GridMap, settings: SensorSettings) -> str:
+    numbers = msgspec.json.encode(settings, order="deterministic")
+    text = f"{CACHE_VERSION} {grid_map.digest} ".encode() + numbers
+    return f"field-{hashlib.sha256(text).hexdigest()[:32]}"
+
+
+def _write(entry: Path, model: SensorModel) -> None:
+    """Write all arrays into a folder that appears under its name complete or not at all."""
+    entry.parent.mkdir(parents=True, exist_ok=True)
+    part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=".part"))
+    field = model.field
+    np.save(part / "codes.npy", field.codes)
+    np.save(part / "cells.npy", field.cells)
+    np.save(part / "jumps.npy", model.jumps)
+    np.save(part / "scale.npy", np.array([field.log_floor, field.log_step]))
+    try:
+        part.rename(entry)
+    except OSError:  # another worker was first
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _read(entry: Path, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
+    try:
+        codes = np.load(entry / "codes.npy", mmap_mode="r")
+        cells = np.load(entry / "cells.npy", mmap_mode="r")
+        jumps = np.load(entry / "jumps.npy", mmap_mode="r")
+        log_floor, log_step = np.load(entry / "scale.npy")
+    except ValueError as error:
+        raise _BrokenEntryError(str(error)) from error
+    rows, cols = grid_map.cells.shape
+    if codes.shape != (rows + 2, cols + 2) or not cells.shape == jumps.shape == (rows, cols):
+        raise _BrokenEntryError(f"{entry.name} holds arrays of another map")
+    field = LikelihoodField(
+        codes=codes,
+        cells=cells,
+        log_floor=float(log_floor),
+        log_step=float(log_step),
+        cell_m=grid_map.cell_m,
+        map_from_grid=np.array(grid_map.map_from_grid),
+    )
+    return SensorModel(field, jumps, settings)

@@ -1,0 +1,48 @@
+"""The worker process: one parent that compiles the kernels, and children that do the jobs."""
+
+import argparse
+import time
+from pathlib import Path
+
+import numpy as np
+
+from particle_filter.settings import FilterSettings
+from process_runtime.main import Invocation, process_main
+from process_runtime.prefork import run_forked
+from process_runtime.session import open_session
+from process_runtime.stop import StopFlag
+from worker.loop import WorkerLoop
+from worker.map_model import default_cache_folder
+from worker.warm_up import compile_kernels
+
+
+def main() -> None:
+    """Run the worker processes."""
+    process_main(
+        "worker",
+        run_workers,
+        describe="Workers of Cluster-MCL: each tracks a cluster of particles or searches.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--count", type=int, metavar="N", help="worker processes (default: worker.count)"
+    )
+
+
+def run_workers(invocation: Invocation) -> None:
+    """Compile once, fork the workers, keep them alive until told to stop."""
+    settings, prefix = invocation.settings, invocation.process
+    folder = settings.worker.cache_folder
+    cache = Path(folder).expanduser() if folder else default_cache_folder()
+    compile_kernels(FilterSettings(), np.random.default_rng(0))
+
+    def child(index: int, stop: StopFlag) -> None:
+        name = f"{prefix}-{index}"
+        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+            WorkerLoop(name, session, cache, incarnation=time.time_ns()).run(stop)
+
+    run_forked(invocation.arguments.count or settings.worker.count, child, invocation.stop,
+               name=prefix)

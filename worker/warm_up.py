@@ -1,0 +1,54 @@
+"""Kernels compiled, or read from their disk cache, before workers are forked."""
+
+import numpy as np
+
+from particle_filter.arrays import OCCUPIED
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings, SearchSettings
+from protocol.arrays import ArrayBlob
+from protocol.messages import Assignment, Scan, SearchJob, SearchReport, TrackJob
+from worker.jobs import running
+
+
+def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
+    """Run one small search and track its best place, so that every kernel has run once."""
+    search = SearchSettings(
+        min_start_particles=200, max_start_particles=200, particles=100, shards=1,
+        annealing_steps=2,
+    )
+    small = FilterSettings(
+        seed=settings.seed, motion=settings.motion, sensor=settings.sensor,
+        cluster=settings.cluster, search=search, belief=settings.belief,
+    )
+    cells = np.zeros((40, 40), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    field = LikelihoodField.build(cells, 0.1, np.zeros(3), small.sensor)
+    model = SensorModel(field, jump_field(cells), small.sensor)
+    job = running(
+        Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
+        model, small, sender="warm-up",
+    )
+    for step in range(3):
+        report = job.advance(_scan(step, rng))
+    assert isinstance(report, SearchReport)  # it came from a search job
+    track = TrackJob(cluster=0, start=report.places[0].sample, exact=False)
+    running(
+        Assignment(job_id="c", epoch=0, job=track), model, small, sender="warm-up"
+    ).advance(_scan(3, rng))
+
+
+def _scan(step: int, rng: np.random.Generator) -> Scan:
+    return Scan(
+        sender="warm-up",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=(0.3 * step, 0.0, 0.1 * step),
+        robot_from_laser=(0.0, 0.0, 0.0),
+        angle_min_rad=-1.5,
+        angle_step_rad=0.05,
+        range_max_m=10.0,
+        ranges=ArrayBlob.of(rng.uniform(1.0, 2.0, 60), "float32"),
+        map_digest="",
+    )
