@@ -20,14 +20,18 @@ _LAST_WORDS_BYTES = 4096
 _STANDARD_ERROR = 2
 
 
+def python_module(module: str, *arguments: str) -> list[str]:
+    """Command that runs one of our modules; ``-I`` keeps strangers of the same name out."""
+    return [sys.executable, "-I", "-m", module, *arguments]
+
+
 @dataclass(frozen=True)
 class ChildSpec:
     """A process to keep alive."""
 
     name: str
-    module: str
-    """Started as ``python -I -m module``."""
-    arguments: Sequence[str] = ()
+    command: Sequence[str]
+    """Program and arguments; see `python_module`."""
     log: Path | None = None
     """File its output is appended to; None: this process's standard error."""
     restart: Literal["always", "on-failure"] = "always"
@@ -125,7 +129,7 @@ class _Child:
             self._started_at_s = time.monotonic()
             # A process group of its own: Ctrl-C reaches this process, which ends the others.
             self.process = subprocess.Popen(
-                [sys.executable, "-I", "-m", self.spec.module, *self.spec.arguments],
+                self.spec.command,
                 stdin=subprocess.DEVNULL,
                 # Standard output belongs to this process alone: it may be one JSON object.
                 stdout=log or _STANDARD_ERROR,

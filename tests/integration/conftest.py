@@ -1,0 +1,78 @@
+"""Real Zenoh over a Unix socket in a folder of the test's own: no ports, no strangers."""
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from process_runtime.router import open_router
+from process_runtime.session import open_session
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from process_runtime.supervisor import python_module
+from tests.integration.processes import RunningProcess
+
+StartProcess = Callable[[Sequence[str]], RunningProcess]
+OpenClient = Callable[[], zenoh.Session]
+
+
+@pytest.fixture
+def short_folder() -> Iterator[str]:
+    """For sockets: their paths have at most 107 bytes, and pytest's folders are deep."""
+    with tempfile.TemporaryDirectory(prefix="mcl-") as folder:
+        yield folder
+
+
+@pytest.fixture
+def zenoh_settings(short_folder: str) -> ZenohSettings:
+    """Settings whose router listens on a socket of this test; nothing listens there yet."""
+    return ZenohSettings(router=f"unixsock-stream/{short_folder}/router.sock")
+
+
+@pytest.fixture
+def router(zenoh_settings: ZenohSettings) -> Iterator[ZenohSettings]:
+    """A router in this process, listening; the settings to reach it with."""
+    with open_router(zenoh_settings):
+        yield zenoh_settings
+
+
+@pytest.fixture
+def open_client(zenoh_settings: ZenohSettings) -> Iterator[OpenClient]:
+    """Opens sessions of the robot ``robot``; they are closed when the test ends."""
+    with ExitStack() as sessions:
+        yield lambda: sessions.enter_context(
+            open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=20.0)
+        )
+
+
+@pytest.fixture
+def start_process(tmp_path: Path) -> Iterator[StartProcess]:
+    """Starts processes; those still running when the test ends are killed."""
+    started: list[RunningProcess] = []
+
+    def start(command: Sequence[str]) -> RunningProcess:
+        process = RunningProcess(command, tmp_path, f"process-{len(started)}")
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+
+
+@pytest.fixture
+def start_router(
+    zenoh_settings: ZenohSettings, start_process: StartProcess
+) -> Callable[[], RunningProcess]:
+    """Starts a router in a process of its own, which can be killed; returns once it listens."""
+
+    def start() -> RunningProcess:
+        endpoint = f"zenoh.router={zenoh_settings.router}"
+        process = start_process(python_module("process_runtime.router", "--set", endpoint))
+        process.wait_for("router listens at")
+        return process
+
+    return start

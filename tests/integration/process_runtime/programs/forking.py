@@ -1,0 +1,41 @@
+"""A parent that has imported numpy and forks children, each with a Zenoh session of its own."""
+
+import argparse
+import os
+
+from process_runtime.main import Invocation, process_main
+from process_runtime.prefork import run_forked, use_one_thread_for_arithmetic
+from process_runtime.session import open_session
+from process_runtime.stop import StopFlag
+
+
+def body(invocation: Invocation) -> None:
+    """Fork; every child answers the query ``child/INDEX`` with its process id."""
+    use_one_thread_for_arithmetic()
+    import numpy as np  # noqa: PLC0415 - only now it starts no threads
+
+    squares = np.arange(4.0) ** 2
+    settings = invocation.settings
+
+    def child_main(index: int, stop: StopFlag) -> None:
+        answer = f"{os.getpid()} {os.getppid()} {squares.sum():g}"
+        with (
+            open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
+            session.declare_queryable(
+                f"child/{index}", lambda query: query.reply(f"child/{index}", answer)
+            ),
+        ):
+            print(f"child {index} is {os.getpid()}", flush=True)
+            while not stop.wait(0.1):
+                pass
+
+    run_forked(invocation.arguments.count, child_main, invocation.stop, name=invocation.process)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """How many children."""
+    parser.add_argument("--count", type=int, default=3)
+
+
+if __name__ == "__main__":
+    process_main("forking", body, describe="Test parent.", add_arguments=add_arguments)

@@ -1,0 +1,97 @@
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+import zenoh
+
+from process_runtime.settings import ZenohSettings
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.processes import RunningProcess, python_script
+from tests.integration.waiting import wait_until
+
+FORKING = Path(__file__).parent / "programs" / "forking.py"
+
+if sys.platform != "linux":
+    pytest.skip("only Linux ends children with their parent", allow_module_level=True)
+
+
+def start_forking(start_process: StartProcess, settings: ZenohSettings) -> RunningProcess:
+    return start_process(python_script(FORKING, "--set", f"zenoh.router={settings.router}"))
+
+
+def ask(session: zenoh.Session, index: int) -> list[str]:
+    """Answer of a child: its process id, its parent's, a sum made by numpy; [] without one."""
+    for reply in session.get(f"child/{index}", timeout=5.0):
+        if reply.ok is not None:
+            return reply.ok.payload.to_string().split()
+    return []
+
+
+def test_each_child_has_its_own_session_and_the_parents_imports(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    process, session = start_forking(start_process, router), open_client()
+    answers = []
+    for index in range(3):
+        wait_until(lambda index=index: ask(session, index))
+        answers.append(ask(session, index))
+    assert len({pid for pid, _, _ in answers}) == 3
+    assert {parent for _, parent, _ in answers} == {str(process.pid)}
+    assert {total for _, _, total in answers} == {"14"}
+
+
+def test_a_killed_child_is_replaced_and_the_others_are_left_alone(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    process, session = start_forking(start_process, router), open_client()
+    for index in range(3):
+        wait_until(lambda index=index: ask(session, index))
+    before = [ask(session, index) for index in range(3)]
+    os.kill(int(before[1][0]), signal.SIGKILL)
+    wait_until(lambda: ask(session, 1) not in ([], before[1]))
+    assert ask(session, 0) == before[0]
+    assert ask(session, 2) == before[2]
+    assert "forking-1 ended with code -9" in process.err
+    assert len(psutil.Process(process.pid).children()) == 3
+
+
+def test_the_parent_ends_with_its_children_within_two_seconds(
+    router: ZenohSettings, start_process: StartProcess
+) -> None:
+    process = start_forking(start_process, router)
+    for index in range(3):
+        process.wait_for(f"child {index} is ")
+    children = psutil.Process(process.pid).children()
+    started_s = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    assert process.wait() == 0
+    assert time.monotonic() - started_s < 2.0
+    assert not any(child.is_running() for child in children)
+    assert "Traceback" not in process.err
+
+
+def test_children_that_still_look_for_a_router_end_too(
+    zenoh_settings: ZenohSettings, start_process: StartProcess
+) -> None:
+    process = start_forking(start_process, zenoh_settings)
+    process.wait_for("forking-2: waiting for a router")
+    started_s = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert time.monotonic() - started_s < 2.0
+
+
+def test_a_fork_with_other_threads_running_is_refused(start_process: StartProcess) -> None:
+    program = (
+        "import threading; from process_runtime.prefork import run_forked;"
+        "from process_runtime.stop import StopFlag;"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start();"
+        "run_forked(1, print, StopFlag(), name='x')"
+    )
+    process = start_process([sys.executable, "-I", "-c", program])
+    assert process.wait() == 1
+    assert "RuntimeError: 2 threads run at the fork" in process.err

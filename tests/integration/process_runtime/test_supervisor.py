@@ -1,0 +1,162 @@
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+import psutil
+import pytest
+
+from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import RunningProcess, python_script
+from tests.integration.waiting import wait_until
+
+PROGRAMS = Path(__file__).parent / "programs"
+
+if sys.platform != "linux":
+    pytest.skip("only Linux ends children with their parent", allow_module_level=True)
+
+
+@pytest.fixture
+def supervisors() -> Iterator[list[Supervisor]]:
+    """Those put here are stopped when the test ends."""
+    started: list[Supervisor] = []
+    yield started
+    for supervisor in started:
+        supervisor.stop()
+
+
+def router_command(folder: str) -> list[str]:
+    endpoint = f"zenoh.router=unixsock-stream/{folder}/supervised.sock"
+    return python_module("process_runtime.router", "--set", endpoint)
+
+
+def poll_until_exit(supervisor: Supervisor) -> ChildExit:
+    ended: list[ChildExit] = []
+
+    def has_ended() -> bool:
+        ended.extend(supervisor.poll(time.monotonic()))
+        return bool(ended)
+
+    wait_until(has_ended)
+    return ended[0]
+
+
+def python(program: str) -> list[str]:
+    return [sys.executable, "-I", "-c", program]
+
+
+def gone(pids: Sequence[int]) -> bool:
+    """Whether none runs; a zombie that nobody reaps, as in some containers, does not run."""
+    for pid in pids:
+        try:
+            if psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+                return False
+        except psutil.NoSuchProcess:
+            continue
+    return True
+
+
+def test_a_killed_child_is_started_again(supervisors: list[Supervisor]) -> None:
+    supervisor = Supervisor([ChildSpec("sleeper", python("import signal; signal.pause()"))])
+    supervisors.append(supervisor)
+    supervisor.start()
+    first = supervisor.pids()["sleeper"]
+    os.kill(first, signal.SIGKILL)
+    ended = poll_until_exit(supervisor)
+    assert (ended.name, ended.code, ended.restart_in_s) == ("sleeper", -9, pytest.approx(0.1))
+    assert supervisor.pids() == {}
+    wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
+    assert supervisor.pids()["sleeper"] != first
+
+
+def test_a_child_that_refuses_its_settings_stays_down_and_its_words_are_told(
+    tmp_path: Path, supervisors: list[Supervisor]
+) -> None:
+    command = python_module("process_runtime.router", "--set", "seed=none")
+    supervisor = Supervisor([ChildSpec("router", command, log=tmp_path / "router.log")])
+    supervisors.append(supervisor)
+    supervisor.start()
+    words = "router: --set: seed = 'none': expected a whole number >= 0"
+    assert poll_until_exit(supervisor) == ChildExit("router", 2, None, words)
+    assert supervisor.poll(time.monotonic() + 1000.0) == []
+    assert supervisor.pids() == {}
+
+
+@pytest.mark.parametrize(("restart", "restart_in_s"), [("always", 0.1), ("on-failure", None)])
+def test_an_end_without_failure_is_final_only_where_failures_are_what_counts(
+    restart: Literal["always", "on-failure"],
+    restart_in_s: float | None,
+    supervisors: list[Supervisor],
+) -> None:
+    supervisor = Supervisor([ChildSpec("quick", python(""), restart=restart)])
+    supervisors.append(supervisor)
+    supervisor.start()
+    ended = poll_until_exit(supervisor)
+    assert (ended.code, ended.restart_in_s) == (0, restart_in_s)
+
+
+def test_stop_ends_all_within_two_seconds_even_one_that_does_not_listen(
+    tmp_path: Path, short_folder: str, supervisors: list[Supervisor]
+) -> None:
+    log = tmp_path / "stubborn.log"
+    children = [
+        ChildSpec("router", router_command(short_folder), log=tmp_path / "router.log"),
+        ChildSpec("stubborn", python_script(PROGRAMS / "stubborn.py"), log=log),
+    ]
+    supervisor = Supervisor(children)
+    supervisors.append(supervisor)
+    supervisor.start()
+    pids = list(supervisor.pids().values())
+    wait_until(lambda: "deaf" in log.read_text())
+    started_s = time.monotonic()
+    supervisor.stop()
+    assert time.monotonic() - started_s < 2.0
+    assert not any(psutil.pid_exists(pid) for pid in pids)  # reaped: not even zombies
+    assert supervisor.poll(time.monotonic() + 1000.0) == []
+
+
+def test_children_need_names_of_their_own() -> None:
+    with pytest.raises(ValueError, match="same name"):
+        Supervisor([ChildSpec("a", ["x"]), ChildSpec("a", ["y"])])
+
+
+def start_supervising(start_process: StartProcess, folder: str) -> RunningProcess:
+    """A supervisor over a router, and over a parent with three forked children."""
+    endpoint = f"zenoh.router=unixsock-stream/{folder}/supervised.sock"
+    children = [
+        ["router", router_command(folder)],
+        ["forking", python_script(PROGRAMS / "forking.py", "--set", endpoint)],
+    ]
+    return start_process(python_script(PROGRAMS / "supervising.py", json.dumps(children)))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_no_child_or_grandchild_outlives_the_supervisor(
+    number: int, start_process: StartProcess, short_folder: str
+) -> None:
+    process = start_supervising(start_process, short_folder)
+    for index in range(3):
+        process.wait_for(f"child {index} is ")
+    pids = [child.pid for child in psutil.Process(process.pid).children(recursive=True)]
+    assert len(pids) == 5
+    started_s = time.monotonic()
+    process.send_signal(number)
+    assert process.wait() == (-number if number == signal.SIGKILL else 0)
+    wait_until(lambda: gone(pids))
+    assert time.monotonic() - started_s < 2.0
+
+
+def test_ctrl_c_twice_is_like_once(start_process: StartProcess, short_folder: str) -> None:
+    process = start_supervising(start_process, short_folder)
+    process.wait_for("child 2 is ")
+    pids = [child.pid for child in psutil.Process(process.pid).children(recursive=True)]
+    process.send_signal(signal.SIGINT)
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert "Traceback" not in process.err
+    wait_until(lambda: gone(pids))

@@ -1,0 +1,55 @@
+"""Real processes of ours for tests: started, read, ended."""
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from tests.integration.waiting import wait_until
+
+
+class RunningProcess:
+    """A child process whose output goes to files, so that it never blocks and can be read."""
+
+    def __init__(self, command: Sequence[str], folder: Path, name: str) -> None:
+        self.out_file, self.err_file = folder / f"{name}.out", folder / f"{name}.err"
+        with self.out_file.open("wb") as out, self.err_file.open("wb") as err:
+            self._popen = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err
+            )
+
+    @property
+    def pid(self) -> int:
+        return self._popen.pid
+
+    @property
+    def out(self) -> str:
+        return self.out_file.read_text()
+
+    @property
+    def err(self) -> str:
+        return self.err_file.read_text()
+
+    def is_running(self) -> bool:
+        return self._popen.poll() is None
+
+    def send_signal(self, number: int) -> None:
+        self._popen.send_signal(number)
+
+    def wait(self, timeout_s: float = 20.0) -> int:
+        """Exit code once it has ended; -9 for SIGKILL and so on."""
+        return self._popen.wait(timeout_s)
+
+    def wait_for(self, text: str, deadline_s: float = 20.0) -> None:
+        """Wait until it has written the text to standard output or error."""
+        wait_until(lambda: text in self.out or text in self.err, deadline_s)
+
+    def kill(self) -> None:
+        """End it, whatever state it is in."""
+        self._popen.kill()
+        self._popen.wait()
+
+
+def python_script(script: Path, *arguments: str) -> list[str]:
+    """Command for a program of a test, isolated like ours."""
+    return [sys.executable, "-I", str(script), *arguments]
