@@ -58,7 +58,9 @@ def move_with_noise(
     noise = np.require(normals.T, np.float32, ["C", "A", "W"])
     if settings.model == "differential":
         turn_drive_turn = _differential(motion, settings)
-        bearings = poses[:, 2] + (turn_drive_turn[0] + turn_drive_turn[3] * noise[0])
+        bearings = (
+            poses[:, 2] + turn_drive_turn[0] + turn_drive_turn[3] * noise[0].astype(np.float64)
+        )
         return _turn_drive_turn(poses, turn_drive_turn, noise, _cos_sin(bearings))
     drive = _omnidirectional(motion, settings)
     return _drive_along_bearing(poses, drive, noise, _cos_sin(poses[:, 2] + drive[0]))
@@ -119,11 +121,12 @@ def _drive_along_bearing(
     cos_bearing, sin_bearing = cos_sin
     moved = np.empty_like(poses)
     for i in range(len(poses)):
-        along = drive + along_sigma * noise[0, i]
-        across = across_sigma * noise[1, i]
-        moved[i, 0] = poses[i, 0] + along * cos_bearing[i] - across * sin_bearing[i]
-        moved[i, 1] = poses[i, 1] + along * sin_bearing[i] + across * cos_bearing[i]
-        moved[i, 2] = _wrapped(poses[i, 2] + turn + turn_sigma * noise[2, i])
+        along = drive + along_sigma * np.float64(noise[0, i])
+        across = across_sigma * np.float64(noise[1, i])
+        c, s = np.float64(cos_bearing[i]), np.float64(sin_bearing[i])
+        moved[i, 0] = poses[i, 0] + along * c - across * s
+        moved[i, 1] = poses[i, 1] + along * s + across * c
+        moved[i, 2] = _wrapped(poses[i, 2] + turn + turn_sigma * np.float64(noise[2, i]))
     return moved
 
 
@@ -138,11 +141,13 @@ def _turn_drive_turn(
     cos_bearing, sin_bearing = cos_sin
     moved = np.empty_like(poses)
     for i in range(len(poses)):
-        driven = drive + drive_sigma * noise[1, i]
-        turned = turn_1 + turn_1_sigma * noise[0, i] + turn_2 + turn_2_sigma * noise[2, i]
-        moved[i, 0] = poses[i, 0] + driven * cos_bearing[i]  # table 5.6, line 8
-        moved[i, 1] = poses[i, 1] + driven * sin_bearing[i]  # table 5.6, line 9
-        moved[i, 2] = _wrapped(poses[i, 2] + turned)  # table 5.6, line 10
+        turned_1 = turn_1 + turn_1_sigma * np.float64(noise[0, i])
+        driven = drive + drive_sigma * np.float64(noise[1, i])
+        turned_2 = turn_2 + turn_2_sigma * np.float64(noise[2, i])
+        c, s = np.float64(cos_bearing[i]), np.float64(sin_bearing[i])
+        moved[i, 0] = poses[i, 0] + driven * c  # table 5.6, line 8
+        moved[i, 1] = poses[i, 1] + driven * s  # table 5.6, line 9
+        moved[i, 2] = _wrapped(poses[i, 2] + turned_1 + turned_2)  # table 5.6, line 10
     return moved
 
 

@@ -31,7 +31,8 @@ def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray
     normals = np.empty((2, pairs), np.float32)
     for start in range(0, pairs, _PAIRS):
         block = normals[:, start : start + _PAIRS]
-        _box_muller(rng.bit_generator.random_raw(block.shape[1]), block)
+        words = np.asarray(rng.bit_generator.random_raw(block.shape[1]))
+        _box_muller(words, block)
     return normals.reshape(-1)[: rows * count].reshape(rows, count)
 
 
