@@ -28,11 +28,11 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     if not (0.0 < total < np.inf):
         raise ValueError(f"weights that sum to {total} fit no Gaussian")
     shares = weights / total
-    mean = np.empty(3)
     # Deviations from one particle keep digits where coordinates are large.
-    mean[:2] = poses[0, :2] + shares @ (poses[:, :2] - poses[0, :2])
-    mean[2] = circular_mean(poses[:, 2], shares)
-    deviations = poses - mean
-    deviations[:, 2] = wrap_angle(deviations[:, 2])
-    covariance = deviations.T @ (deviations * shares[:, np.newaxis])
+    x, y = poses[:, 0] - poses[0, 0], poses[:, 1] - poses[0, 1]
+    heading = circular_mean(poses[:, 2], shares)
+    mean_x, mean_y = shares @ x, shares @ y
+    deviations = np.stack([x - mean_x, y - mean_y, wrap_angle(poses[:, 2] - heading)])
+    covariance = deviations @ (deviations * shares).T
+    mean = np.array([poses[0, 0] + mean_x, poses[0, 1] + mean_y, heading])
     return mean, 0.5 * (covariance + covariance.T)

@@ -69,25 +69,26 @@ def _residual(weights: Weights, count: int, rng: np.random.Generator) -> Indices
     rest = count - int(copies.sum())
     if rest > 0:
         left = np.maximum(expected - copies, 0.0)
-        drawn = _pick(left, _sorted_uniforms(rest, rng) * rest)
+        drawn = _pick(left / left.sum(), _sorted_uniforms(rest, rng) * rest)
         copies += np.bincount(drawn, minlength=len(weights))
     return np.repeat(np.arange(len(weights)), copies)
 
 
 @kernel
 def _pick(weights: Weights, positions: NDArray[np.float64]) -> Indices:
-    """The particle under each position; positions increase and run from 0 to their number."""
-    line, last = 0.0, 0
-    for j in range(len(weights)):
-        line += weights[j]
-        if weights[j] > 0.0:
-            last = j
-    unit = line / len(positions)
+    """The particle under each position; weights sum to one, positions increase from 0 to their
+    number.
+    """
+    last = len(weights) - 1
+    while last > 0 and weights[last] == 0.0:
+        last -= 1
+    unit = 1.0 / len(positions)
     picked = np.empty(len(positions), np.int64)
     j, end = 0, weights[0]
     for i in range(len(positions)):
-        # Rounding may carry the last position past the line's end: stop at the last weight.
-        while end <= positions[i] * unit and j < last:
+        position = positions[i] * unit
+        # Rounding may leave the last position past the line's end: stop at the last weight.
+        while end <= position and j < last:
             j += 1
             end += weights[j]
         picked[i] = j
