@@ -59,13 +59,20 @@ Events: TypeAlias = Inbox[Event]
 
 
 class Publisher:
-    """Publishes messages on one key; dropped rather than blocked when a link is slow."""
+    """Publishes messages on one key.
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
+    Args:
+        session: the process's own.
+        key: where.
+        may_wait: wait for a slow link, as large messages must; else drop the message.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, *, may_wait: bool = False) -> None:
+        wait, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         self._publisher = session.declare_publisher(
             key,
             encoding=ENCODING,
-            congestion_control=zenoh.CongestionControl.DROP,
+            congestion_control=wait if may_wait else drop,
             priority=zenoh.Priority.DATA_HIGH,
             express=True,
         )

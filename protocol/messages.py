@@ -209,7 +209,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     mean: PoseTuple
     covariance: Covariance
     sample: Particles
-    """Particles drawn from it, for the hand-over."""
+    """Particles drawn from it for the hand-over; one of a place too improbable to be taken over."""
 
 
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):

@@ -4,6 +4,7 @@ import logging
 import time
 from typing import Protocol
 
+import msgspec
 import zenoh
 
 from grid_maps.grid_map import GridMap
@@ -41,6 +42,9 @@ _log = logging.getLogger(__name__)
 class Source(Protocol):
     """Where readings come from when no robot publishes them."""
 
+    steps: int | None
+    """How many steps it makes; None: it does not end by itself."""
+
     def next_reading(self) -> Reading | None:
         """The next reading in the order of time; None at the end."""
 
@@ -68,6 +72,7 @@ class BridgeLoop:
         self._maker: StepMaker | None = None
         self._coordinator_there = False
         self._next: Reading | None = None
+        self._steps_left = source.steps if source else None
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop; a recording's end does not end it."""
@@ -87,8 +92,9 @@ class BridgeLoop:
     def _send_due(self) -> float:
         """Send what is due; returns how long to wait for the next [s]."""
         now_ns = time.monotonic_ns()
-        if self._pacing.resend_due(now_ns):
-            self._scans.put(self._history.newest())
+        newest = self._history.newest()
+        if newest is not None and self._pacing.resend_due(now_ns):
+            self._scans.put(newest)
         if self._source is None or self._pacing.waits or not self._coordinator_there:
             return POLL_S
         if self._next is None:
@@ -106,11 +112,19 @@ class BridgeLoop:
     def _take(self, reading: Reading) -> None:
         if self._maker is None:
             self._maker = self._new_maker()
-        if isinstance(reading, OdometryReading) and not self._pacing.paced:
-            self._odometry.put(reading)
         scan = self._maker.take(reading)
+        if isinstance(reading, OdometryReading) and not self._pacing.paced:
+            self._put_odometry(self._maker)
         if scan is not None:
             self._send(scan)
+
+    def _put_odometry(self, maker: StepMaker) -> None:
+        """Pass the newest odometry on, in the frame of the steps."""
+        if maker.odometry is not None:
+            stamp_ns, pose = maker.odometry
+            self._odometry.put(
+                OdometryReading(sender=self._name, stamp_ns=stamp_ns, odom_from_robot=pose)
+            )
 
     def _finish(self) -> None:
         """The source has ended: its last step may still be waiting for later odometry."""
@@ -121,6 +135,9 @@ class BridgeLoop:
         _log.info("the source has ended; the map is still served")
 
     def _send(self, scan: Scan) -> None:
+        if self._steps_left is not None:
+            self._steps_left -= 1
+            scan = msgspec.structs.replace(scan, last=self._steps_left == 0)
         self._history.add(scan)
         self._scans.put(scan)
         self._pacing.step_sent(scan.step, time.monotonic_ns())

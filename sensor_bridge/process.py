@@ -14,6 +14,7 @@ from protocol.errors import AlreadyRunningError, SettingsError
 from protocol.messages import LaserReading, OdometryReading
 from sensor_bridge.loop import BridgeLoop, Source
 from sensor_bridge.recording import open_recording
+from sensor_bridge.step_maker import steps_of
 
 LIVE_SOURCE = "zenoh"
 
@@ -28,6 +29,7 @@ class RecordedSource:
         for skipped in recording.skipped:
             _log.warning("%s:%d left out: %s", path, skipped.line_number, skipped.problem)
         self._readings = iter(recording.readings)
+        self.steps = sum(1 for _ in steps_of(recording, settings, map_digest=""))
 
     def next_reading(self) -> OdometryReading | LaserReading | None:
         """The next reading in the order of time; None at the end."""

@@ -29,6 +29,7 @@ class JobTable:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
         self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        self._last_reports: dict[str, Report] = {}
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
@@ -56,6 +57,7 @@ class JobTable:
             for assignment in order.begin
         }
         self._jobs = kept | begun
+        self._last_reports = {j: r for j, r in self._last_reports.items() if j in self._jobs}
 
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
         """The job if it has begun already: an order may come twice."""
@@ -75,18 +77,25 @@ class JobTable:
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
         """Bring every job up to the newest scan, with scans of the past where it needs them."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
-        return [
-            job.advance(known[step])
-            for step in sorted(known)
-            for _, job in sorted(self._jobs.items())
-            if step > job.step
-        ]
+        return [report for step in sorted(known) for report in self._advance(known[step])]
 
     def take(self, scan: Scan) -> list[Report]:
-        """One new scan: every job that has not done its step does it."""
-        if self._recent and scan.step <= self._recent[-1].step:
+        """One scan: every job that has not done its step does it.
+
+        The newest scan once more is a question: its reports seem to be lost, and go out again.
+        """
+        newest = self._recent[-1].step if self._recent else -1
+        if scan.step < newest:
             return []
-        self._recent.append(scan)
-        return [
+        if scan.step > newest:
+            self._recent.append(scan)
+            return self._advance(scan)
+        again = [r for r in self._last_reports.values() if r.step == scan.step]
+        return again + self._advance(scan)
+
+    def _advance(self, scan: Scan) -> list[Report]:
+        reports = [
             job.advance(scan) for _, job in sorted(self._jobs.items()) if scan.step > job.step
         ]
+        self._last_reports |= {report.job_id: report for report in reports}
+        return reports

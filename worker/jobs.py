@@ -80,8 +80,8 @@ class Tracking:
         self._model, self._settings = model, settings
         self._snapshot_every = snapshot_every_steps
         self._odom_from_robot = np.array(job.start.odom_from_robot)
-        poses = job.start.map_from_robot.array()
-        log_weights = job.start.log_weights.array()
+        poses = job.start.map_from_robot.array().astype(np.float64)
+        log_weights = job.start.log_weights.array().astype(np.float64)
         if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
             raise ValueError(f"no cloud: poses {poses.shape}, weights {log_weights.shape}")
         if job.exact:
@@ -161,6 +161,7 @@ class Searching:
         result = self._search.advance(self._odom_from_robot, after, beams, self._rng(scan.step, 1))
         self._odom_from_robot, self.step = after, scan.step
         found = self._search.places(self._rng(scan.step, 2)) if self._search.annealed else []
+        handed = self._settings.belief.clusters  # nobody takes over more of one search
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
@@ -170,7 +171,7 @@ class Searching:
             particles=len(self._search.cloud.log_weights),
             annealed=self._search.annealed,
             log_likelihood_per_beam=result.log_likelihood_per_beam,
-            places=tuple(_place(place, scan) for place in found),
+            places=tuple(_place(place, scan, i < handed) for i, place in enumerate(found)),
         )
 
 
@@ -182,7 +183,8 @@ def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
     )
 
 
-def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
+def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool) -> Place:
+    sample = place.sample if with_sample else place.sample[:1]
     return Place(
         share=place.share,
         mean=pose_tuple(place.mean),
@@ -190,8 +192,8 @@ def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
         sample=Particles(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
-            map_from_robot=ArrayBlob.of(place.sample, "float64"),
-            log_weights=ArrayBlob.of(np.zeros(len(place.sample)), "float64"),
+            map_from_robot=ArrayBlob.of(sample, "float32"),
+            log_weights=ArrayBlob.of(np.zeros(len(sample)), "float32"),
         ),
     )
 

@@ -41,7 +41,7 @@ class WorkerLoop:
         self._table = JobTable(name)
         self._inbox: Events = Inbox({"scan": KEPT_SCANS})
         self._causes = CauseCounter()
-        self._reports = Publisher(session, keys.worker_report(name))
+        self._reports = Publisher(session, keys.worker_report(name), may_wait=True)
         self._order = 0
         self._map: GridMap | None = None
         self._model: SensorModel | None = None
