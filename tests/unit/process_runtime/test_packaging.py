@@ -1,0 +1,42 @@
+import re
+import tomllib
+from pathlib import Path
+
+REPOSITORY = Path(__file__).parents[3]
+LOCK = (REPOSITORY / "requirements.lock").read_text()
+PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+
+
+def normal(requirement: str) -> str:
+    """A package's name without version, spelt as indices spell it."""
+    name = re.match(r"[\w.-]+", requirement)
+    assert name is not None
+    return re.sub(r"[-_.]+", "-", name[0]).lower()
+
+
+def test_the_lock_holds_all_that_the_project_and_its_development_need() -> None:
+    locked = set(re.findall(r"^([a-z0-9-]+)==", LOCK, re.MULTILINE))
+    project = PROJECT["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["dev"]]
+    asked += PROJECT["build-system"]["requires"]  # both are installed without build isolation
+    assert {normal(requirement) for requirement in asked} <= locked
+
+
+def test_every_package_in_the_lock_has_one_exact_version_and_hashes() -> None:
+    packages = re.split(r"\n(?=[a-z0-9])", LOCK.strip())
+    for package in packages:
+        assert re.match(r"[a-z0-9-]+==[\w.]+ \\\n    --hash=sha256:[0-9a-f]{64}", package), package
+
+
+def test_the_lock_names_no_place_to_fetch_from() -> None:
+    assert not re.search(r"http|file:|^-|/", LOCK, re.MULTILINE)
+
+
+def test_every_top_level_package_is_shipped_typed_checked_and_layered() -> None:
+    packages = {folder.parent.name for folder in REPOSITORY.glob("*/__init__.py")} - {"tests"}
+    tool = PROJECT["tool"]
+    assert set(tool["hatch"]["build"]["targets"]["wheel"]["packages"]) == packages
+    assert set(tool["mypy"]["packages"]) == packages
+    assert set(tool["importlinter"]["root_packages"]) == packages
+    layers = " ".join(tool["importlinter"]["contracts"][0]["layers"])
+    assert set(layers.replace("|", " ").split()) == packages
