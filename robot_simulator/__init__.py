@@ -1,1 +1,1 @@
-"""A robot that is not there: worlds, a wandering robot, a lidar; publishes through `sensor_bridge`."""
+"""A robot that is not there: worlds, a wanderer, a lidar; publishes through `sensor_bridge`."""

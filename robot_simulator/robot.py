@@ -1,0 +1,134 @@
+"""A robot with two driven wheels that follows paths and then wanders."""
+
+from itertools import pairwise
+from math import atan2, cos, hypot, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from particle_filter.arrays import Points
+from particle_filter.poses import wrap_angle
+from protocol.messages import PoseTuple
+from robot_simulator.free_space import FreeSpace
+
+RADIUS_M = 0.2
+_LOOK_AHEAD_M = 0.4
+_TURN_PER_ERROR = 2.5
+"""Turn rate for each radian between the heading and where the robot wants to go [1/s]."""
+_NO_DRIVE_ERROR_RAD = 0.8
+"""A robot that heads so far off turns on the spot."""
+_LEAST_ROOM_M = RADIUS_M + 0.03
+_BLOCKED_S = 1.0
+"""After so long without a way on, it looks for another goal."""
+_FARTHEST_GOAL_M = 60.0
+
+
+class Drive(NamedTuple):
+    """What the wheels did in one tick: a piece of a circle."""
+
+    distance_m: float
+    turn_rad: float
+
+    def part(self, share: float) -> "Drive":
+        """The first part of it."""
+        return Drive(self.distance_m * share, self.turn_rad * share)
+
+
+class Robot:
+    """Drives along a route, then to one random goal after another, and hits nothing.
+
+    Args:
+        free_space: where it can drive.
+        map_from_robot: (3,) where it starts.
+        route: (n, 2) points it visits first [m]; none: it wanders at once.
+        rng: chooses the goals.
+        top_speed_m_s: on straight ground.
+        top_turn_rate_rad_s: on the spot and in curves.
+    """
+
+    def __init__(
+        self,
+        free_space: FreeSpace,
+        map_from_robot: PoseTuple,
+        route: Points,
+        rng: np.random.Generator,
+        *,
+        top_speed_m_s: float = 0.6,
+        top_turn_rate_rad_s: float = 1.0,
+    ) -> None:
+        self.map_from_robot = map_from_robot
+        self._free_space, self._rng = free_space, rng
+        self._top_speed_m_s, self._top_turn_rate_rad_s = top_speed_m_s, top_turn_rate_rad_s
+        self._speed_m_s, self._turn_rate_rad_s, self._blocked_s = 0.0, 0.0, 0.0
+        self._path: list[list[float]] = _dense(np.vstack([map_from_robot[:2], route])).tolist()
+        self._next = 0
+
+    def put(self, map_from_robot: PoseTuple) -> None:
+        """Lift the robot to another place, where it stands still and forgets its route."""
+        self.map_from_robot = map_from_robot
+        self._speed_m_s, self._turn_rate_rad_s, self._blocked_s = 0.0, 0.0, 0.0
+        self._path, self._next = [], 0
+
+    def move(self, seconds: float) -> Drive:
+        """Drive for a tick; `map_from_robot` is where that ends."""
+        self._steer(seconds)
+        drive = Drive(self._speed_m_s * seconds, self._turn_rate_rad_s * seconds)
+        after = driven(self.map_from_robot, drive)
+        if self._bumps(after):
+            self._speed_m_s, self._blocked_s = 0.0, self._blocked_s + seconds
+            drive = Drive(0.0, drive.turn_rad)
+            after = driven(self.map_from_robot, drive)
+        self.map_from_robot = after
+        return drive
+
+    def _bumps(self, after: PoseTuple) -> bool:
+        """Whether a move would bring the robot too near to an obstacle, and nearer than it is."""
+        room_m = self._free_space.clearance_m(after[0], after[1])
+        x, y, _ = self.map_from_robot
+        return room_m < _LEAST_ROOM_M and room_m < self._free_space.clearance_m(x, y)
+
+    def _steer(self, seconds: float) -> None:
+        """Set both rates, within what motors can do."""
+        error = self._bearing_of_carrot()
+        limit = self._top_turn_rate_rad_s
+        wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
+        wanted_speed = self._top_speed_m_s * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD)
+        self._turn_rate_rad_s = _towards(self._turn_rate_rad_s, wanted_turn, 4.0 * seconds)
+        slow_down = wanted_speed < self._speed_m_s
+        most = (1.5 if slow_down else 0.6) * seconds
+        self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
+
+    def _bearing_of_carrot(self) -> float:
+        """Direction, seen from the robot, of the next point of the path that is not yet near."""
+        x, y, heading = self.map_from_robot
+        while True:
+            if self._next >= len(self._path) or self._blocked_s > _BLOCKED_S:
+                path = self._free_space.random_path(x, y, _FARTHEST_GOAL_M, self._rng)
+                self._path = path.tolist()
+                self._next, self._blocked_s = 0, 0.0
+            goal_x, goal_y = self._path[self._next]
+            if hypot(goal_x - x, goal_y - y) >= _LOOK_AHEAD_M:
+                return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
+            self._next += 1
+
+
+def driven(map_from_robot: PoseTuple, drive: Drive) -> PoseTuple:
+    """Where a piece of a circle ends; exact for a constant speed and turn rate."""
+    x, y, heading = map_from_robot
+    half = 0.5 * drive.turn_rad
+    chord_m = drive.distance_m * (sin(half) / half if abs(half) > 1e-9 else 1.0)
+    bearing, after = heading + half, wrap_angle(heading + drive.turn_rad)
+    return x + chord_m * cos(bearing), y + chord_m * sin(bearing), after
+
+
+def _towards(now: float, wanted: float, most: float) -> float:
+    return now + min(max(wanted - now, -most), most)
+
+
+def _dense(corners: Points) -> Points:
+    """The same way with a point every 0.1 m, but without its start."""
+    pieces = [
+        np.linspace(a, b, max(2, int(np.hypot(*(b - a)) / 0.1) + 1))[1:]
+        for a, b in pairwise(corners)
+    ]
+    return np.vstack(pieces) if pieces else corners[:0]

@@ -1,0 +1,171 @@
+"""A robot in a world, tick by tick: what its odometry and laser report, and where it really is."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot
+
+import numpy as np
+
+from protocol.arrays import ArrayBlob
+from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from robot_simulator import people as walkers
+from robot_simulator.free_space import FreeSpace
+from robot_simulator.lidar import Lidar, LidarModel
+from robot_simulator.odometer import Odometer
+from robot_simulator.robot import Drive, Robot, driven
+from robot_simulator.worlds.world import World
+
+_PIECE_NS = 50_000_000
+"""Between two odometry readings: 20 Hz."""
+_TICK_NS = 2 * _PIECE_NS
+"""Between two scans: 10 Hz."""
+_SCAN_SHARE = 0.4
+"""A scan is taken after this share of an odometry interval, as real ones are: in between."""
+_REMEMBERED_PIECES = 72_000
+"""One hour."""
+_KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
+
+
+@dataclass(frozen=True)
+class Tick:
+    """A tenth of a second: two odometry readings and a scan between them."""
+
+    odometry: tuple[OdometryReading, OdometryReading]
+    laser: LaserReading
+    map_from_robot: PoseTuple
+    """Where the robot really was when the scan was taken."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """When the scan was taken."""
+        return self.laser.stamp_ns
+
+    @property
+    def readings(self) -> tuple[OdometryReading, LaserReading, OdometryReading]:
+        """All readings in the order of their stamps."""
+        return self.odometry[0], self.laser, self.odometry[1]
+
+
+class Simulation:
+    """An endless iterator of ticks; the same world and seed give the same ticks, bit for bit.
+
+    Args:
+        world: where the robot lives.
+        seed: of everything that happens by chance.
+        lidar: how good its scanner is; the default sees as far as the world says.
+        people: how many walk about near it.
+        start: (3,) where it starts, instead of where the world says.
+        start_ns: stamp of the first reading.
+        sender: who the readings say they are from.
+
+    Raises:
+        NoRoomError: the robot fits nowhere in this world.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        *,
+        lidar: LidarModel | None = None,
+        people: int = 0,
+        start: PoseTuple | None = None,
+        start_ns: int = 0,
+        sender: str = "robot_simulator",
+    ) -> None:
+        rngs = [np.random.default_rng([seed, purpose]) for purpose in range(5)]
+        self.world = world
+        self._free_space = FreeSpace(world.truth)
+        self._place_rng = rngs[0]
+        begin = start if start is not None else world.start
+        pose = begin if begin is not None else self._free_space.random_pose(rngs[0])
+        route = np.array(world.route, np.float64).reshape(-1, 2)
+        self._robot = Robot(self._free_space, pose, route, rngs[1])
+        self._odometer = Odometer(rngs[2])
+        model = lidar if lidar is not None else LidarModel(range_max_m=world.lidar_range_m)
+        self._lidar = Lidar(model, world.truth, rngs[3])
+        self._people = walkers.People(people, self._free_space, rngs[4])
+        self._sender, self._start_ns, self._now_ns = sender, start_ns, start_ns
+        self._pieces: deque[tuple[PoseTuple, Drive]] = deque(maxlen=_REMEMBERED_PIECES)
+
+    @property
+    def map_from_robot(self) -> PoseTuple:
+        """Where the robot is now, at the end of the last tick."""
+        return self._robot.map_from_robot
+
+    def __iter__(self) -> Iterator[Tick]:
+        return self
+
+    def __next__(self) -> Tick:
+        """Simulate the next tenth of a second."""
+        begin_ns = self._now_ns
+        first = self._drive_on()
+        scan_pose = self._pose_within(-1, _SCAN_SHARE)
+        laser = self._scan(begin_ns + round(_SCAN_SHARE * _PIECE_NS), scan_pose)
+        second = self._drive_on()
+        self._people.walk(self._robot.map_from_robot, _TICK_NS * 1e-9)
+        return Tick((first, second), laser, scan_pose)
+
+    def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
+        """Lift the robot to another place between two ticks; its odometry notices nothing.
+
+        Args:
+            map_from_robot: (3,) where to; None: somewhere far away.
+
+        Returns:
+            Where it is now.
+        """
+        pose = map_from_robot if map_from_robot is not None else self._far_pose()
+        self._robot.put(pose)
+        return self.map_from_robot
+
+    def truth_at(self, stamp_ns: int) -> PoseTuple:
+        """Where the robot really was, `map_from_robot`, at a time within the last hour.
+
+        Raises:
+            ValueError: that time is not simulated yet, or forgotten.
+        """
+        index, rest = divmod(stamp_ns - self._now_ns, _PIECE_NS)
+        if not -len(self._pieces) <= index < 0:
+            raise ValueError(f"stamp {stamp_ns} ns is not between the first and the last tick")
+        return self._pose_within(index, rest / _PIECE_NS)
+
+    def _drive_on(self) -> OdometryReading:
+        """Report the odometry, then drive until the next report."""
+        reading = OdometryReading(
+            sender=self._sender,
+            stamp_ns=self._now_ns,
+            odom_from_robot=self._odometer.odom_from_robot,
+        )
+        before = self._robot.map_from_robot
+        drive = self._robot.move(_PIECE_NS * 1e-9)
+        self._odometer.read(drive)
+        self._pieces.append((before, drive))
+        self._now_ns += _PIECE_NS
+        return reading
+
+    def _pose_within(self, index: int, share: float) -> PoseTuple:
+        """Where the robot was after a share of one of the remembered pieces."""
+        before, drive = self._pieces[index]
+        return driven(before, drive.part(share))
+
+    def _scan(self, stamp_ns: int, map_from_robot: PoseTuple) -> LaserReading:
+        model = self._lidar.model
+        ranges = self._lidar.scan(map_from_robot, self._people.positions, walkers.RADIUS_M)
+        return LaserReading(
+            sender=self._sender,
+            stamp_ns=stamp_ns,
+            ranges=ArrayBlob.of(ranges, "float32"),
+            angle_min_rad=float(model.angles[0]),
+            angle_step_rad=model.angle_step_rad,
+            range_max_m=model.range_max_m,
+            robot_from_laser=model.robot_from_laser,
+        )
+
+    def _far_pose(self) -> PoseTuple:
+        """One of the farthest of some random places."""
+        poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]
+        x, y, _ = self.map_from_robot
+        poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))
+        return poses[int(self._place_rng.integers(_KIDNAP_FARTHEST))]

@@ -1,0 +1,1 @@
+"""Worlds: maps drawn by code, and what a robot finds there instead."""

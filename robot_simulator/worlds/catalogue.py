@@ -1,0 +1,30 @@
+"""All worlds by name."""
+
+from robot_simulator.worlds.cross import cross, cross_feature
+from robot_simulator.worlds.halls import hall, hall_moved, hall_symmetric
+from robot_simulator.worlds.office import office
+from robot_simulator.worlds.rooms import gates, rectangle
+from robot_simulator.worlds.world import UnknownWorldError, World
+
+_WORLDS = {
+    draw.__name__: draw
+    for draw in (
+        cross, cross_feature, rectangle, gates, office, hall, hall_symmetric, hall_moved,
+    )
+}  # fmt: skip
+
+
+def world_names() -> tuple[str, ...]:
+    """Names that `world` knows."""
+    return tuple(_WORLDS)
+
+
+def world(name: str) -> World:
+    """Draw a world.
+
+    Raises:
+        UnknownWorldError: there is none of that name.
+    """
+    if name not in _WORLDS:
+        raise UnknownWorldError(name, known=world_names())
+    return _WORLDS[name]()

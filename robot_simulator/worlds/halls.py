@@ -1,0 +1,90 @@
+"""Halls of 450 m2: one unlike itself everywhere, one symmetric, one where furniture was moved."""
+
+from robot_simulator.worlds.canvas import Canvas
+from robot_simulator.worlds.world import World
+
+_WIDTH_M, _HEIGHT_M = 26.0, 18.0
+_START = (-8.0, -4.5, 0.0)
+
+_PILLARS = (
+    (-9.0, 4.5, 0.6), (-4.5, 1.0, 0.6), (-3.0, 6.5, 0.8), (0.5, -3.0, 0.6), (2.0, 4.0, 0.5),
+    (6.5, 5.5, 0.7), (6.0, -0.5, 0.6), (9.5, -5.0, 0.8), (10.0, 2.5, 0.5), (-10.5, 0.0, 0.5),
+)  # fmt: skip
+"""Left edge, lower edge and side [m]."""
+_NICHES = (
+    (-11.0, 8.5, -8.5, 9.4), (-5.0, 8.5, -4.0, 9.7), (3.0, 8.5, 6.5, 9.2), (10.5, 8.5, 11.3, 9.6),
+    (12.5, -6.0, 13.3, -2.0), (12.5, 4.0, 13.6, 5.0), (-13.4, 3.0, -12.5, 6.5),
+    (-13.8, -3.0, -12.5, -2.0), (-10.0, -9.3, -9.0, -8.5), (-2.0, -9.7, 3.5, -8.5),
+    (7.0, -9.2, 8.0, -8.5),
+)  # fmt: skip
+_FURNITURE = ((-11.5, -7.5, -9.5, -6.7), (-6.0, -7.8, -5.2, -6.2), (-5.2, -3.6, -3.6, -2.8))
+"""What stands round the start, by the map."""
+_MOVED_FURNITURE = (
+    (-11.8, -6.0, -11.0, -4.0), (-7.8, -7.9, -5.8, -7.1), (-5.0, -5.6, -4.2, -4.0),
+    (-8.6, -2.8, -7.4, -2.0), (-2.9, -7.0, -2.1, -6.2),
+)  # fmt: skip
+"""What really stands there."""
+
+
+def hall() -> World:
+    """Niches and pillars at irregular places: after a few scans only one place is left."""
+    plan = _hall_plan()
+    _furnish(plan, _FURNITURE)
+    return World(
+        name="hall",
+        summary="a hall of 450 m2 that looks different from everywhere",
+        map=plan.grid_map(),
+        truth=plan.grid_map(),
+    )
+
+
+def hall_moved() -> World:
+    """The hall after somebody tidied up round the place where the robot starts."""
+    mapped, real = _hall_plan(), _hall_plan()
+    _furnish(mapped, _FURNITURE)
+    _furnish(real, _MOVED_FURNITURE)
+    return World(
+        name="hall_moved",
+        summary="the hall, but the furniture round the start is not where the map has it",
+        map=mapped.grid_map(),
+        truth=real.grid_map(),
+        start=_START,
+    )
+
+
+def hall_symmetric() -> World:
+    """A hall of the same size that looks the same after half a turn."""
+    plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
+    plan.floor(-12.5, -8.5, 12.5, 8.5)
+    for niche in _NICHES[:5]:
+        plan.floor(*niche)
+    plan.repeat_turned(2)
+    plan.add_walls()
+    furniture = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
+    for x, y, side in _PILLARS[:5]:
+        furniture.block(x, y, x + side, y + side)
+    _furnish(furniture, _FURNITURE)
+    furniture.repeat_turned(2)
+    plan.add(furniture)
+    return World(
+        name="hall_symmetric",
+        summary="a hall of 450 m2, two-fold symmetric to the last cell",
+        map=plan.grid_map(),
+        truth=plan.grid_map(),
+    )
+
+
+def _hall_plan() -> Canvas:
+    plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
+    plan.floor(-12.5, -8.5, 12.5, 8.5)
+    for niche in _NICHES:
+        plan.floor(*niche)
+    plan.add_walls()
+    for x, y, side in _PILLARS:
+        plan.block(x, y, x + side, y + side)
+    return plan
+
+
+def _furnish(plan: Canvas, pieces: tuple[tuple[float, float, float, float], ...]) -> None:
+    for piece in pieces:
+        plan.block(*piece)

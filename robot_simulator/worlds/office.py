@@ -1,0 +1,80 @@
+"""A large office: parallel corridors of look-alike rooms."""
+
+import numpy as np
+
+from robot_simulator.worlds.canvas import Canvas
+from robot_simulator.worlds.world import Waypoint, World
+
+_WINGS = 5
+_ROOMS = 18
+"""On one side of one corridor."""
+_ROOM_M = (4.8, 5.8)
+"""Width along the corridor, and depth."""
+_PITCH_M = 5.0
+"""From one door to the next."""
+_CORRIDOR_M = 2.4
+_WING_M = _CORRIDOR_M + 2 * _ROOM_M[1] + 0.6
+"""From one corridor's middle to the next."""
+_HALF_M = _ROOMS * _PITCH_M / 2
+_UNLIKE_SHARE = 0.25
+"""Share of the rooms that are not furnished like all others."""
+
+
+def office() -> World:
+    """Five wings of 36 rooms each; every fourth room or so is furnished in its own way.
+
+    Rooms, doors and corridors repeat exactly; odd furniture, seeded, and the far ends of the
+    corridors tell them apart in the long run.
+    """
+    rng = np.random.default_rng(20)
+    plan, furniture = (
+        Canvas(2 * (_HALF_M + 4.0), _WINGS * _WING_M + 2.0) for _ in ("walls", "furniture")
+    )
+    top, bottom = (_WINGS - 1) / 2 * _WING_M, -(_WINGS - 1) / 2 * _WING_M
+    for side in (-1, 1):  # the corridors that join all wings
+        low, high = sorted((side * _HALF_M, side * (_HALF_M + 2.4)))
+        plan.floor(low, bottom - 1.2, high, top + 1.2)
+    for wing in range(_WINGS):
+        y = bottom + wing * _WING_M
+        plan.floor(-_HALF_M, y - _CORRIDOR_M / 2, _HALF_M, y + _CORRIDOR_M / 2)
+        plan.floor(_HALF_M + 2.4, y - 0.3 * wing - 0.4, _HALF_M + 3.0, y + 0.4)  # window seats
+        for room in range(_ROOMS):
+            for up in (-1, 1):
+                x = -_HALF_M + room * _PITCH_M + 0.1
+                _draw_room(plan, furniture, (x, y), up, rng)
+    plan.add_walls()
+    plan.add(furniture)
+    return World(
+        name="office",
+        summary="5,900 m2 of parallel corridors with 180 rooms, three in four just alike",
+        map=plan.grid_map(),
+        truth=plan.grid_map(),
+    )
+
+
+def _draw_room(
+    plan: Canvas, furniture: Canvas, corner: Waypoint, up: int, rng: np.random.Generator
+) -> None:
+    """One room: from x of its left wall and y of its corridor's middle, to one side (1, -1)."""
+    x, corridor_y = corner
+    width, depth = _ROOM_M
+    near = _CORRIDOR_M / 2 + 0.2
+
+    def rectangle(
+        left: float, from_door: float, right: float, to: float
+    ) -> tuple[float, float, float, float]:
+        low, high = sorted((corridor_y + up * from_door, corridor_y + up * to))
+        return x + left, low, x + right, high
+
+    plan.floor(*rectangle(0.0, near, width, near + depth))
+    plan.floor(*rectangle(0.6, near - 0.2, 1.6, near))  # the door
+    if rng.random() >= _UNLIKE_SHARE:
+        furniture.block(*rectangle(2.4, near + 3.6, 4.0, near + 4.4))  # a desk
+        furniture.block(*rectangle(0.0, near + 4.9, 1.2, near + depth))  # a cabinet
+        furniture.block(*rectangle(width - 0.4, near, width, near + 1.6))  # a shelf
+        return
+    for _ in range(rng.integers(1, 5)):
+        wide, deep = rng.uniform(0.5, 1.8, size=2)
+        left = rng.uniform(0.0, width - wide)
+        back = rng.uniform(near + 1.4, near + depth - deep)
+        furniture.block(*rectangle(left, back, left + wide, back + deep))
