@@ -67,7 +67,7 @@ def move_with_noise(
 
 
 def _cos_sin(angles: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """In single precision, five times as fast: a drive of a metre ends 0.1 um beside."""
+    """In single precision, five times as fast: a drive of a metre ends at most 0.5 um beside."""
     single = angles.astype(np.float32)
     return np.cos(single), np.sin(single)
 

@@ -29,8 +29,8 @@ both = pytest.mark.parametrize("settings", [OMNI, DIFFERENTIAL], ids=lambda s: s
 coordinate = st.floats(-50, 50).map(lambda metres: round(metres, 6))
 pose = st.tuples(coordinate, coordinate, st.floats(-10, 10)).map(np.array)
 step = st.tuples(*[st.floats(-2, 2).map(lambda value: round(value, 6))] * 3).map(np.array)
-SINGLE = 1e-6
-"""Directions and noise are in single precision: 1e-7 of drives and noise of a few metres."""
+SINGLE = 5e-6
+"""Directions of up to 16 rad are rounded to 5e-7 rad, and drives with noise are up to 8 m long."""
 clouds = arrays(np.float64, (4, 3), elements=st.floats(-10, 10))
 noises = arrays(np.float64, (4, 3), elements=st.floats(-4, 4))
 
