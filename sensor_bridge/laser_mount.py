@@ -1,0 +1,48 @@
+"""Where the laser sits on the robot, read from pairs of poses in one frame."""
+
+import math
+from collections.abc import Sequence
+from statistics import median
+
+import numpy as np
+
+from particle_filter.poses import between
+from protocol.messages import PoseTuple
+
+MAX_MOUNT_M = 10.0
+"""A laser farther away sits on another robot."""
+
+_SAME_PLACE_M, _SAME_HEADING_RAD = 0.01, 0.01
+
+
+def mounting(odom_from_robot: PoseTuple, odom_from_laser: PoseTuple) -> PoseTuple:
+    """The laser's pose on the robot, to a tenth of a millimetre: what the digits hold.
+
+    Raises:
+        ValueError: it is too far away to sit on the robot.
+    """
+    x, y, heading = between(np.array(odom_from_robot), np.array(odom_from_laser)).tolist()
+    if math.hypot(x, y) > MAX_MOUNT_M:
+        raise ValueError(f"the laser is {math.hypot(x, y):.0f} m from the robot")
+    return round(x, 4) + 0.0, round(y, 4) + 0.0, round(heading, 5) + 0.0  # no -0.0
+
+
+def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | None:
+    """The laser's pose on the robot, if all pairs of poses agree on it and it is not zero.
+
+    Args:
+        pairs: pose of the robot and pose of what may be the laser.
+    """
+    try:
+        columns = list(zip(*(mounting(robot, laser) for robot, laser in pairs), strict=True))
+    except ValueError:
+        return None
+    if not columns:
+        return None
+    x, y, heading = (median(column) for column in columns)
+    limits = (_SAME_PLACE_M, _SAME_PLACE_M, _SAME_HEADING_RAD)
+    for column, middle, limit in zip(columns, (x, y, heading), limits, strict=True):
+        if any(abs(value - middle) > limit for value in column):
+            return None
+    mounted = math.hypot(x, y) > _SAME_PLACE_M or abs(heading) > _SAME_HEADING_RAD
+    return (x, y, heading) if mounted else None

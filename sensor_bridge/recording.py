@@ -1,0 +1,145 @@
+"""From a file to readings in the order of time, whatever the format of the recording."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.errors import RecordingError
+from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from sensor_bridge.carmen_log import CarmenParser, is_carmen_line
+from sensor_bridge.log_file import (
+    Entry,
+    LaserEntry,
+    LogFile,
+    LogParser,
+    OdometryEntry,
+    SkippedLine,
+)
+from sensor_bridge.no_return import range_limit_m
+from sensor_bridge.recording_time import merged, plausible
+from sensor_bridge.wean_log import WeanParser, is_wean_line
+
+SENDER = "recording"
+"""Sender of the readings of a recording."""
+
+_FORMAT_LINES = 1000
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything a recording holds for localizing.
+
+    Args:
+        path: the file.
+        readings: in the order in which they happened. Odometry has times that never decrease;
+            scans keep the stamps of the file, so that a reference finds them.
+        skipped: lines that were left out.
+        duration_s: from the first reading to the last.
+        laser_count: scans among the readings.
+    """
+
+    path: Path
+    readings: Sequence[OdometryReading | LaserReading]
+    skipped: tuple[SkippedLine, ...]
+    duration_s: float
+    laser_count: int
+
+
+def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
+    """Read a Wean Hall or CARMEN log; the format shows in the lines, gzip and xz are unpacked.
+
+    Args:
+        path: the file.
+        settings: where the laser sits on the robot, if the recording does not say.
+
+    Raises:
+        RecordingError: the file is missing, no recording, or holds no scan. Bad lines, and the
+            end of a compressed file that is cut off, are skipped and named instead.
+    """
+    path = Path(path)
+    entries, skipped = _entries(path)
+    entries, misplaced = plausible(entries)
+    skipped += misplaced
+    lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
+    if not lasers:
+        raise RecordingError(path, _no_scan(entries, skipped))
+    limit_m = range_limit_m(entry.ranges for entry in lasers)
+    mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
+    entries, times = merged(entries)
+    return Recording(
+        path=path,
+        readings=[_reading(*timed, limit_m, mount) for timed in zip(entries, times, strict=True)],
+        skipped=tuple(sorted(skipped, key=lambda line: line.line_number)),
+        duration_s=(times[-1] - times[0]) / 1e9,
+        laser_count=len(lasers),
+    )
+
+
+def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
+    """What the lines say, in the order of the file, and the lines that say nothing."""
+    log, parser = LogFile(path), None
+    entries: list[Entry] = []
+    skipped: list[SkippedLine] = []
+    for number, line in log.lines():
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        parser = parser or _parser_for(words)
+        try:
+            entry = parser.parse(number, words) if parser else _stranger(words)
+        except ValueError as problem:
+            skipped.append(SkippedLine(number, str(problem)))
+            if parser is None and len(skipped) >= _FORMAT_LINES:
+                break
+        else:
+            entries += [entry] if entry else []
+    if parser is None:
+        raise RecordingError(path, _not_recognised(bool(skipped), log.broken))
+    return parser.finished(entries), skipped + ([log.broken] if log.broken else [])
+
+
+def _parser_for(words: Sequence[str]) -> LogParser | None:
+    """The format that a line is of, if it is of any."""
+    if is_carmen_line(words):
+        return CarmenParser()
+    return WeanParser() if is_wean_line(words) else None
+
+
+def _stranger(words: Sequence[str]) -> Entry | None:
+    raise ValueError(f"unknown kind of line {words[0]!r:.20}")
+
+
+def _not_recognised(any_line: bool, broken: SkippedLine | None) -> str:
+    if broken:
+        return broken.problem
+    if not any_line:
+        return "empty; expected a Wean Hall or CARMEN log"
+    return "not a recording: no line of a Wean Hall log (O, L) or a CARMEN log (ODOM, FLASER ...)"
+
+
+def _no_scan(entries: Sequence[Entry], skipped: Sequence[SkippedLine]) -> str:
+    problem = f"no scan in it: {len(entries)} lines of odometry, {len(skipped)} bad lines"
+    if skipped:
+        problem += f", first line {skipped[0].line_number}: {skipped[0].problem}"
+    return problem
+
+
+def _reading(
+    entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple
+) -> OdometryReading | LaserReading:
+    if isinstance(entry, OdometryEntry):
+        return OdometryReading(
+            sender=SENDER, stamp_ns=time_ns, odom_from_robot=entry.odom_from_robot
+        )
+    return LaserReading(
+        sender=SENDER,
+        stamp_ns=entry.stamp_ns,
+        ranges=ArrayBlob.of(entry.ranges, "float32"),
+        angle_min_rad=entry.angle_min_rad,
+        angle_step_rad=entry.angle_step_rad,
+        range_max_m=min(limit_m, entry.range_limit_m or limit_m),
+        robot_from_laser=entry.robot_from_laser or mount,
+        odom_from_robot=entry.odom_from_robot,
+    )

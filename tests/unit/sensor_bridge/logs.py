@@ -1,0 +1,96 @@
+"""Lines of recordings, small enough to read, and readings as robots send them."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from sensor_bridge.recording import Recording, open_recording
+
+ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
+
+
+def words(*values: object) -> str:
+    return " ".join(map(str, values))
+
+
+def wean_odometry(stamp: object, pose_cm: Sequence[object] = (0, 0, 0)) -> str:
+    return words("O", *pose_cm, stamp)
+
+
+def wean_scan(
+    stamp: object, pose_cm: Sequence[object] = (0, 0, 0), ranges: Sequence[object] = (100,) * 180
+) -> str:
+    x, y, heading = (float(str(value)) for value in pose_cm)
+    laser = (x + 25 * math.cos(heading), y + 25 * math.sin(heading), heading)
+    return words("L", *pose_cm, *laser, *ranges, stamp)
+
+
+def odom(stamp: object, pose: Sequence[object] = ORIGIN) -> str:
+    return words("ODOM", *pose, 0, 0, 0, stamp, "host", stamp)
+
+
+def flaser(
+    stamp: object,
+    odometry: Sequence[object] = ORIGIN,
+    ranges: Sequence[object] = (1.0,) * 180,
+    pose: Sequence[object] | None = None,
+    logged: object = None,
+) -> str:
+    first = odometry if pose is None else pose
+    tail = (stamp, "host", stamp if logged is None else logged)
+    return words("FLASER", len(ranges), *ranges, *first, *odometry, *tail)
+
+
+def raw_laser(stamp: object, ranges: Sequence[object], limit: object = 80.0) -> str:
+    config = (0, -math.pi / 2, math.pi, math.pi / 180, limit, 0.01, 0)
+    return words("RAWLASER1", *config, len(ranges), *ranges, 2, 7, 8, stamp, "host", stamp)
+
+
+def robot_laser(
+    stamp: object, ranges: Sequence[object], laser: Sequence[object], robot: Sequence[object]
+) -> str:
+    config = (0, -1.0, 2.0, 0.5, 30.0, 0.01, 0)
+    tail = (0, 0, 0.3, 0.2, 1e6, stamp, "host", stamp)
+    return words("ROBOTLASER1", *config, len(ranges), *ranges, 0, *laser, *robot, *tail)
+
+
+def recording_of(folder: Path, *lines: str, settings: BridgeSettings | None = None) -> Recording:
+    path = folder / "recording.log"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return open_recording(path, settings or BridgeSettings())
+
+
+def scans_of(recording: Recording) -> list[LaserReading]:
+    return [reading for reading in recording.readings if isinstance(reading, LaserReading)]
+
+
+def odometry_of(recording: Recording) -> list[OdometryReading]:
+    return [reading for reading in recording.readings if isinstance(reading, OdometryReading)]
+
+
+def seconds(stamp_s: float) -> int:
+    return round(stamp_s * 1e9)
+
+
+def odometry_reading(stamp_s: float, pose: PoseTuple = ORIGIN) -> OdometryReading:
+    return OdometryReading(sender="robot", stamp_ns=seconds(stamp_s), odom_from_robot=pose)
+
+
+def laser_reading(
+    stamp_s: float, pose: PoseTuple | None = None, ranges: Sequence[float] = (1.0, 2.0, 3.0)
+) -> LaserReading:
+    return LaserReading(
+        sender="robot",
+        stamp_ns=seconds(stamp_s),
+        ranges=ArrayBlob.of(np.array(ranges, np.float32), "float32"),
+        angle_min_rad=-1.0,
+        angle_step_rad=1.0,
+        range_max_m=10.0,
+        robot_from_laser=ORIGIN,
+        odom_from_robot=pose,
+    )

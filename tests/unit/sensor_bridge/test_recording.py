@@ -1,0 +1,338 @@
+import gzip
+import lzma
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from process_runtime.settings import BridgeSettings
+from protocol.errors import RecordingError
+from protocol.messages import LaserReading
+from sensor_bridge.recording import open_recording
+from tests.unit.recordings import recording_or_skip
+from tests.unit.sensor_bridge.logs import (
+    flaser,
+    odom,
+    odometry_of,
+    raw_laser,
+    recording_of,
+    robot_laser,
+    scans_of,
+    seconds,
+    wean_odometry,
+    wean_scan,
+)
+
+RAMP = [round(0.01 * beam, 2) for beam in range(1, 181)]
+
+
+# --- Wean Hall ----------------------------------------------------------------------------------
+
+
+def test_wean_lines_are_centimetres(tmp_path: Path) -> None:
+    recording = recording_of(
+        tmp_path,
+        wean_odometry(0.5, (100, -200, 1.5)),
+        wean_scan(1.25, (150, 0, math.pi / 2), range(1, 181)),
+    )
+    [odometry], [scan] = odometry_of(recording), scans_of(recording)
+    assert (odometry.stamp_ns, odometry.odom_from_robot) == (seconds(0.5), (1.0, -2.0, 1.5))
+    assert scan.odom_from_robot == pytest.approx((1.5, 0.0, math.pi / 2))
+    np.testing.assert_allclose(scan.ranges.array(), RAMP, rtol=1e-6)
+
+
+def test_wean_beams_run_from_the_right_to_the_left_of_a_laser_ahead(tmp_path: Path) -> None:
+    [scan] = scans_of(recording_of(tmp_path, wean_scan(1.0, (10, 20, 0.3))))
+    assert scan.robot_from_laser == (0.25, 0.0, 0.0)
+    assert scan.angle_min_rad == -math.pi / 2
+    assert scan.angle_min_rad + 179 * scan.angle_step_rad == pytest.approx(math.radians(89))
+
+
+# --- CARMEN -------------------------------------------------------------------------------------
+
+
+def test_the_pose_of_an_flaser_is_the_odometry_not_the_corrected_pose(tmp_path: Path) -> None:
+    lines = [flaser(t, (t, 0.0, 0.1), RAMP, pose=(5.0 - t, 7.0, 1.0)) for t in (1, 2, 3)]
+    scan = scans_of(recording_of(tmp_path, *lines))[0]
+    assert scan.odom_from_robot == (1.0, 0.0, 0.1)
+    assert scan.robot_from_laser == (0.0, 0.0, 0.0)
+    np.testing.assert_allclose(scan.ranges.array(), RAMP, rtol=1e-6)
+
+
+def test_the_laser_sits_where_the_parameter_says(tmp_path: Path) -> None:
+    parameter = "PARAM robot_frontlaser_offset 0.895 nohost 0"
+    other = "PARAM robot_frontlaser_use on nohost 0"
+    recording = recording_of(tmp_path, parameter, other, flaser(1, ranges=RAMP))
+    assert scans_of(recording)[0].robot_from_laser == (0.895, 0.0, 0.0)
+    assert recording.skipped == ()
+
+
+def test_without_a_parameter_a_laser_pose_that_never_changes_tells(tmp_path: Path) -> None:
+    lines = [flaser(t, (t, 0, 0), RAMP, pose=(t + 0.2, 0.1, 0)) for t in (1, 2, 3)]
+    scans = scans_of(recording_of(tmp_path, *lines))
+    assert {scan.robot_from_laser for scan in scans} == {(0.2, 0.1, 0.0)}
+
+
+def test_without_either_the_settings_count(tmp_path: Path) -> None:
+    settings = BridgeSettings(laser_x_m=0.3, laser_y_m=-0.1, laser_heading_rad=0.2)
+    recording = recording_of(tmp_path, flaser(1, ranges=RAMP), settings=settings)
+    assert scans_of(recording)[0].robot_from_laser == (0.3, -0.1, 0.2)
+
+
+def test_a_robotlaser_line_says_all_itself(tmp_path: Path) -> None:
+    north = (1.0, 2.0, math.pi / 2)
+    line = robot_laser(3.5, [1, 2, 3, 4, 35], laser=(1.0, 2.4, math.pi / 2), robot=north)
+    [scan] = scans_of(recording_of(tmp_path, line, line.replace("1000000.0 ", "")))[:1]
+    assert scan.robot_from_laser == (0.4, 0.0, 0.0)
+    assert scan.odom_from_robot == pytest.approx(north)
+    assert (scan.angle_min_rad, scan.angle_step_rad, scan.range_max_m) == (-1.0, 0.5, 30.0)
+    assert scan.stamp_ns == seconds(3.5)
+
+
+def test_raw_scans_have_no_pose_and_count_only_where_there_is_nothing_better(
+    tmp_path: Path,
+) -> None:
+    parameter = "PARAM robot_frontlaser_offset 0.1 nohost 0"
+    raw = recording_of(tmp_path, parameter, odom(1), raw_laser(1.1, RAMP), odom(2))
+    [scan] = scans_of(raw)
+    assert (scan.odom_from_robot, scan.robot_from_laser) == (None, (0.1, 0.0, 0.0))
+    both = recording_of(tmp_path, raw_laser(1.1, RAMP), flaser(1.1, ranges=RAMP))
+    assert [scan.odom_from_robot for scan in scans_of(both)] == [(0.0, 0.0, 0.0)]
+
+
+def test_messages_that_are_no_readings_are_passed_over(tmp_path: Path) -> None:
+    others = ["# remark", "", "SYNC start 1 host 1", "NMEAGGA 1 2 3", "RLASER 1 5 0 0 0 0 0 0"]
+    recording = recording_of(tmp_path, *others, flaser(1, ranges=RAMP))
+    assert (recording.skipped, recording.laser_count) == ((), 1)
+
+
+def test_where_all_stamps_are_one_the_loggers_count(tmp_path: Path) -> None:
+    lines = [flaser("1.09e9", (t, 0, 0), RAMP, logged=t) for t in (1, 2, 3)]
+    assert [scan.stamp_ns for scan in scans_of(recording_of(tmp_path, *lines))] == [
+        seconds(1), seconds(2), seconds(3),
+    ]  # fmt: skip
+
+
+# --- no return ----------------------------------------------------------------------------------
+
+
+def test_a_long_range_that_stands_for_no_return_is_found(tmp_path: Path) -> None:
+    marked = [*RAMP[:-2], 81.91, 81.83]
+    recording = recording_of(tmp_path, *(flaser(t, ranges=marked) for t in range(5)))
+    limit_m = scans_of(recording)[0].range_max_m
+    assert 2.0 < limit_m < 81.83
+
+
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        RAMP,  # nothing stands out
+        [3.0] * 180,  # a round room
+        [1.0] * 170 + [4.0] * 10,  # a far wall
+        [1.0 + 0.2 * beam for beam in range(180)],  # a large hall
+    ],
+)
+def test_measured_ranges_are_kept(tmp_path: Path, ranges: list[float]) -> None:
+    recording = recording_of(tmp_path, *(flaser(t, ranges=ranges) for t in range(5)))
+    assert scans_of(recording)[0].range_max_m > max(ranges)
+
+
+def test_a_beam_that_is_not_finite_does_not_spoil_its_scan(tmp_path: Path) -> None:
+    recording = recording_of(tmp_path, flaser(1, ranges=["nan", "inf", *RAMP[2:]]))
+    [scan] = scans_of(recording)
+    assert not np.isfinite(scan.ranges.array()[:2]).any()
+    assert scan.range_max_m == pytest.approx(1.8 * 1.01)
+
+
+# --- bad lines ----------------------------------------------------------------------------------
+
+GOOD = [flaser(t, (t, 0, 0), RAMP) for t in (1, 2, 3)]
+
+
+@pytest.mark.parametrize(
+    ("bad", "problem"),
+    [
+        (GOOD[0][:200], "180 readings announced"),
+        (GOOD[0][:-10], "words, this FLASER line needs 191"),
+        ("FLASER", "without its number of readings"),
+        ("FLASER 0 0 0 0 0 0 0 1 host 1", "0 readings announced"),
+        (flaser(1, ranges=["x", *RAMP[1:]]), "'x' is not a number"),
+        (flaser(1, odometry=("nan", 0, 0), ranges=RAMP), "(nan 0 0) is no pose"),
+        (flaser(1, odometry=(0, 1e300, 0), ranges=RAMP), "is no pose"),
+        (flaser("soon", ranges=RAMP), "the time 'soon' is not a number"),
+        (flaser("inf", ranges=RAMP), "the time 'inf' is no time"),
+        (flaser("1e30", ranges=RAMP), "is no time in seconds"),
+        ("ODOM 1 2", "3 words, this ODOM line needs 10"),
+        ("PARAM robot_frontlaser_offset far nohost 0", "'far' is not a number"),
+        (raw_laser(1, RAMP).replace(" 2 7 8", " 9 7 8"), "9 readings announced"),
+        (raw_laser(1, RAMP).replace("0.0174", "0.9174"), "no scan"),
+        (robot_laser(1, RAMP[:3], (50, 0, 0), (0, 0, 0)), "50 m from the robot"),
+        ("FLASRE 180 1 2 3", "unknown kind of line 'FLASRE'"),
+        ("\x00\xff\x00", "unknown kind of line"),
+    ],
+)
+def test_a_bad_line_in_the_middle_is_named_and_the_rest_is_used(
+    tmp_path: Path, bad: str, problem: str
+) -> None:
+    recording = recording_of(tmp_path, GOOD[0], bad, *GOOD[1:])
+    assert recording.laser_count == 3
+    [skipped] = recording.skipped
+    assert skipped.line_number == 2
+    assert problem in skipped.problem
+
+
+@pytest.mark.parametrize(
+    ("bad", "problem"),
+    [
+        (wean_scan(1)[:300], "a L line has 187"),
+        ("O 1 2 3", "3 numbers, a O line has 4"),
+        (wean_scan(1).replace("L 0", "L x"), "'x' is not a number"),
+        ("FLASER 3", "unknown kind of line 'FLASER'"),
+    ],
+)
+def test_so_are_bad_lines_of_wean_hall(tmp_path: Path, bad: str, problem: str) -> None:
+    recording = recording_of(tmp_path, wean_scan(1), bad, wean_scan(2))
+    assert recording.laser_count == 2
+    assert problem in recording.skipped[0].problem
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
+def test_a_packed_recording_is_read(tmp_path: Path, pack: Callable[[bytes], bytes]) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(pack("\n".join(GOOD).encode()))
+    assert open_recording(path, BridgeSettings()).laser_count == 3
+
+
+@pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])
+def test_of_a_cut_archive_what_was_read_is_used(
+    tmp_path: Path, pack: Callable[[bytes], bytes]
+) -> None:
+    random = np.random.default_rng(1)
+    lines = [flaser(t, ranges=random.uniform(1, 5, 180).round(2).tolist()) for t in range(200)]
+    path = tmp_path / "log"
+    packed = pack("\n".join(lines).encode())
+    path.write_bytes(packed[: len(packed) // 2])
+    recording = open_recording(path, BridgeSettings())
+    assert 50 < recording.laser_count < 200
+    assert "cut off" in recording.skipped[-1].problem
+    path.write_bytes(packed[:60])
+    with pytest.raises(RecordingError, match="cut off"):
+        open_recording(path, BridgeSettings())
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"", "empty"),
+        (b"\n\n# nothing\n", "empty"),
+        (b"image: map.pgm\nresolution: 0.05\n", "not a recording"),
+        (b"#ROSBAG V2.0\n\x00\x01\n", "not a recording"),
+        (bytes(range(256)) * 400, "not a recording"),
+        (odom(1).encode() + b"\nFLASER 1 2\n", "no scan in it: 1 lines of odometry, 1 bad lines"),
+    ],
+)
+def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, problem: str) -> None:
+    path = tmp_path / "log"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=problem) as caught:
+        open_recording(path, BridgeSettings())
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_recording_and_a_folder_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no such file"):
+        open_recording(tmp_path / "log", BridgeSettings())
+    with pytest.raises(RecordingError, match="is a folder"):
+        open_recording(tmp_path, BridgeSettings())
+
+
+# --- time ---------------------------------------------------------------------------------------
+
+
+def test_odometry_and_scans_are_merged_by_time(tmp_path: Path) -> None:
+    lines = [flaser(2, ranges=RAMP), flaser(4, ranges=RAMP), odom(1), odom(3), odom(5)]
+    recording = recording_of(tmp_path, *lines)
+    assert [reading.stamp_ns for reading in recording.readings] == [
+        seconds(t) for t in (1, 2, 3, 4, 5)
+    ]
+    assert recording.duration_s == 4.0
+
+
+def test_a_sensor_keeps_its_order_where_stamps_step_back(tmp_path: Path) -> None:
+    stamps = [1.0, 2.9, 2.2, 2.4, 3.0]
+    lines = [odom(t, (x, 0, 0)) for x, t in enumerate(stamps)]
+    recording = recording_of(tmp_path, *lines, flaser(4.0, ranges=RAMP), flaser(3.5, ranges=RAMP))
+    odometry = odometry_of(recording)
+    assert [reading.odom_from_robot[0] for reading in odometry] == [0, 1, 2, 3, 4]
+    mended = [reading.stamp_ns for reading in odometry]
+    assert mended == sorted(mended)
+    assert max(abs(np.array(mended) - [seconds(t) for t in stamps])) < 0.5e9
+    # A reference knows a scan by the stamp in the file.
+    assert [scan.stamp_ns for scan in scans_of(recording)] == [seconds(4.0), seconds(3.5)]
+
+
+def test_a_line_whose_time_cannot_be_is_left_out(tmp_path: Path) -> None:
+    lines = [odom(t) for t in (1000, 1001, 0, 1002, 1003, 99999, 1004, 1005)]
+    recording = recording_of(tmp_path, *lines, flaser(1006, ranges=RAMP))
+    assert [line.line_number for line in recording.skipped] == [3, 6]
+    assert "far from that of its neighbours" in recording.skipped[0].problem
+    assert recording.duration_s == 6.0
+
+
+def test_gaps_of_any_length_are_no_fault(tmp_path: Path) -> None:
+    lines = [flaser(t, ranges=RAMP) for t in (0, 229, 230, 1000, 5000)]
+    assert recording_of(tmp_path, *lines).skipped == ()
+
+
+def test_a_second_start_of_the_clock_ends_the_recording(tmp_path: Path) -> None:
+    once = [flaser(t, ranges=RAMP) for t in range(100, 110)]
+    again = [flaser(t, ranges=RAMP) for t in range(5)]
+    recording = recording_of(tmp_path, *once, *again)
+    assert recording.laser_count == 10
+    assert recording.skipped[-1].line_number == 11
+    assert "time steps back by 109 s" in recording.skipped[-1].problem
+
+
+def test_stamps_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
+    [scan] = scans_of(recording_of(tmp_path, flaser("1411657682.066704001", ranges=RAMP)))
+    assert scan.stamp_ns == 1411657682066704001
+
+
+# --- recordings of real robots ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "scans", "odometry", "marker_m"),
+    [
+        ("wean/robotdata1.log.xz", 713, 1505, 81.83),
+        ("aces/log.clf.gz", 264, 4160, 50.0),
+        ("belgioioso/log.clf.gz", 395, 4085, 81.91),
+        ("crob-jarvis/log.clf.gz", 212, 638, None),
+        ("edmonton/log.clf.gz", 340, 6011, 51.1),
+        ("fr101/log.clf.gz", 292, 4277, 81.83),
+    ],
+)
+def test_all_lines_of_real_recordings_are_read(
+    name: str, scans: int, odometry: int, marker_m: float | None
+) -> None:
+    recording = open_recording(recording_or_skip(name), BridgeSettings())
+    assert recording.skipped == ()
+    assert recording.laser_count == scans
+    assert len(recording.readings) == scans + odometry
+    first = scans_of(recording)[0]
+    longest = max(float(scan.ranges.array().max()) for scan in scans_of(recording))
+    if marker_m is None:
+        assert first.range_max_m > longest
+    else:
+        assert 0.95 * marker_m < first.range_max_m < marker_m
+
+
+def test_the_path_of_intel_is_not_torn_by_its_stamps() -> None:
+    recording = open_recording(recording_or_skip("intel/log.clf.gz"), BridgeSettings())
+    places = np.array([reading.odom_from_robot[:2] for reading in odometry_of(recording)])
+    path_m = np.hypot(*np.diff(places, axis=0).T).sum()
+    assert path_m == pytest.approx(508.4, abs=0.1)  # sorted by stamp it would be 660 m
+    assert all(isinstance(scan, LaserReading) for scan in scans_of(recording))
