@@ -133,9 +133,8 @@ class ClusterSet:
         ended = self._make_room(len(candidates), step)
         given = math.fsum(candidate.probability for candidate in candidates)
         left = math.log1p(-given) if given < 1.0 else -math.inf
-        for number, cluster in self._clusters.items():
-            kept = max(cluster.log_probability + left, -1e6)
-            self._clusters[number] = replace(cluster, log_probability=kept)
+        if self._clusters:
+            self._set(np.maximum(belief.normalised(self._log_probabilities()) + left, -1e6))
         admitted = []
         for candidate in candidates:
             cluster = Cluster(

@@ -26,7 +26,6 @@ from protocol.messages import (
     Particles,
     PoseAnswer,
     PoseTuple,
-    Relocalize,
     Report,
     Scan,
     SetPose,
@@ -61,8 +60,12 @@ class Coordinator:
     """All that the coordinator process knows and decides."""
 
     def __init__(
-        self, sender: str, filter_settings: FilterSettings, settings: CoordinatorSettings,
-        version: str, now_ns: int,
+        self,
+        sender: str,
+        filter_settings: FilterSettings,
+        settings: CoordinatorSettings,
+        version: str,
+        now_ns: int,
     ) -> None:
         self._sender, self._settings, self._version = sender, settings, version
         self._filter_settings = filter_settings
@@ -228,7 +231,9 @@ class Coordinator:
         """A Gaussian cloud round the pose a person gives; the first particle is that pose."""
         self._set_poses += 1
         rng = generator(
-            self._filter_settings.seed, purpose=Purpose.GIVEN_POSE, entity=self._set_poses,
+            self._filter_settings.seed,
+            purpose=Purpose.GIVEN_POSE,
+            entity=self._set_poses,
             step=scan.step,
         )
         sigma = np.array(

@@ -14,7 +14,6 @@ from coordinator.fit_monitor import FitMonitor
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.settings import FilterSettings
 from protocol.messages import (
-    Covariance,
     Hypothesis,
     Report,
     SearchJob,
@@ -80,7 +79,9 @@ class Ensemble:
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         self.clusters.weigh(tracks)
-        self._fit.update(max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan))
+        self._fit.update(
+            max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)
+        )
         if step % self.settings.belief.merge_every_steps == 0:
             self._end += self.clusters.merge_overlaps()
         self._follow_search(step, reports)
@@ -157,9 +158,7 @@ class Ensemble:
         candidates = [_candidate(place, given * place.share / total) for place in fresh]
         self._admit(candidates, step, protected_until=step + rules.grace_steps)
 
-    def _admit(
-        self, candidates: list[Candidate], step: int, *, protected_until: int = -1
-    ) -> None:
+    def _admit(self, candidates: list[Candidate], step: int, *, protected_until: int = -1) -> None:
         admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)
         for cluster, candidate in admitted:
             job = TrackJob(cluster=cluster.cluster, start=candidate.sample, exact=False)

@@ -36,8 +36,11 @@ def run_coordinator(invocation: Invocation) -> None:
                 f"{settings.zenoh.router}: stop it, or choose another robot.name"
             )
         coordinator = Coordinator(
-            invocation.process, filter_settings(settings), settings.coordinator,
-            version("clustermcl"), time.monotonic_ns(),
+            invocation.process,
+            filter_settings(settings),
+            settings.coordinator,
+            version("clustermcl"),
+            time.monotonic_ns(),
         )
         CoordinatorLoop(coordinator, session).run(invocation.stop)
 
@@ -45,6 +48,10 @@ def run_coordinator(invocation: Invocation) -> None:
 def filter_settings(settings: FilterSettings) -> FilterSettings:
     """The filter's numbers alone, as they travel in work orders."""
     return FilterSettings(
-        seed=settings.seed, motion=settings.motion, sensor=settings.sensor,
-        cluster=settings.cluster, search=settings.search, belief=settings.belief,
+        seed=settings.seed,
+        motion=settings.motion,
+        sensor=settings.sensor,
+        cluster=settings.cluster,
+        search=settings.search,
+        belief=settings.belief,
     )

@@ -58,9 +58,7 @@ def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator)
     return Cloud.even(cloud.map_from_robot[chosen])
 
 
-def weighed(
-    cloud: Cloud, beams: Beams, model: SensorModel, exponent: float
-) -> Weighed:
+def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> Weighed:
     """Multiply the weights by the likelihood of a scan.
 
     Args:

@@ -46,7 +46,12 @@ def start_particles(free_area_m2: float, settings: SearchSettings) -> int:
 
 
 def uniform_over_free_space(
-    cells: Cells, cell_m: float, map_from_grid: Pose, count: int, shard: int, shards: int,
+    cells: Cells,
+    cell_m: float,
+    map_from_grid: Pose,
+    count: int,
+    shard: int,
+    shards: int,
     rng: np.random.Generator,
 ) -> Poses:
     """One shard's stratified particles: every `shards`-th of `count` strata over free space.
@@ -71,8 +76,9 @@ def uniform_over_free_space(
         raise ValueError("the map has no free cell to search")
     strata = np.arange(shard, count, shards)
     position = (strata + rng.random(len(strata))) / count * len(free)
-    rows, cols = np.divmod(free[np.minimum(position.astype(np.int64), len(free) - 1)],
-                           cells.shape[1])
+    rows, cols = np.divmod(
+        free[np.minimum(position.astype(np.int64), len(free) - 1)], cells.shape[1]
+    )
     in_grid = np.empty((len(strata), 3))
     in_grid[:, 0] = (cols + rng.random(len(strata))) * cell_m
     in_grid[:, 1] = (rows + rng.random(len(strata))) * cell_m
@@ -84,9 +90,7 @@ def uniform_over_free_space(
 class GlobalSearch:
     """One shard of a global search, step by step."""
 
-    def __init__(
-        self, model: SensorModel, settings: FilterSettings, start: Poses
-    ) -> None:
+    def __init__(self, model: SensorModel, settings: FilterSettings, start: Poses) -> None:
         self._model, self._settings = model, settings
         self._rules = settings.search
         self._start_count = len(start)
@@ -113,8 +117,11 @@ class GlobalSearch:
         if odom_from_before is not None:
             self._redraw(rng)
             moved = move(
-                self.cloud.map_from_robot, odom_from_before, odom_from_after,
-                self._settings.motion, rng,
+                self.cloud.map_from_robot,
+                odom_from_before,
+                odom_from_after,
+                self._settings.motion,
+                rng,
             )
             self.cloud = Cloud(moved, self.cloud.log_weights)
         result = weighed(self.cloud, beams, self._model, self._exponent())
@@ -142,9 +149,7 @@ class GlobalSearch:
         )
         if count >= len(self.cloud.log_weights) and not low_ess:
             return
-        chosen = resample(
-            self.cloud.log_weights, count, self._settings.cluster.resampling, rng
-        )
+        chosen = resample(self.cloud.log_weights, count, self._settings.cluster.resampling, rng)
         poses = self.cloud.map_from_robot[chosen]
         fading = 1.0 - self._progress()
         if fading > 0.0:
@@ -158,8 +163,11 @@ class GlobalSearch:
         """The clusters by source point, most probable first (section 4)."""
         rules = self._rules
         labels, count = cluster_by_source_point(
-            self.cloud.map_from_robot, self.cloud.log_weights, rules.source_radius_m,
-            rules.source_heading_rad, MAX_PLACES,
+            self.cloud.map_from_robot,
+            self.cloud.log_weights,
+            rules.source_radius_m,
+            rules.source_heading_rad,
+            MAX_PLACES,
         )
         weights = normalised(self.cloud.log_weights)
         shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)

@@ -47,9 +47,7 @@ def beams_of(
 class SensorModel:
     """Weighs poses in one map."""
 
-    def __init__(
-        self, field: LikelihoodField, jumps: JumpField, settings: SensorSettings
-    ) -> None:
+    def __init__(self, field: LikelihoodField, jumps: JumpField, settings: SensorSettings) -> None:
         self.field, self.jumps, self.settings = field, jumps, settings
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
@@ -59,7 +57,11 @@ class SensorModel:
     def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) what `log_likelihood` gave for beams through walls; costs forty times as much."""
         return hidden_log_likelihood(
-            map_from_robot, beams.laser_in_robot, beams.hits_in_robot, self.field, self.jumps,
+            map_from_robot,
+            beams.laser_in_robot,
+            beams.hits_in_robot,
+            self.field,
+            self.jumps,
             self.settings.hidden_margin_m,
         )
 

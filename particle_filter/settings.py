@@ -24,9 +24,9 @@ def described(meaning: str, unit: str = "", **bounds: float) -> Meta:
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How far odometry errs (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
 
-    model: Annotated[
-        Literal["omnidirectional", "differential"], described("motion model")
-    ] = "omnidirectional"
+    model: Annotated[Literal["omnidirectional", "differential"], described("motion model")] = (
+        "omnidirectional"
+    )
     turn_noise_per_turn: Annotated[
         float, described("noise of a turn caused by turning (nav2 alpha1)", "rad/rad", ge=0)
     ] = 0.2
@@ -48,9 +48,9 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a scan is weighed against the map."""
 
-    model: Annotated[
-        Literal["likelihood_field", "beam"], described("sensor model")
-    ] = "likelihood_field"
+    model: Annotated[Literal["likelihood_field", "beam"], described("sensor model")] = (
+        "likelihood_field"
+    )
     scan_likelihood_exponent: Annotated[
         float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
     ] = 0.15
@@ -58,9 +58,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_range_m: Annotated[
         float, described("beams of this range or longer count as no return", "m", gt=0)
     ] = 30.0
-    hit_sigma_m: Annotated[
-        float, described("spread of a hit around an obstacle", "m", gt=0)
-    ] = 0.15
+    hit_sigma_m: Annotated[float, described("spread of a hit around an obstacle", "m", gt=0)] = 0.15
     hit_weight: Annotated[float, described("share of beams that hit the map", gt=0, le=1)] = 0.75
     random_weight: Annotated[
         float, described("share of beams explained by nothing", gt=0, le=1)
@@ -68,9 +66,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     short_weight: Annotated[
         float, described("beam model: share of beams cut short by what is not in the map", ge=0)
     ] = 0.1
-    max_weight: Annotated[
-        float, described("beam model: share of beams without return", ge=0)
-    ] = 0.05
+    max_weight: Annotated[float, described("beam model: share of beams without return", ge=0)] = (
+        0.05
+    )
     short_decay_per_m: Annotated[
         float, described("beam model: decay of short readings", "1/m", gt=0)
     ] = 0.3
@@ -107,7 +105,8 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Global MCL: the bootstrap and the periodic restart (section 4 of the paper)."""
 
     start_particles_per_m2: Annotated[
-        float, described("particles at the start, for each square metre of free space", "1/m2", gt=0)
+        float,
+        described("particles at the start, for each square metre of free space", "1/m2", gt=0),
     ] = 400.0
     min_start_particles: Annotated[int, described("never fewer at the start", gt=0)] = 50_000
     max_start_particles: Annotated[int, described("never more at the start", gt=0)] = 2_000_000
@@ -122,11 +121,10 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float, described("exponent at the first step, as a share of the full one", gt=0, le=1)
     ] = 0.33
     jitter_m: Annotated[
-        float, described("spread added to redrawn points at first; fades while annealing", "m", ge=0)
+        float,
+        described("spread added to redrawn points at first; fades while annealing", "m", ge=0),
     ] = 0.1
-    jitter_rad: Annotated[
-        float, described("the same in heading", "rad", ge=0)
-    ] = 0.1
+    jitter_rad: Annotated[float, described("the same in heading", "rad", ge=0)] = 0.1
     max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
@@ -134,9 +132,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     source_radius_m: Annotated[
         float, described("points this near a cluster's source point belong to it", "m", gt=0)
     ] = 1.0
-    source_heading_rad: Annotated[
-        float, described("and this near in heading", "rad", gt=0)
-    ] = 0.5
+    source_heading_rad: Annotated[float, described("and this near in heading", "rad", gt=0)] = 0.5
     hand_over_particles: Annotated[
         int, described("particles of a place that a shard hands over", gt=0)
     ] = 500
@@ -181,9 +177,9 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     merge_distance_m: Annotated[
         float, described("clusters with means this near are one", "m", gt=0)
     ] = 0.5
-    merge_heading_rad: Annotated[
-        float, described("and with headings this near", "rad", gt=0)
-    ] = 0.35
+    merge_heading_rad: Annotated[float, described("and with headings this near", "rad", gt=0)] = (
+        0.35
+    )
     search_every_steps: Annotated[
         int, described("a new global search starts so many steps after the last", "steps", gt=0)
     ] = 25
@@ -192,7 +188,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.9
     set_pose_probability: Annotated[
         float, described("probability of a pose that a person gives", gt=0, le=1)
-    ] = 0.9
+    ] = 0.95
 
 
 class FilterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

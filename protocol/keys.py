@@ -13,6 +13,7 @@ SCAN_HISTORY = "scans"
 MAP = "map"
 TRUTH = "truth"
 BRIDGE_ALIVE = "bridge/alive"
+KIDNAP = "simulator/kidnap"
 
 BELIEF = "belief"
 POSE = "pose"

@@ -119,7 +119,11 @@ class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class TrackJob(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind",
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
     tag="track",
 ):
     """Track one cluster from a cloud on."""
@@ -131,7 +135,11 @@ class TrackJob(
 
 
 class SearchJob(
-    msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="kind",
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
     tag="search",
 ):
     """Run one shard of a global search."""
@@ -324,6 +332,15 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search everywhere. A query on ``command/relocalize``."""
 
     command_id: str
+
+
+class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
+    """Lift the simulated robot to another place. A query on ``simulator/kidnap``."""
+
+    command_id: str
+    """The same id again does nothing."""
+    map_from_robot: PoseTuple | None = None
+    """Where to; None: somewhere far away."""
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):

@@ -2,6 +2,8 @@
 
 import logging
 import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import msgspec
@@ -49,6 +51,20 @@ class Source(Protocol):
         """The next reading in the order of time; None at the end."""
 
 
+def _nothing(_scan: Scan) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Extension:
+    """What a source of its own kind adds to a bridge; all is called by the bridge's one loop."""
+
+    on_step: Callable[[Scan], None] = _nothing
+    """Told of every step as soon as it is out, once."""
+    serves: Mapping[str, Callable[[Asked], None]] = field(default_factory=dict)
+    """Keys besides the bridge's own, and who answers there."""
+
+
 class BridgeLoop:
     """One bridge's life between its connection and its stop."""
 
@@ -59,8 +75,10 @@ class BridgeLoop:
         settings: BridgeSettings,
         grid_map: GridMap,
         source: Source | None,
+        extension: Extension | None = None,
     ) -> None:
         self._session, self._settings, self._source = session, settings, source
+        self._extension = extension or Extension()
         self._name = name
         self._map_message = to_message(grid_map, name)
         self._pacing = Pacing(settings.rate if source else 1.0)
@@ -78,6 +96,8 @@ class BridgeLoop:
         """Serve until told to stop; a recording's end does not end it."""
         serve(self._session, keys.MAP, self._inbox)
         serve(self._session, keys.SCAN_HISTORY, self._inbox)
+        for key in self._extension.serves:
+            serve(self._session, key, self._inbox)
         watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
         subscribe(self._session, keys.BELIEF, self._inbox, "belief")
         if self._source is None:
@@ -127,11 +147,12 @@ class BridgeLoop:
             )
 
     def _finish(self) -> None:
-        """The source has ended: its last step may still be waiting for later odometry."""
-        self._source = None
+        """The source has ended: its last steps may still be waiting for later odometry."""
         scan = self._maker.finish() if self._maker else None
         if scan is not None:
             self._send(scan)
+            return
+        self._source = None
         _log.info("the source has ended; the map is still served")
 
     def _send(self, scan: Scan) -> None:
@@ -141,6 +162,7 @@ class BridgeLoop:
         self._history.add(scan)
         self._scans.put(scan)
         self._pacing.step_sent(scan.step, time.monotonic_ns())
+        self._extension.on_step(scan)
 
     def _new_maker(self) -> StepMaker:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
@@ -178,6 +200,9 @@ class BridgeLoop:
     def _answer(self, asked: Asked) -> None:
         if asked.key == keys.MAP:
             asked.answer(self._map_message)
+            return
+        if asked.key in self._extension.serves:
+            self._extension.serves[asked.key](asked)
             return
         parameters = asked.query.parameters
         try:

@@ -2,6 +2,9 @@
 
 import argparse
 import logging
+from collections.abc import Callable
+
+import zenoh
 
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
@@ -12,7 +15,7 @@ from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
 from protocol.messages import LaserReading, OdometryReading
-from sensor_bridge.loop import BridgeLoop, Source
+from sensor_bridge.loop import BridgeLoop, Extension, Source
 from sensor_bridge.recording import open_recording
 from sensor_bridge.step_maker import steps_of
 
@@ -74,13 +77,19 @@ def run_bridge(invocation: Invocation) -> None:
     serve_robot(invocation, grid_map, source)
 
 
-def serve_robot(invocation: Invocation, grid_map: GridMap, source: Source | None) -> None:
+def serve_robot(
+    invocation: Invocation,
+    grid_map: GridMap,
+    source: Source | None,
+    extend: Callable[[zenoh.Session], Extension] = lambda _session: Extension(),
+) -> None:
     """Publish the steps of a source and serve the map until told to stop.
 
     Args:
         invocation: of the process.
         grid_map: the map to localize in.
         source: readings; None: a robot publishes them over Zenoh.
+        extend: what the source adds to the bridge, given the open session.
 
     Raises:
         AlreadyRunningError: the robot has a bridge.
@@ -92,6 +101,7 @@ def serve_robot(invocation: Invocation, grid_map: GridMap, source: Source | None
                 f"robot {settings.robot.name!r} has a sensor bridge already at "
                 f"{settings.zenoh.router}: stop it, or choose another robot.name"
             )
-        BridgeLoop(invocation.process, session, settings.bridge, grid_map, source).run(
-            invocation.stop
+        loop = BridgeLoop(
+            invocation.process, session, settings.bridge, grid_map, source, extend(session)
         )
+        loop.run(invocation.stop)

@@ -51,7 +51,10 @@ class JobTable:
         begun = {
             assignment.job_id: self._same(assignment.job_id, assignment.epoch)
             or running(
-                assignment, model, settings, sender=self._sender,
+                assignment,
+                model,
+                settings,
+                sender=self._sender,
                 snapshot_every_steps=order.snapshot_every_steps,
             )
             for assignment in order.begin

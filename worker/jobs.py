@@ -72,8 +72,13 @@ class Tracking:
     """The particles of one cluster."""
 
     def __init__(
-        self, assignment: Assignment, job: TrackJob, model: SensorModel,
-        settings: FilterSettings, sender: str, snapshot_every_steps: int,
+        self,
+        assignment: Assignment,
+        job: TrackJob,
+        model: SensorModel,
+        settings: FilterSettings,
+        sender: str,
+        snapshot_every_steps: int,
     ) -> None:
         self.assignment, self.step = assignment, job.start.step
         self._cluster, self._sender = job.cluster, sender
@@ -87,7 +92,9 @@ class Tracking:
         if job.exact:
             self._cloud = Cloud(poses, log_weights)
         else:
-            rng = generator(settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step)
+            rng = generator(
+                settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step
+            )
             self._cloud = cluster_filter.drawn_from(poses, log_weights, settings.cluster, rng)
 
     def advance(self, scan: Scan) -> TrackReport:
@@ -97,8 +104,14 @@ class Tracking:
         )
         after = np.array(scan.odom_from_robot)
         result = cluster_filter.advanced(
-            self._cloud, self._odom_from_robot, after, scan_beams(scan, self._settings),
-            self._model, self._settings.motion, self._settings.cluster, rng,
+            self._cloud,
+            self._odom_from_robot,
+            after,
+            scan_beams(scan, self._settings),
+            self._model,
+            self._settings.motion,
+            self._settings.cluster,
+            rng,
         )
         self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
         mean, covariance = self._cloud.gaussian()
@@ -131,8 +144,12 @@ class Searching:
     """One shard of a global search."""
 
     def __init__(
-        self, assignment: Assignment, job: SearchJob, model: SensorModel,
-        settings: FilterSettings, sender: str,
+        self,
+        assignment: Assignment,
+        job: SearchJob,
+        model: SensorModel,
+        settings: FilterSettings,
+        sender: str,
     ) -> None:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
@@ -140,9 +157,13 @@ class Searching:
         field = model.field
         free_area_m2 = float(np.count_nonzero(field.cells == FREE)) * field.cell_m**2
         start = global_search.uniform_over_free_space(
-            field.cells, field.cell_m, field.map_from_grid,
+            field.cells,
+            field.cell_m,
+            field.map_from_grid,
             global_search.start_particles(free_area_m2, settings.search),
-            job.shard, settings.search.shards, self._rng(self.step + 1, 0),
+            job.shard,
+            settings.search.shards,
+            self._rng(self.step + 1, 0),
         )
         self._search = global_search.GlobalSearch(model, settings, start)
         self._odom_from_robot: Pose | None = None
@@ -150,7 +171,10 @@ class Searching:
     def _rng(self, step: int, use: int) -> np.random.Generator:
         part = self._job.shard * 4 + use
         return generator(
-            self._settings.seed, purpose=Purpose.SEARCH, entity=self._job.search, step=step,
+            self._settings.seed,
+            purpose=Purpose.SEARCH,
+            entity=self._job.search,
+            step=step,
             part=part,
         )
 
@@ -178,8 +202,12 @@ class Searching:
 def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
     """The beams of a scan that are scored."""
     return beams_of(
-        scan.ranges.array(), scan.range_max_m, scan.angle_min_rad, scan.angle_step_rad,
-        np.array(scan.robot_from_laser), settings.sensor,
+        scan.ranges.array(),
+        scan.range_max_m,
+        scan.angle_min_rad,
+        scan.angle_step_rad,
+        np.array(scan.robot_from_laser),
+        settings.sensor,
     )
 
 

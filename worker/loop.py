@@ -97,9 +97,7 @@ class WorkerLoop:
         if self._map is None or self._map.digest != map_digest:
             message = ask(self._session, keys.MAP, MapMessage, timeout_s=MAP_TIMEOUT_S)
             if message.digest != map_digest:
-                raise MapMismatchError(
-                    worker=self._name, expected=map_digest, found=message.digest
-                )
+                raise MapMismatchError(worker=self._name, expected=map_digest, found=message.digest)
             self._map, self._model = from_message(message), None
         if self._model is None or self._model.settings != settings.sensor:
             self._model = sensor_model(self._map, settings.sensor, self._cache_folder)

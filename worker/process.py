@@ -44,5 +44,6 @@ def run_workers(invocation: Invocation) -> None:
         with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
             WorkerLoop(name, session, cache, incarnation=time.time_ns()).run(stop)
 
-    run_forked(invocation.arguments.count or settings.worker.count, child, invocation.stop,
-               name=prefix)
+    run_forked(
+        invocation.arguments.count or settings.worker.count, child, invocation.stop, name=prefix
+    )

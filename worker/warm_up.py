@@ -15,12 +15,19 @@ from worker.jobs import running
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     """Run one small search and track its best place, so that every kernel has run once."""
     search = SearchSettings(
-        min_start_particles=200, max_start_particles=200, particles=100, shards=1,
+        min_start_particles=200,
+        max_start_particles=200,
+        particles=100,
+        shards=1,
         annealing_steps=2,
     )
     small = FilterSettings(
-        seed=settings.seed, motion=settings.motion, sensor=settings.sensor,
-        cluster=settings.cluster, search=search, belief=settings.belief,
+        seed=settings.seed,
+        motion=settings.motion,
+        sensor=settings.sensor,
+        cluster=settings.cluster,
+        search=search,
+        belief=settings.belief,
     )
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
@@ -28,15 +35,17 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     model = SensorModel(field, jump_field(cells), small.sensor)
     job = running(
         Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
-        model, small, sender="warm-up",
+        model,
+        small,
+        sender="warm-up",
     )
     for step in range(3):
         report = job.advance(_scan(step, rng))
     assert isinstance(report, SearchReport)  # it came from a search job
     track = TrackJob(cluster=0, start=report.places[0].sample, exact=False)
-    running(
-        Assignment(job_id="c", epoch=0, job=track), model, small, sender="warm-up"
-    ).advance(_scan(3, rng))
+    running(Assignment(job_id="c", epoch=0, job=track), model, small, sender="warm-up").advance(
+        _scan(3, rng)
+    )
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:

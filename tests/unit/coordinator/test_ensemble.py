@@ -1,0 +1,169 @@
+import math
+
+import pytest
+
+from coordinator.cluster_set import Candidate
+from coordinator.ensemble import Ensemble, Outcome
+from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from protocol.messages import PoseTuple, Report, SearchJob, TrackJob
+from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, searched, tracked
+
+NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
+
+
+def ensemble(**belief: object) -> Ensemble:
+    rules = {"clusters": 3, "transition_probability": 0.0, **belief}
+    return Ensemble(
+        FilterSettings(
+            search=SearchSettings(shards=2),
+            belief=BeliefSettings(**rules),  # type: ignore[arg-type] # keywords of the test
+        )
+    )
+
+
+def bootstrapped(places: dict[PoseTuple, float], **belief: object) -> Ensemble:
+    """An ensemble whose first search has ended at step 0 with these places."""
+    made = ensemble(**belief)
+    made.begin_at(0)
+    made.advance(0, [searched(f"s0.{shard}", 0, places) for shard in range(2)])
+    return made
+
+
+def probabilities(outcome: Outcome) -> dict[int, float]:
+    return {h.cluster: h.probability for h in outcome.hypotheses}
+
+
+def test_the_first_search_sees_the_first_scan_itself() -> None:
+    jobs = ensemble().begin_at(7)
+    assert jobs == {f"s0.{n}": SearchJob(search=0, shard=n, first_step=7) for n in range(2)}
+
+
+def test_places_of_the_first_search_become_clusters_by_their_share_of_points() -> None:
+    made = ensemble()
+    made.begin_at(0)
+    places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    outcome = made.advance(0, [searched(f"s0.{n}", 0, places) for n in range(2)])
+    assert probabilities(outcome) == pytest.approx({0: 0.6, 1: 0.3, 2: 0.1})
+    assert set(outcome.end) == {"s0.0", "s0.1"}
+    assert all(isinstance(job, TrackJob) for job in outcome.begin.values())
+    assert list(outcome.begin) == ["c0", "c1", "c2"]
+
+
+def test_shards_count_by_their_evidence() -> None:
+    made = ensemble()
+    made.begin_at(0)
+    outcome = made.advance(
+        0,
+        [
+            searched("s0.0", 0, {NORTH: 1.0}, log_evidence=math.log(3.0)),
+            searched("s0.1", 0, {SOUTH: 1.0}, log_evidence=math.log(1.0)),
+        ],
+    )
+    assert probabilities(outcome) == pytest.approx({0: 0.75, 1: 0.25})
+
+
+def test_a_search_goes_on_while_its_best_places_hold_too_little() -> None:
+    made = ensemble()
+    made.begin_at(0)
+    scattered = {(float(i) * 3.0, 0.0, 0.0): 0.1 for i in range(10)}
+    outcome = made.advance(0, [searched(f"s0.{n}", 0, scattered) for n in range(2)])
+    assert outcome.state == "searching"
+    assert outcome.searching
+    assert not outcome.begin
+    assert len(outcome.hypotheses) == 10, "what it holds possible so far is told"
+
+
+def test_probability_times_average_likelihood_normalised_is_the_new_probability() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
+    outcome = made.advance(1, [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 0.1, SOUTH)])
+    assert probabilities(outcome) == pytest.approx({0: 0.75, 1: 0.25})
+
+
+def test_a_missing_report_leaves_a_probability_where_it_was() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.3, EAST: 0.2})
+    reports: list[Report] = [tracked("c0", 1, 0.1, NORTH), tracked("c2", 1, 0.5, EAST)]
+    outcome = made.advance(1, reports)
+    assert outcome.missing == ("c1",)
+    assert probabilities(outcome)[1] == pytest.approx(0.3)
+    assert probabilities(outcome)[0] == pytest.approx(0.7 * 0.05 / 0.15)
+
+
+def test_clusters_that_come_together_merge_and_their_probabilities_add() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.3, EAST: 0.2}, merge_every_steps=1)
+    outcome = made.advance(
+        1,
+        [
+            tracked("c0", 1, 0.1, NORTH),
+            tracked("c1", 1, 0.1, NORTH),
+            tracked("c2", 1, 0.1, EAST),
+        ],
+    )
+    assert probabilities(outcome) == pytest.approx({0: 0.8, 2: 0.2})
+    assert outcome.end == ("c1",)
+
+
+def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
+    places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    made = bootstrapped(places, search_every_steps=1, newcomer_probability=0.02)
+    new: PoseTuple = (-5.0, 0.0, 0.0)
+    tracks = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
+    started = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
+    assert set(started.begin) == {"s1.0", "s1.1"}
+    reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in tracks.items()]
+    reports += [searched(f"s1.{n}", 2, {new: 0.9, NORTH: 0.1}) for n in range(2)]
+    outcome = made.advance(2, reports)
+    assert probabilities(outcome)[3] == pytest.approx(0.02)
+    assert "c2" in outcome.end
+    assert probabilities(outcome)[0] / probabilities(outcome)[1] == pytest.approx(2.0)
+    assert sum(probabilities(outcome).values()) == pytest.approx(1.0)
+
+
+def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
+    tracks = {"c0": NORTH, "c1": SOUTH}
+    made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
+    reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in tracks.items()]
+    reports += [searched(f"s1.{n}", 2, {NORTH: 1.0}) for n in range(2)]
+    outcome = made.advance(2, reports)
+    assert not any(isinstance(job, TrackJob) for job in outcome.begin.values())
+    assert set(probabilities(outcome)) == {0, 1}
+
+
+def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
+    places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    made = bootstrapped(places, search_every_steps=1, grace_steps=50)
+    tracks: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
+    for step, x_m in ((1, 0.0), (2, -5.0), (3, 0.0), (4, -9.0), (5, 0.0), (6, -15.0)):
+        reports: list[Report] = [tracked(job, step, 0.1, mean) for job, mean in tracks.items()]
+        search = step // 2
+        reports += [searched(f"s{search}.{n}", step, {(x_m, 0.0, 0.0): 1.0}) for n in range(2)]
+        outcome = made.advance(step, reports)
+        tracks = {f"c{h.cluster}": h.mean for h in outcome.hypotheses}
+    assert set(tracks) == {"c3", "c4", "c5"}, "all three newcomers stayed; the old ones left"
+
+
+def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
+    outcome = made.set_pose(Candidate(0.95, EAST, NO_SPREAD, cloud_at(EAST, 0)))
+    assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
+    assert outcome.state == "localized"
+
+
+def test_relocalize_forgets_everything_and_searches() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
+    outcome = made.relocalize(0)
+    assert outcome.hypotheses == ()
+    assert outcome.state == "searching"
+    assert set(outcome.end) == {"c0", "c1"}
+    assert all(isinstance(job, SearchJob) for job in outcome.begin.values())
+
+
+def test_scans_that_fit_nowhere_any_more_make_the_state_lost_and_start_a_search() -> None:
+    made = bootstrapped({NORTH: 1.0}, lost_fit_drop=0.5, search_every_steps=1000)
+    for step in range(1, 20):
+        outcome = made.advance(step, [tracked("c0", step, 0.1, NORTH, fit=0.5)])
+    assert outcome.state == "localized"
+    for step in range(20, 30):
+        outcome = made.advance(step, [tracked("c0", step, 0.1, NORTH, fit=-1.5)])
+    assert outcome.state == "lost"
+    assert outcome.searching

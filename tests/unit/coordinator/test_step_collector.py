@@ -1,0 +1,84 @@
+from coordinator.step_collector import HAND_OVER_NS, StepCollector
+from process_runtime.settings import CoordinatorSettings
+from tests.unit.coordinator.reports import scan, searched, tracked
+
+HERE = (0.0, 0.0, 0.0)
+DEADLINE_NS = 500_000_000
+
+
+def collector() -> StepCollector:
+    return StepCollector(CoordinatorSettings(step_deadline_s=0.5, paced_deadline_s=20.0))
+
+
+def never_placed(_job_id: str) -> int:
+    return 0
+
+
+def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
+    made = collector()
+    made.take_scan(scan(0), 0)
+    made.take_report(tracked("c0", 0, 1.0, HERE))
+    assert made.ready(["c0", "c1"], never_placed, 1) is None
+    made.take_report(tracked("c1", 0, 1.0, HERE))
+    ready = made.ready(["c0", "c1"], never_placed, 1)
+    assert ready is not None
+    assert {report.job_id for report in ready.reports} == {"c0", "c1"}
+
+
+def test_after_its_deadline_a_step_goes_on_without_those_who_are_missing() -> None:
+    made = collector()
+    made.take_scan(scan(0), 0)
+    assert made.ready(["c0"], never_placed, DEADLINE_NS - 1) is None
+    ready = made.ready(["c0"], never_placed, DEADLINE_NS)
+    assert ready is not None
+    assert ready.reports == ()
+
+
+def test_a_paced_step_waits_long() -> None:
+    made = collector()
+    made.take_scan(scan(0, paced=True), 0)
+    assert made.ready(["c0"], never_placed, 19_000_000_000) is None
+
+
+def test_a_job_that_has_just_changed_hands_is_waited_for() -> None:
+    made = collector()
+    made.take_scan(scan(0), 0)
+    placed = DEADLINE_NS - 1
+
+    def placed_ns(_job_id: str) -> int:
+        return placed
+
+    assert made.ready(["c0"], placed_ns, placed + HAND_OVER_NS - 1) is None
+    assert made.ready(["c0"], placed_ns, placed + HAND_OVER_NS) is not None
+
+
+def test_steps_come_in_their_order_and_each_once() -> None:
+    made = collector()
+    for step in (1, 0, 1):
+        made.take_scan(scan(step), 0)
+    steps = []
+    while (ready := made.ready([], never_placed, 0)) is not None:
+        steps.append(ready.scan.step)
+    assert steps == [0, 1]
+    assert not made.take_scan(scan(1), 0), "an applied step is never applied again"
+    assert made.ready([], never_placed, 0) is None
+
+
+def test_a_scan_that_never_came_is_counted_as_lost() -> None:
+    made = collector()
+    for step in (0, 3):
+        made.take_scan(scan(step), 0)
+        made.ready([], never_placed, 0)
+    assert made.steps_lost == 2
+
+
+def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> None:
+    made = collector()
+    made.take_scan(scan(0), 0)
+    made.ready([], never_placed, 0)
+    assert not made.take_report(tracked("c0", 0, 1.0, HERE))
+    assert made.take_report(searched("s0.0", 0, {HERE: 1.0}))
+    made.take_scan(scan(1), 0)
+    ready = made.ready([], never_placed, 0)
+    assert ready is not None
+    assert [report.job_id for report in ready.reports] == ["s0.0"]

@@ -1,0 +1,88 @@
+import contextlib
+
+import msgpack
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.arrays import ArrayBlob
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.messages import OdometryReading, Report, Scan, WorkOrder
+from tests.unit.coordinator.reports import scan, searched, tracked
+
+READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize("message", [READING, scan(3)], ids=["odometry", "scan"])
+def test_a_message_comes_back_as_it_went(message: OdometryReading | Scan) -> None:
+    assert decode(encode(message), type(message)) == message
+
+
+@pytest.mark.parametrize(
+    "report", [tracked("c0", 1, 0.5, (0.0, 0.0, 0.0)), searched("s0.0", 1, {(0.0, 0.0, 0.0): 1.0})]
+)
+def test_a_report_tells_its_kind_by_its_schema(report: Report) -> None:
+    assert decode(encode(report), Report) == report  # type: ignore[arg-type] # a union
+
+
+def test_it_is_a_plain_map_with_the_schema_and_its_version() -> None:
+    plain = msgpack.unpackb(encode(READING))
+    assert plain == {
+        "schema": "odometry_reading/1",
+        "sender": "robot",
+        "stamp_ns": 1,
+        "odom_from_robot": [1.0, 2.0, 3.0],
+    }
+
+
+def test_an_unknown_field_of_a_later_release_is_left_out() -> None:
+    plain = msgpack.unpackb(encode(READING)) | {"temperature_k": 300.0}
+    assert decode(msgpack.packb(plain), OdometryReading) == READING
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"schema": "odometry_reading/2"}, "odometry_reading/2"),
+        ({"stamp_ns": "late"}, "stamp_ns"),
+        ({"odom_from_robot": [1.0, 2.0]}, "odom_from_robot"),
+        ({"sender": None}, "sender"),
+    ],
+)
+def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
+    plain = msgpack.unpackb(encode(READING)) | change
+    with pytest.raises(MalformedMessageError, match=words):
+        decode(msgpack.packb(plain), OdometryReading)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_a_message_or_a_malformed_one(data: bytes) -> None:
+    with pytest.raises(MalformedMessageError):
+        decode(data, WorkOrder)
+
+
+@given(st.binary(max_size=60), st.integers(0, 400))
+def test_a_damaged_scan_never_does_more_than_say_so(junk: bytes, at: int) -> None:
+    good = encode(scan(1))
+    damaged = good[:at] + junk + good[at + len(junk) :]
+    with contextlib.suppress(MalformedMessageError):
+        assert isinstance(decode(damaged, Scan).ranges.array(), np.ndarray)
+
+
+def test_nesting_without_end_is_refused() -> None:
+    with pytest.raises(MalformedMessageError):
+        decode(b"\x91" * 100_000, Scan)
+
+
+def test_an_array_whose_bytes_do_not_fill_its_shape_is_refused() -> None:
+    blob = ArrayBlob(dtype="float32", shape=(1_000_000, 1_000_000), data=b"1234")
+    with pytest.raises(MalformedMessageError, match="4 bytes"):
+        blob.array()
+
+
+def test_an_array_comes_back_read_only_and_little_endian() -> None:
+    array = ArrayBlob.of(np.arange(6, dtype=">f8").reshape(2, 3), "float64").array()
+    np.testing.assert_array_equal(array, np.arange(6.0).reshape(2, 3))
+    assert not array.flags.writeable
