@@ -32,7 +32,7 @@ class RecordedSource:
         for skipped in recording.skipped:
             _log.warning("%s:%d left out: %s", path, skipped.line_number, skipped.problem)
         self._readings = iter(recording.readings)
-        self.steps = sum(1 for _ in steps_of(recording, settings, map_digest=""))
+        self.steps: int | None = sum(1 for _ in steps_of(recording, settings, map_digest=""))
 
     def next_reading(self) -> OdometryReading | LaserReading | None:
         """The next reading in the order of time; None at the end."""
