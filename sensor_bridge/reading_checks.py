@@ -1,0 +1,73 @@
+"""What makes a reading useless, before anything is computed from it."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.errors import MalformedMessageError
+from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from sensor_bridge.log_file import MAX_POSE_M
+
+MAX_BEAMS = 20_000
+"""No laser of today gives more; a larger scan is a mistake."""
+
+MALFORMED = "malformed"
+NOT_FINITE = "not_finite"
+BAD_GEOMETRY = "bad_geometry"
+NO_BEAMS = "no_beams"
+TOO_MANY_BEAMS = "too_many_beams"
+NO_RETURNS = "no_returns"
+
+_MAX_STAMP_NS = 2**62
+
+
+def odometry_problem(reading: OdometryReading) -> str | None:
+    """Why an odometry reading cannot be used; None if it can."""
+    return _pose_problem(reading.odom_from_robot) or _stamp_problem(reading.stamp_ns)
+
+
+def laser_problem(reading: LaserReading) -> str | None:
+    """Why a scan cannot be used; None if it can."""
+    poses = (reading.robot_from_laser, reading.odom_from_robot or reading.robot_from_laser)
+    for problem in (_stamp_problem(reading.stamp_ns), *map(_pose_problem, poses)):
+        if problem:
+            return problem
+    try:
+        ranges = reading.ranges.array()
+    except MalformedMessageError:
+        return MALFORMED
+    return _geometry_problem(reading, ranges.shape) or _ranges_problem(ranges, reading.range_max_m)
+
+
+def _stamp_problem(stamp_ns: int) -> str | None:
+    return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
+
+
+def _pose_problem(pose: PoseTuple) -> str | None:
+    usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
+    return None if usable else NOT_FINITE
+
+
+def _geometry_problem(reading: LaserReading, shape: Sequence[int]) -> str | None:
+    if len(shape) != 1:
+        return MALFORMED
+    beams = shape[0]
+    if beams == 0:
+        return NO_BEAMS
+    if beams > MAX_BEAMS:
+        return TOO_MANY_BEAMS
+    if not (math.isfinite(reading.angle_min_rad) and math.isfinite(reading.angle_step_rad)):
+        return NOT_FINITE
+    field_rad = abs(reading.angle_step_rad) * (beams - 1)
+    if (beams > 1 and field_rad == 0.0) or field_rad > 1.01 * math.tau:
+        return BAD_GEOMETRY
+    return None
+
+
+def _ranges_problem(ranges: NDArray[np.floating], range_max_m: float) -> str | None:
+    if math.isnan(range_max_m):
+        return NOT_FINITE
+    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < range_max_m)
+    return None if np.any(returned) else NO_RETURNS

@@ -1,0 +1,218 @@
+"""From readings to steps: checked, synchronised, gated and numbered. No clock, no network."""
+
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
+
+import msgspec
+
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.errors import RecordingError
+from protocol.messages import LaserReading, OdometryReading, PoseTuple, Scan
+from sensor_bridge.motion_gate import MotionGate
+from sensor_bridge.odometry_buffer import OdometryBuffer
+from sensor_bridge.odometry_continuity import OdometryContinuity
+from sensor_bridge.reading_checks import laser_problem, odometry_problem
+from sensor_bridge.recording import Recording
+
+Reading = OdometryReading | LaserReading
+
+STAMP_STEPS_BACK = "stamp_steps_back"
+CLOCK_RESTARTED = "clock_restarted"
+NO_ODOMETRY = "no_odometry"
+ODOMETRY_JUMPED = "odometry_jumped"
+
+MAX_STEP_BACK_NS = 1_000_000_000
+"""Readings may come so much late [ns]; stamps of real recordings step back by up to 0.9 s."""
+MAX_WAITING_SCANS = 8
+"""Scans that wait for later odometry; one more, and the first makes do with what there is."""
+RESTART_AFTER = 20
+"""So many readings in a row from the past are no late ones: the clock was set back."""
+
+
+class StepMaker:
+    """Makes numbered steps of a robot's readings.
+
+    A scan that does not bring its odometry along waits for the first odometry after it, so that
+    `take` may answer an odometry reading with a scan taken before.
+
+    Odometry is handed on in a frame that does not jump, see `OdometryContinuity`.
+
+    Args:
+        settings: the motion gate.
+        map_digest: put into every step, for those who have another map to notice.
+        sender: put into every step.
+        first_step: number of the first step.
+        paced: put into every step: the sender waits for the belief before it sends the next.
+
+    Attributes:
+        dropped: readings that were not used, by cause; jumps of odometry and restarts of the
+            clock are counted here too. Scans that the gate held back are not.
+    """
+
+    def __init__(
+        self,
+        settings: BridgeSettings,
+        map_digest: str,
+        sender: str,
+        first_step: int = 0,
+        paced: bool = False,
+    ) -> None:
+        self.dropped: Counter[str] = Counter()
+        self._map_digest, self._sender, self._paced = map_digest, sender, paced
+        self._next_step = first_step
+        self._gate = MotionGate(settings)
+        self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
+        self._waiting: deque[tuple[LaserReading, PoseTuple | None]] = deque()
+        self._ready: deque[Scan] = deque()
+        self._newest_ns: int | None = None
+        self._late_in_a_row = 0
+        self._odometry: tuple[int, PoseTuple] | None = None
+
+    @property
+    def odometry(self) -> tuple[int, PoseTuple] | None:
+        """Stamp and pose of the newest odometry, in the same frame as that of the steps."""
+        return self._odometry
+
+    def take(self, reading: Reading) -> Scan | None:
+        """Take the next reading; the next step, if there is one."""
+        if isinstance(reading, OdometryReading):
+            self._take_odometry(reading)
+        else:
+            self._take_laser(reading)
+        return self._ready.popleft() if self._ready else None
+
+    def finish(self) -> Scan | None:
+        """No reading follows: what still waits makes do. Call it until it answers None."""
+        self._release(at_most_waiting=0)
+        return self._ready.popleft() if self._ready else None
+
+    def force_next(self) -> None:
+        """Let the next usable scan become a step, however little the robot has moved."""
+        self._gate.open_next()
+
+    def _take_odometry(self, reading: OdometryReading) -> None:
+        if problem := odometry_problem(reading):
+            self.dropped[problem] += 1
+            return
+        pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
+        if self._in_time(reading.stamp_ns):
+            self._buffer.add(reading.stamp_ns, pose)
+            self._note_odometry(reading.stamp_ns, pose)
+            self._release()
+
+    def _take_laser(self, reading: LaserReading) -> None:
+        if problem := laser_problem(reading):
+            self.dropped[problem] += 1
+            return
+        pose = None
+        if reading.odom_from_robot is not None:
+            pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
+        if self._in_time(reading.stamp_ns):
+            self._waiting.append((reading, pose))
+            if pose is not None:
+                self._note_odometry(reading.stamp_ns, pose)
+            self._release()
+
+    def _without_jump(self, stamp_ns: int, odom_from_robot: PoseTuple) -> PoseTuple:
+        if self._continuity.jumped(stamp_ns, odom_from_robot):
+            self.dropped[ODOMETRY_JUMPED] += 1
+        return self._continuity.continuous(odom_from_robot)
+
+    def _note_odometry(self, stamp_ns: int, pose: PoseTuple) -> None:
+        if self._odometry is None or stamp_ns >= self._odometry[0]:
+            self._odometry = (stamp_ns, pose)
+
+    def _in_time(self, stamp_ns: int) -> bool:
+        """Whether a reading is no more than a little late; if none is, the clock was set back."""
+        if self._newest_ns is None or stamp_ns >= self._newest_ns - MAX_STEP_BACK_NS:
+            self._newest_ns = (
+                stamp_ns if self._newest_ns is None else max(stamp_ns, self._newest_ns)
+            )
+            self._late_in_a_row = 0
+            return True
+        self._late_in_a_row += 1
+        if self._late_in_a_row < RESTART_AFTER:
+            self.dropped[STAMP_STEPS_BACK] += 1
+            return False
+        self.dropped[CLOCK_RESTARTED] += 1
+        self._release(at_most_waiting=0)
+        self._buffer.clear()
+        self._newest_ns, self._odometry, self._late_in_a_row = stamp_ns, None, 0
+        return True
+
+    def _release(self, at_most_waiting: int = MAX_WAITING_SCANS) -> None:
+        """Make steps of the scans whose odometry is known, in the order of their arrival."""
+        while self._waiting:
+            reading, pose = self._waiting[0]
+            known = pose is not None or self._buffer.reaches(reading.stamp_ns)
+            if not known and len(self._waiting) <= at_most_waiting:
+                return
+            self._waiting.popleft()
+            pose = pose or self._buffer.at(reading.stamp_ns)
+            if pose is None:
+                self.dropped[NO_ODOMETRY] += 1
+            elif self._gate.passes(pose):
+                self._ready.append(self._step(reading, pose))
+
+    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Scan:
+        ranges = reading.ranges
+        if ranges.dtype != "float32":
+            ranges = ArrayBlob.of(ranges.array(), "float32")
+        self._next_step += 1
+        return Scan(
+            sender=self._sender,
+            step=self._next_step - 1,
+            stamp_ns=reading.stamp_ns,
+            odom_from_robot=odom_from_robot,
+            robot_from_laser=reading.robot_from_laser,
+            angle_min_rad=reading.angle_min_rad,
+            angle_step_rad=reading.angle_step_rad,
+            range_max_m=reading.range_max_m,
+            ranges=ranges,
+            map_digest=self._map_digest,
+            paced=self._paced,
+        )
+
+
+def steps_from(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
+    """All steps of readings that come to an end; the last one says so."""
+    held: Scan | None = None
+    for scan in _steps(readings, maker):
+        if held is not None:
+            yield held
+        held = scan
+    if held is not None:
+        yield msgspec.structs.replace(held, last=True)
+
+
+def steps_of(
+    recording: Recording,
+    settings: BridgeSettings,
+    map_digest: str,
+    *,
+    sender: str = "bridge",
+    paced: bool = False,
+) -> Iterator[Scan]:
+    """All steps of a recording, without a network; the last one says so.
+
+    Raises:
+        RecordingError: no scan of the recording could be used, with the causes.
+    """
+    maker = StepMaker(settings, map_digest, sender, paced=paced)
+    made = False
+    for scan in steps_from(recording.readings, maker):
+        made = True
+        yield scan
+    if not made:
+        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
+        problem = f"none of its {recording.laser_count} scans can be used ({causes})"
+        raise RecordingError(recording.path, problem)
+
+
+def _steps(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
+    for reading in readings:
+        if (scan := maker.take(reading)) is not None:
+            yield scan
+    while (scan := maker.finish()) is not None:
+        yield scan

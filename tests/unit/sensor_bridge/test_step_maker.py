@@ -1,0 +1,271 @@
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.messages import LaserReading, PoseTuple, Scan
+from sensor_bridge.step_history import StepHistory
+from sensor_bridge.step_maker import (
+    MAX_WAITING_SCANS,
+    RESTART_AFTER,
+    Reading,
+    StepMaker,
+    steps_from,
+)
+from tests.unit.sensor_bridge.logs import ORIGIN, laser_reading, odometry_reading, seconds
+
+
+def a_maker(first_step: int = 0, paced: bool = False) -> StepMaker:
+    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, paced)
+
+
+def driving(*places_m: float) -> list[LaserReading]:
+    """Scans that know their odometry, a second apart."""
+    return [laser_reading(float(i), (x, 0.0, 0.0)) for i, x in enumerate(places_m)]
+
+
+def made_of(*readings: Reading, maker: StepMaker | None = None) -> list[Scan]:
+    return list(steps_from(readings, maker or a_maker()))
+
+
+# --- gate and numbers ---------------------------------------------------------------------------
+
+
+def test_the_first_scan_is_a_step_and_the_next_after_enough_driving() -> None:
+    steps = made_of(*driving(0.0, 0.1, 0.19, 0.2, 0.3, 0.41))
+    assert [step.odom_from_robot[0] for step in steps] == [0.0, 0.2, 0.41]
+
+
+def test_or_after_enough_turning_the_short_way_round() -> None:
+    headings = (3.0, 3.1, -3.1, -3.0)  # 3.0 to -3.1 is 0.183 rad across the half turn
+    steps = made_of(*(laser_reading(i, (0, 0, h)) for i, h in enumerate(headings)))
+    assert [step.odom_from_robot[2] for step in steps] == [3.0, -3.0]
+
+
+def test_a_standing_robot_makes_one_step() -> None:
+    assert len(made_of(*driving(*[1.0] * 50))) == 1
+
+
+def test_steps_are_numbered_without_gaps() -> None:
+    steps = made_of(*driving(0, 0.1, 1, 2, 2.1, 3), maker=a_maker(first_step=7))
+    assert [step.step for step in steps] == [7, 8, 9, 10]
+
+
+def test_a_step_can_be_forced() -> None:
+    maker = a_maker()
+    first, second, third = driving(0.0, 0.0, 0.0)
+    assert maker.take(first) is not None
+    assert maker.take(second) is None
+    maker.force_next()
+    assert maker.take(third) is not None
+
+
+def test_a_step_carries_what_its_scan_said() -> None:
+    reading = laser_reading(2.0, (1.0, 2.0, 0.5))
+    [step] = made_of(reading, maker=a_maker(paced=True))
+    assert (step.map_digest, step.sender, step.paced) == ("digest", "bridge", True)
+    for field in ("stamp_ns", "odom_from_robot", "robot_from_laser", "ranges", "range_max_m"):
+        assert getattr(step, field) == getattr(reading, field)
+
+
+def test_only_the_last_step_says_so() -> None:
+    assert [step.last for step in made_of(*driving(0, 1, 2))] == [False, False, True]
+    assert made_of() == []
+
+
+def test_ranges_are_handed_on_as_float32() -> None:
+    double = ArrayBlob.of(np.array([1.0, 2.0]), "float64")
+    [step] = made_of(msgspec.structs.replace(laser_reading(0.0, ORIGIN), ranges=double))
+    assert step.ranges.dtype == "float32"
+    assert step.ranges.array().tolist() == [1.0, 2.0]
+
+
+@given(st.lists(st.floats(-5, 5), max_size=30))
+def test_steps_are_never_closer_than_the_gate(places: list[float]) -> None:
+    steps = made_of(*driving(*places))
+    between = np.abs(np.diff([step.odom_from_robot[0] for step in steps]))
+    assert np.all(between >= 0.2)
+
+
+# --- scans and odometry -------------------------------------------------------------------------
+
+
+def test_a_scan_waits_for_the_odometry_after_it() -> None:
+    maker = a_maker()
+    assert maker.take(odometry_reading(1.0, (0.0, 0.0, 0.0))) is None
+    assert maker.take(laser_reading(1.5)) is None
+    step = maker.take(odometry_reading(2.0, (1.0, 0.0, 0.0)))
+    assert step is not None
+    assert step.odom_from_robot == pytest.approx((0.5, 0.0, 0.0))
+
+
+def test_the_last_scan_makes_do_with_the_odometry_before_it() -> None:
+    odometry = [odometry_reading(t, (t, 0.0, 0.0)) for t in (1.0, 2.0)]
+    [step] = made_of(*odometry, laser_reading(2.2))
+    assert step.odom_from_robot == pytest.approx((2.2, 0.0, 0.0))
+
+
+def test_a_scan_that_no_odometry_is_near_is_dropped() -> None:
+    maker = a_maker()
+    assert made_of(laser_reading(1.0), odometry_reading(9.0), maker=maker) == []
+    assert maker.dropped == {"no_odometry": 1}
+    assert made_of(laser_reading(9.5), maker=maker) == []
+    assert maker.dropped == {"no_odometry": 2}
+
+
+def test_no_more_than_a_few_scans_wait() -> None:
+    maker = a_maker()
+    for i in range(MAX_WAITING_SCANS + 3):
+        assert maker.take(laser_reading(i / 10)) is None
+    assert maker.dropped == {"no_odometry": 3}
+
+
+def test_of_several_steps_that_become_ready_at_once_none_is_lost() -> None:
+    readings: list[Reading] = [odometry_reading(0.0)]
+    readings += [laser_reading(t) for t in (0.3, 0.6, 0.9)]
+    steps = made_of(*readings, odometry_reading(1.0, (3.0, 0.0, 0.0)))
+    assert [step.odom_from_robot[0] for step in steps] == pytest.approx([0.9, 1.8, 2.7])
+    assert [step.step for step in steps] == [0, 1, 2]
+
+
+def test_the_newest_odometry_is_told() -> None:
+    maker = a_maker()
+    assert maker.odometry is None
+    maker.take(odometry_reading(1.0, (1.0, 0.0, 0.0)))
+    maker.take(laser_reading(2.0, (2.0, 0.0, 0.0)))
+    maker.take(odometry_reading(1.5, (1.5, 0.0, 0.0)))
+    assert maker.odometry == (seconds(2.0), (2.0, 0.0, 0.0))
+
+
+# --- useless readings ---------------------------------------------------------------------------
+
+
+def with_ranges(ranges: Sequence[float]) -> LaserReading:
+    return laser_reading(0.0, ORIGIN, ranges)
+
+
+def changed(**fields: object) -> LaserReading:
+    return msgspec.structs.replace(laser_reading(0.0, ORIGIN), **fields)
+
+
+@pytest.mark.parametrize(
+    ("reading", "cause"),
+    [
+        (with_ranges([]), "no_beams"),
+        (with_ranges([1.0] * 20_001), "too_many_beams"),
+        (with_ranges([math.nan] * 3), "no_returns"),
+        (with_ranges([0.0, -1.0, 10.0, math.inf]), "no_returns"),
+        (changed(range_max_m=math.nan), "not_finite"),
+        (changed(range_max_m=-1.0), "no_returns"),
+        (changed(angle_min_rad=math.nan), "not_finite"),
+        (changed(angle_step_rad=math.inf), "not_finite"),
+        (changed(angle_step_rad=0.0), "bad_geometry"),
+        (changed(angle_step_rad=5.0), "bad_geometry"),
+        (changed(robot_from_laser=(0.0, math.nan, 0.0)), "not_finite"),
+        (changed(odom_from_robot=(0.0, 0.0, math.inf)), "not_finite"),
+        (changed(odom_from_robot=(1e300, 0.0, 0.0)), "not_finite"),
+        (changed(stamp_ns=2**62), "not_finite"),
+        (changed(ranges=ArrayBlob(dtype="float32", shape=(3,), data=b"123")), "malformed"),
+        (changed(ranges=ArrayBlob.of(np.ones((2, 2)), "float32")), "malformed"),
+        (odometry_reading(0.0, (math.nan, 0.0, 0.0)), "not_finite"),
+    ],
+)
+def test_a_useless_reading_is_counted_and_changes_nothing(reading: Reading, cause: str) -> None:
+    maker = a_maker()
+    assert made_of(reading, maker=maker) == []
+    assert maker.dropped == {cause: 1}
+    assert [step.step for step in made_of(*driving(0.0), maker=maker)] == [0]
+
+
+def test_lost_beams_do_not_cost_the_scan() -> None:
+    assert len(made_of(with_ranges([math.nan, math.inf, 0.0, 1.0]))) == 1
+
+
+# --- time and frames ----------------------------------------------------------------------------
+
+
+def test_a_reading_may_be_a_little_late_but_not_more() -> None:
+    maker = a_maker()
+    poses = {10.0: 0.0, 9.1: 1.0, 8.9: 2.0, 10.5: 3.0}
+    steps = made_of(*(laser_reading(t, (x, 0.0, 0.0)) for t, x in poses.items()), maker=maker)
+    assert [step.odom_from_robot[0] for step in steps] == [0.0, 1.0, 3.0]
+    assert maker.dropped == {"stamp_steps_back": 1}
+
+
+def test_a_clock_that_was_set_back_is_followed_after_a_while() -> None:
+    maker = a_maker()
+    made_of(laser_reading(1e6, ORIGIN), maker=maker)
+    readings = [laser_reading(i / 10, (i / 10, 0.0, 0.0)) for i in range(2 * RESTART_AFTER)]
+    steps = made_of(*readings, maker=maker)
+    assert steps[0].stamp_ns == readings[RESTART_AFTER - 1].stamp_ns
+    assert maker.dropped == {"stamp_steps_back": RESTART_AFTER - 1, "clock_restarted": 1}
+
+
+def test_a_jump_of_odometry_moves_nobody() -> None:
+    maker = a_maker()
+    before = [laser_reading(t, (t + 40.0, 0.0, 0.0)) for t in (10.0, 11.0)]
+    counting_anew = [laser_reading(t, (t - 11.9, 0.0, 0.0)) for t in (12.0, 13.0)]
+    steps = made_of(*before, *counting_anew, maker=maker)
+    # the robot drove on: 50, 51, no motion over the jump, one metre more
+    assert [step.odom_from_robot[0] for step in steps] == pytest.approx([50.0, 51.0, 52.0])
+    assert maker.dropped == {"odometry_jumped": 1}
+
+
+def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
+    maker = a_maker()
+    maker.take(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
+    maker.take(odometry_reading(0.1, ORIGIN))
+    maker.take(odometry_reading(0.5, (1.0, 0.0, 0.0)))  # one metre straight ahead
+    assert maker.odometry is not None
+    assert maker.odometry[1] == pytest.approx((50.0, 1.0, math.pi / 2))
+
+
+def test_one_wild_pose_leaves_no_trace() -> None:
+    maker = a_maker()
+    for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
+        maker.take(odometry_reading(i / 10, (x, 0.0, 0.0)))
+    assert maker.dropped == {"odometry_jumped": 2}
+    assert maker.odometry is not None
+    # The motion over both jumps is unknown and taken for none.
+    assert maker.odometry[1] == pytest.approx((0.2, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("elapsed_s", "pose", "jumps"),
+    [
+        (0.1, (1.5, 0.0, 0.0), 0),
+        (0.1, (2.5, 0.0, 0.0), 1),
+        (0.1, (0.0, 0.0, 1.9), 0),
+        (0.1, (0.0, 0.0, 2.5), 1),
+        (60.0, (90.0, 0.0, 3.0), 0),
+        (60.0, (110.0, 0.0, 0.0), 1),
+    ],
+)
+def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, jumps: int) -> None:
+    maker = a_maker()
+    maker.take(odometry_reading(0.0))
+    maker.take(odometry_reading(elapsed_s, pose))
+    assert maker.dropped["odometry_jumped"] == jumps
+
+
+# --- history ------------------------------------------------------------------------------------
+
+
+def test_the_history_keeps_the_last_steps() -> None:
+    history = StepHistory(3)
+    assert (history.newest(), history.between(0, 9)) == (None, [])
+    steps = made_of(*driving(0, 1, 2, 3, 4))
+    for step in steps:
+        history.add(step)
+    assert history.newest() == steps[4]
+    assert history.between(0, 9) == steps[2:]
+    assert history.between(3, 3) == [steps[3]]
+    assert history.between(4, 3) == []
+    with pytest.raises(ValueError, match="step 4 after step 4"):
+        history.add(steps[4])
