@@ -1,0 +1,90 @@
+"""The simulator process: a bridge whose robot is simulated."""
+
+import argparse
+import logging
+
+import zenoh
+
+from process_runtime.main import Invocation, process_main
+from process_runtime.wire import Asked, Publisher
+from protocol import keys
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError
+from protocol.messages import CommandDone, Kidnap, Scan, TruePose
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_world
+from sensor_bridge.loop import Extension
+from sensor_bridge.process import serve_robot
+
+_log = logging.getLogger(__name__)
+
+
+def main() -> None:
+    """Run the simulator."""
+    process_main(
+        "robot_simulator",
+        run_simulator,
+        describe="Simulated robot for Cluster-MCL: wanders in a world and publishes steps.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--source", metavar="SOURCE", help="sim:WORLD or sim:MAP.yaml (default: bridge.source)"
+    )
+    parser.add_argument("--steps", type=int, metavar="N", help="end after N steps")
+    parser.add_argument(
+        "--kidnap-at", type=int, metavar="STEP", help="lift the robot elsewhere after this step"
+    )
+    parser.add_argument(
+        "--people", type=int, default=0, metavar="N", help="people who walk about near the robot"
+    )
+
+
+def run_simulator(invocation: Invocation) -> None:
+    """Simulate until told to stop.
+
+    Raises:
+        UnknownWorldError: there is no such world.
+        MapFileError: the map cannot be used.
+        NoRoomError: the robot fits nowhere in it.
+        AlreadyRunningError: the robot has a bridge.
+    """
+    settings, arguments = invocation.settings, invocation.arguments
+    world = simulated_world(arguments.source or settings.bridge.source)
+    simulation = Simulation(world, settings.seed, people=arguments.people)
+    source = SimulatedSource(simulation, steps=arguments.steps, kidnap_at=arguments.kidnap_at)
+
+    def extend(session: zenoh.Session) -> Extension:
+        truth = Publisher(session, keys.TRUTH)
+        kidnapper = _Kidnapper(source, invocation.process)
+
+        def on_step(scan: Scan) -> None:
+            pose = source.step_made(scan)
+            truth.put(TruePose(sender=invocation.process, step=scan.step, map_from_robot=pose))
+
+        return Extension(on_step, {keys.KIDNAP: kidnapper.asked})
+
+    serve_robot(invocation, world.map, source, extend)
+
+
+class _Kidnapper:
+    """Carries a kidnapping out once, however often it is asked."""
+
+    def __init__(self, source: SimulatedSource, sender: str) -> None:
+        self._source, self._sender = source, sender
+        self._last_id = ""
+
+    def asked(self, asked: Asked) -> None:
+        """Answer one query."""
+        try:
+            command = decode(asked.payload, Kidnap)
+        except MalformedMessageError as error:
+            asked.refuse(str(error))
+            return
+        if command.command_id != self._last_id:
+            self._last_id = command.command_id
+            x, y, heading = self._source.kidnap(command.map_from_robot)
+            _log.info("the robot was lifted to (%.2f, %.2f) m, %.2f rad", x, y, heading)
+        asked.answer(CommandDone(sender=self._sender))

@@ -1,0 +1,84 @@
+"""A simulated robot as a source of steps: for the bridge, and for runs without a network."""
+
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from grid_maps.load import load_map
+from process_runtime.settings import BridgeSettings
+from protocol.messages import PoseTuple, Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world, world_names
+from robot_simulator.worlds.world import World, world_from_map
+from sensor_bridge.loop import Reading
+from sensor_bridge.step_maker import StepMaker
+
+PREFIX = "sim:"
+"""What the name of a simulated source begins with."""
+
+
+def simulated_world(source: str) -> World:
+    """The world that `source` names: ``sim:WORLD``, or ``sim:MAP.yaml`` for any map.
+
+    Raises:
+        UnknownWorldError: no world has this name, and it is no file either.
+        MapFileError: the file cannot be used as a map.
+    """
+    name = source.removeprefix(PREFIX)
+    if name not in world_names() and (Path(name).suffix or Path(name).exists()):
+        return world_from_map(load_map(name), name)
+    return world(name)
+
+
+class SimulatedSource:
+    """Readings of a simulated robot, for as many steps as are asked for.
+
+    Args:
+        simulation: the robot in its world.
+        steps: it ends with this step; None: never.
+        kidnap_at: the robot is lifted to another place after this step; None: never.
+    """
+
+    def __init__(
+        self, simulation: Simulation, *, steps: int | None = None, kidnap_at: int | None = None
+    ) -> None:
+        self.steps = steps
+        self._simulation, self._kidnap_at = simulation, kidnap_at
+        self._steps_made = 0
+        self._tick: deque[Reading] = deque()
+
+    def next_reading(self) -> Reading | None:
+        """The next reading in the order of time; None after the last step."""
+        if not self._tick:
+            if self._steps_made == self.steps:
+                return None
+            self._tick.extend(next(self._simulation).readings)
+        return self._tick.popleft()
+
+    def step_made(self, scan: Scan) -> PoseTuple:
+        """Count a step and kidnap the robot if it is time; where the robot was at the step."""
+        self._steps_made += 1
+        truth = self._simulation.truth_at(scan.stamp_ns)
+        if scan.step == self._kidnap_at:
+            self._simulation.kidnap()
+        return truth
+
+    def kidnap(self, map_from_robot: PoseTuple | None) -> PoseTuple:
+        """Lift the robot to another place, or to somewhere far away; where it is now."""
+        return self._simulation.kidnap(map_from_robot)
+
+
+def simulated_steps(
+    source: SimulatedSource, settings: BridgeSettings, map_digest: str
+) -> Iterator[tuple[Scan, PoseTuple]]:
+    """All steps of a simulated robot with the true poses; the same that a bridge would make."""
+    maker = StepMaker(settings, map_digest, sender="robot_simulator")
+    made = 0
+    while (reading := source.next_reading()) is not None:
+        scan = maker.take(reading)
+        if scan is not None:
+            made += 1
+            scan = msgspec.structs.replace(scan, last=made == source.steps)
+            yield scan, source.step_made(scan)
