@@ -95,7 +95,7 @@ class Coordinator:
         if not self._begun:
             self._placement.begin(self._ensemble.begin_at(scan.step))
             self._begun = True
-        self._pose.odometry(scan.stamp_ns, scan.odom_from_robot, now_ns)
+        self._pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
         return self.tick(now_ns)
 
     def odometry(self, reading: OdometryReading, now_ns: int) -> None:

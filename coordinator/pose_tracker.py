@@ -19,12 +19,20 @@ class PoseTracker:
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
+        self._by_scan = True
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
-        """The robot's newest odometry arrived; an older stamp than the last is no news."""
-        if self._arrived_ns is not None and stamp_ns <= self._stamp_ns:
+        """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
+        if self._arrived_ns is not None and stamp_ns == self._stamp_ns:
             return
         self._stamp_ns, self._odom_now, self._arrived_ns = stamp_ns, odom_from_robot, now_ns
+        self._by_scan = False
+
+    def scan(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
+        """A step's scan arrived; it was taken before the newest odometry, where there is any."""
+        if self._by_scan or stamp_ns > self._stamp_ns:
+            self.odometry(stamp_ns, odom_from_robot, now_ns)
+            self._by_scan = True
 
     def believed(self, outcome: Outcome, odom_from_robot: PoseTuple) -> None:
         """A step was applied; its hypotheses hold at the odometry of its scan."""

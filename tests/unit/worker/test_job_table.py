@@ -1,0 +1,207 @@
+import numpy as np
+import pytest
+
+from particle_filter.arrays import OCCUPIED
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from protocol.arrays import ArrayBlob
+from protocol.messages import (
+    Assignment,
+    Particles,
+    Scan,
+    SearchJob,
+    SearchReport,
+    TrackJob,
+    TrackReport,
+    WorkOrder,
+)
+from worker.job_table import JobTable
+
+SETTINGS = FilterSettings(
+    cluster=ClusterSettings(particles=100),
+    search=SearchSettings(
+        min_start_particles=500,
+        max_start_particles=500,
+        particles=200,
+        shards=2,
+        annealing_steps=2,
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    cells = np.zeros((60, 80), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    cells[20:30, 40:45] = OCCUPIED
+    field = LikelihoodField.build(cells, 0.1, np.zeros(3), SETTINGS.sensor)
+    return SensorModel(field, jump_field(cells), SETTINGS.sensor)
+
+
+def scan(step: int) -> Scan:
+    return Scan(
+        sender="bridge",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=(0.2 * step, 0.0, 0.0),
+        robot_from_laser=(0.0, 0.0, 0.0),
+        angle_min_rad=-1.5,
+        angle_step_rad=0.1,
+        range_max_m=20.0,
+        ranges=ArrayBlob.of(np.linspace(1.0, 3.0, 31), "float32"),
+        map_digest="map",
+    )
+
+
+def cloud(step: int = 0) -> Particles:
+    rng = np.random.default_rng(1)
+    poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.1, (50, 3))
+    return Particles(
+        step=step,
+        odom_from_robot=(0.2 * step, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(50), "float64"),
+    )
+
+
+def track(job_id: str, start: Particles, *, epoch: int = 1, exact: bool = False) -> Assignment:
+    job = TrackJob(cluster=int(job_id[1:]), start=start, exact=exact)
+    return Assignment(job_id=job_id, epoch=epoch, job=job)
+
+
+def order(
+    *begin: Assignment, keep: tuple[tuple[str, int], ...] = (), snapshots: int = 0
+) -> WorkOrder:
+    return WorkOrder(
+        sender="coordinator",
+        order=1,
+        map_digest="map",
+        filter_settings={},
+        snapshot_every_steps=snapshots,
+        keep=keep,
+        begin=begin,
+    )
+
+
+def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
+    taken = [report for step in steps for report in table.take(scan(step))]
+    assert all(isinstance(report, TrackReport) for report in taken)
+    return [report for report in taken if isinstance(report, TrackReport)]
+
+
+def test_every_job_answers_every_scan_in_order(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
+    reports = reports_of(table, range(1, 4))
+    assert [(r.step, r.job_id) for r in reports] == [
+        (step, job) for step in (1, 2, 3) for job in ("c0", "c1")
+    ]
+
+
+def test_a_job_that_the_order_does_not_name_ends(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
+    table.follow(order(keep=(("c1", 1),)), model, SETTINGS)
+    assert [job_id for job_id, _, _ in table.summary()] == ["c1"]
+
+
+def test_the_same_order_twice_does_not_start_a_job_anew(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    reports_of(table, range(1, 3))
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    assert table.summary() == (("c0", 1, 2),)
+
+
+def test_a_job_that_begins_late_catches_up_with_what_the_worker_has_seen(
+    model: SensorModel,
+) -> None:
+    table = JobTable("w")
+    for step in range(1, 6):
+        table.take(scan(step))
+    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
+    assert table.missing() is None
+    assert [report.step for report in table.catch_up()] == [3, 4, 5]
+
+
+def test_what_the_worker_has_not_seen_is_asked_for(model: SensorModel) -> None:
+    table = JobTable("w")
+    for step in range(5, 7):
+        table.take(scan(step))
+    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
+    missing = table.missing()
+    assert missing is not None
+    assert (missing.first, missing.last) == (3, 4)
+    history = [scan(3), scan(4)]
+    assert [report.step for report in table.catch_up(history)] == [3, 4, 5, 6]
+
+
+def test_a_worker_that_has_seen_nothing_asks_for_all_since_its_jobs_start(
+    model: SensorModel,
+) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
+    missing = table.missing()
+    assert missing is not None
+    assert (missing.first, missing.last) == (3, None)
+
+
+def test_the_newest_scan_once_more_is_answered_once_more(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    first = table.take(scan(1))
+    assert table.take(scan(1)) == first
+    table.take(scan(2))
+    assert table.take(scan(1)) == [], "an older one is past"
+
+
+def test_a_job_carried_on_from_a_snapshot_gives_the_same_numbers(model: SensorModel) -> None:
+    undisturbed = JobTable("w")
+    undisturbed.follow(order(track("c0", cloud()), snapshots=2), model, SETTINGS)
+    expected = reports_of(undisturbed, range(1, 8))
+    snapshot = next(r.snapshot for r in expected if r.step == 4)
+    assert snapshot is not None
+    heir = JobTable("w")
+    heir.follow(order(track("c0", snapshot, exact=True), snapshots=2), model, SETTINGS)
+    assert reports_of(heir, range(5, 8)) == expected[4:]
+
+
+def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    table.take(scan(1))
+    (report,) = reports_of(table, range(5, 6))
+    moved = report.mean[0] - np.mean(cloud().map_from_robot.array()[:, 0])
+    assert moved == pytest.approx(1.0, abs=0.3), "five steps of 0.2 m, by odometry"
+
+
+def test_a_search_tells_no_places_before_it_is_annealed(model: SensorModel) -> None:
+    table = JobTable("w")
+    job = SearchJob(search=0, shard=0, first_step=0)
+    table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
+    reports = [report for step in range(4) for report in table.take(scan(step))]
+    assert [bool(r.places) for r in reports if isinstance(r, SearchReport)] == [
+        False,
+        True,
+        True,
+        True,
+    ]
+    last = reports[-1]
+    assert isinstance(last, SearchReport)
+    assert sum(place.share for place in last.places) <= 1.0 + 1e-9
+
+
+def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    broken = Particles(
+        step=0,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(np.zeros((4, 2)), "float64"),
+        log_weights=ArrayBlob.of(np.zeros(4), "float64"),
+    )
+    with pytest.raises(ValueError, match="no cloud"):
+        table.follow(order(track("c1", broken)), model, SETTINGS)
+    assert [job_id for job_id, _, _ in table.summary()] == ["c0"]
