@@ -12,12 +12,12 @@ from protocol.messages import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
 RADIUS_M = 0.2
-_LOOK_AHEAD_M = 0.4
+_LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
+"""How far ahead on its path the robot heads where there is room, and how near it comes at least."""
 _TURN_PER_ERROR = 2.5
 """Turn rate for each radian between the heading and where the robot wants to go [1/s]."""
 _NO_DRIVE_ERROR_RAD = 0.8
 """A robot that heads so far off turns on the spot."""
-_LEAST_ROOM_M = RADIUS_M + 0.03
 _BLOCKED_S = 1.0
 """After so long without a way on, it looks for another goal."""
 _FARTHEST_GOAL_M = 60.0
@@ -60,7 +60,9 @@ class Robot:
         self._free_space, self._rng = free_space, rng
         self._top_speed_m_s, self._top_turn_rate_rad_s = top_speed_m_s, top_turn_rate_rad_s
         self._speed_m_s, self._turn_rate_rad_s, self._blocked_s = 0.0, 0.0, 0.0
-        self._path: list[list[float]] = _dense(np.vstack([map_from_robot[:2], route])).tolist()
+        self._path: list[tuple[float, float]] = _dense(
+            np.vstack([map_from_robot[:2], route])
+        ).tolist()
         self._next = 0
 
     def put(self, map_from_robot: PoseTuple) -> None:
@@ -82,33 +84,48 @@ class Robot:
         return drive
 
     def _bumps(self, after: PoseTuple) -> bool:
-        """Whether a move would bring the robot too near to an obstacle, and nearer than it is."""
+        """Whether a move would bring the robot against an obstacle, and nearer than it is."""
         room_m = self._free_space.clearance_m(after[0], after[1])
         x, y, _ = self.map_from_robot
-        return room_m < _LEAST_ROOM_M and room_m < self._free_space.clearance_m(x, y)
+        return room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y)
 
     def _steer(self, seconds: float) -> None:
         """Set both rates, within what motors can do."""
         error = self._bearing_of_carrot()
         limit = self._top_turn_rate_rad_s
         wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
-        wanted_speed = self._top_speed_m_s * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD)
+        x, y, _ = self.map_from_robot
+        margin_m = max(0.0, self._free_space.clearance_m(x, y) - RADIUS_M)
+        top_speed = min(self._top_speed_m_s, 0.1 + 2.0 * margin_m)  # carefully near obstacles
+        wanted_speed = top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD)
         self._turn_rate_rad_s = _towards(self._turn_rate_rad_s, wanted_turn, 4.0 * seconds)
         slow_down = wanted_speed < self._speed_m_s
         most = (1.5 if slow_down else 0.6) * seconds
         self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
 
     def _bearing_of_carrot(self) -> float:
-        """Direction, seen from the robot, of the next point of the path that is not yet near."""
+        """Direction, seen from the robot, of the point of its path that it heads for."""
         x, y, heading = self.map_from_robot
-        while True:
-            if self._next >= len(self._path) or self._blocked_s > _BLOCKED_S:
-                path = self._free_space.random_path(x, y, _FARTHEST_GOAL_M, self._rng)
-                self._path = path.tolist()
-                self._next, self._blocked_s = 0, 0.0
+        self._advance(x, y)
+        while self._next >= len(self._path) or self._blocked_s > _BLOCKED_S:
+            way_out = [self._free_space.roomiest_near(x, y)] if self._blocked_s > 0.0 else []
+            path = self._free_space.random_path(x, y, _FARTHEST_GOAL_M, self._rng)
+            self._path, self._next, self._blocked_s = [*way_out, *path.tolist()], 0, 0.0
+            self._advance(x, y)
+        goal_x, goal_y = self._path[self._next]
+        return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
+
+    def _advance(self, x: float, y: float) -> None:
+        """Go on to the next point of the path while it is near, unless that cuts a corner."""
+        while self._next < len(self._path):
             goal_x, goal_y = self._path[self._next]
-            if hypot(goal_x - x, goal_y - y) >= _LOOK_AHEAD_M:
-                return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
+            distance_m = hypot(goal_x - x, goal_y - y)
+            if distance_m >= _LOOK_AHEAD_M:
+                return
+            if self._next + 1 < len(self._path) and distance_m >= _ARRIVED_M:
+                next_x, next_y = self._path[self._next + 1]
+                if not self._free_space.has_room_between(x, y, next_x, next_y):
+                    return
             self._next += 1
 
 

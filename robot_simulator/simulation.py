@@ -13,7 +13,7 @@ from robot_simulator import people as walkers
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.lidar import Lidar, LidarModel
 from robot_simulator.odometer import Odometer
-from robot_simulator.robot import Drive, Robot, driven
+from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
 from robot_simulator.worlds.world import World
 
 _PIECE_NS = 50_000_000
@@ -55,7 +55,7 @@ class Simulation:
         seed: of everything that happens by chance.
         lidar: how good its scanner is; the default sees as far as the world says.
         people: how many walk about near it.
-        start: (3,) where it starts, instead of where the world says.
+        start: (3,) where it starts, instead of where the world says and along its route.
         start_ns: stamp of the first reading.
         sender: who the readings say they are from.
 
@@ -80,7 +80,8 @@ class Simulation:
         self._place_rng = rngs[0]
         begin = start if start is not None else world.start
         pose = begin if begin is not None else self._free_space.random_pose(rngs[0])
-        route = np.array(world.route, np.float64).reshape(-1, 2)
+        pose = self._free_space.where_it_fits(pose, RADIUS_M)
+        route = np.array(world.route if start is None else (), np.float64).reshape(-1, 2)
         self._robot = Robot(self._free_space, pose, route, rngs[1])
         self._odometer = Odometer(rngs[2])
         model = lidar if lidar is not None else LidarModel(range_max_m=world.lidar_range_m)
@@ -111,13 +112,14 @@ class Simulation:
         """Lift the robot to another place between two ticks; its odometry notices nothing.
 
         Args:
-            map_from_robot: (3,) where to; None: somewhere far away.
+            map_from_robot: (3,) where to, or beside it where the robot does not fit; None:
+                somewhere far away.
 
         Returns:
             Where it is now.
         """
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
-        self._robot.put(pose)
+        self._robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
         return self.map_from_robot
 
     def truth_at(self, stamp_ns: int) -> PoseTuple:

@@ -30,7 +30,7 @@ def cross_feature() -> World:
     plan = _cross_plan()
     plan.block(8.4, 0.75, 9.8, 1.75)
     middle: Waypoint = (0.0, 0.0)
-    inner = [(-4.0, 0.0), middle, (0.0, -4.0), middle]
+    inner = [(-4.6, 0.0), middle, (0.0, -4.6), middle]
     chamber = [(5.8, -0.35), (6.9, -0.75), (8.4, -0.6), (9.7, -0.6), (7.7, -0.4), (7.7, 0.9)]
     return World(
         name="cross_feature",

@@ -30,8 +30,8 @@ def cast_ray(cells: Cells, cell_m: float, pose: Pose, angle: float, max_range_m:
 
 
 def _between(
-    start: float, along: float, low: NDArray[np.float64], high: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    start: float, along: float, low: NDArray[np.floating], high: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """From when to when a moving coordinate lies between two bounds; it must move."""
     ends = (low - start) / along, (high - start) / along
     return np.minimum(*ends), np.maximum(*ends)

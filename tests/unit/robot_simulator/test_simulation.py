@@ -1,0 +1,202 @@
+"""A simulation: repeatable, in order, and true to its world."""
+
+from dataclasses import replace
+from itertools import islice
+from math import hypot, pi
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from grid_maps.grid_map import GridMap
+from robot_simulator.free_space import FreeSpace
+from robot_simulator.lidar import Lidar, LidarModel
+from robot_simulator.people import RADIUS_M, People
+from robot_simulator.simulation import Simulation, Tick
+from robot_simulator.worlds.catalogue import world
+from robot_simulator.worlds.world import world_from_map
+
+HALL = world("hall")
+ROOM = GridMap(np.pad(np.zeros((80, 120), np.int8), 2, constant_values=1), 0.05, (-0.1, -0.1, 0.0))
+"""From (0, 0) to (6, 4) m."""
+NOBODY = np.zeros((0, 2))
+PERFECT = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.0, 0.0, 0.0))
+
+
+def ranges(tick: Tick) -> NDArray[np.float32]:
+    return tick.laser.ranges.array()
+
+
+def first_ticks(count: int, seed: int, people: int = 0) -> list[Tick]:
+    return list(islice(Simulation(HALL, seed, people=people), count))
+
+
+def test_the_same_seed_gives_the_same_ticks() -> None:
+    assert first_ticks(300, seed=3, people=4) == first_ticks(300, seed=3, people=4)
+
+
+def test_another_seed_gives_other_ticks() -> None:
+    one, other = first_ticks(1, seed=3)[0], first_ticks(1, seed=4)[0]
+    assert one.map_from_robot != other.map_from_robot
+
+
+def test_a_kidnapping_is_repeatable_too() -> None:
+    def run() -> list[Tick]:
+        simulation = Simulation(HALL, 5)
+        before = list(islice(simulation, 20))
+        simulation.kidnap()
+        return before + list(islice(simulation, 20))
+
+    assert run() == run()
+
+
+def test_people_change_what_is_seen_but_not_where_the_robot_drives() -> None:
+    alone, watched = first_ticks(300, seed=3), first_ticks(300, seed=3, people=4)
+    assert [tick.map_from_robot for tick in alone] == [tick.map_from_robot for tick in watched]
+    shorter = [np.mean(ranges(b) < ranges(a) - 0.5) for a, b in zip(alone, watched, strict=True)]
+    assert 0.005 < np.mean(shorter) < 0.3
+
+
+def test_readings_come_in_the_order_of_their_stamps_at_20_and_10_hz() -> None:
+    simulation = Simulation(HALL, 0, start_ns=7_000_000_000)
+    readings = [reading for tick in islice(simulation, 30) for reading in tick.readings]
+    stamps = [reading.stamp_ns for reading in readings]
+    assert stamps == sorted(set(stamps))
+    assert stamps[:4] == [7_000_000_000, 7_020_000_000, 7_050_000_000, 7_100_000_000]
+
+
+def test_odometry_begins_at_its_origin_and_the_laser_does_not_know_it() -> None:
+    tick = first_ticks(1, seed=0)[0]
+    assert tick.odometry[0].odom_from_robot == (0.0, 0.0, 0.0)
+    assert tick.laser.odom_from_robot is None
+
+
+def test_the_truth_can_be_asked_for_any_time_since_the_start() -> None:
+    simulation = Simulation(HALL, 1)
+    ticks = list(islice(simulation, 200))
+    for tick in ticks:
+        assert simulation.truth_at(tick.stamp_ns) == tick.map_from_robot
+    a, b = (simulation.truth_at(8_000_000_000 + ns) for ns in (-1, 1))
+    assert hypot(a[0] - b[0], a[1] - b[1]) < 1e-8  # no jump where one tick meets the next
+
+
+@pytest.mark.parametrize("stamp_ns", [-1, 1_000_000_000, 5_000_000_000])
+def test_the_truth_of_other_times_is_refused(stamp_ns: int) -> None:
+    simulation = Simulation(HALL, 1)
+    list(islice(simulation, 10))
+    with pytest.raises(ValueError, match="stamp"):
+        simulation.truth_at(stamp_ns)
+
+
+def test_a_kidnapped_robot_is_far_away_and_its_odometry_noticed_nothing() -> None:
+    simulation = Simulation(HALL, 2)
+    before = list(islice(simulation, 100))[-1]
+    x, y, _ = simulation.map_from_robot
+    where = simulation.kidnap()
+    after = next(simulation)
+    assert hypot(where[0] - x, where[1] - y) > 5.0
+    assert hypot(after.map_from_robot[0] - where[0], after.map_from_robot[1] - where[1]) < 0.1
+    jump = np.subtract(after.odometry[0].odom_from_robot, before.odometry[1].odom_from_robot)
+    assert hypot(jump[0], jump[1]) < 0.1
+
+
+def test_a_robot_is_put_where_somebody_says_and_drives_on_from_there() -> None:
+    simulation = Simulation(world("cross_feature"), 2)
+    assert simulation.kidnap((0.0, -3.0, 1.0)) == (0.0, -3.0, 1.0)
+    path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
+    assert np.hypot(*(path[0, :2] - [0.0, -3.0])) < 0.1
+    assert np.ptp(path[:, :2], axis=0).max() > 1.0
+
+
+def test_a_robot_put_into_a_wall_stands_beside_it() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2)
+    assert simulation.kidnap((-0.05, 2.0, 1.0)) == pytest.approx((0.4, 2.0, 1.0), abs=0.2)
+
+
+def test_a_start_may_be_chosen() -> None:
+    tick = next(Simulation(HALL, 0, start=(-8.0, -4.0, 0.5)))
+    assert tick.map_from_robot == pytest.approx((-8.0, -4.0, 0.5), abs=0.05)
+
+
+def test_a_world_sees_as_far_as_it_says() -> None:
+    tick = next(Simulation(HALL, 0))
+    assert tick.laser.range_max_m == HALL.lidar_range_m
+    assert len(ranges(tick)) == 181
+    assert tick.laser.angle_min_rad == pytest.approx(-pi / 2)
+    assert tick.laser.angle_min_rad + 180 * tick.laser.angle_step_rad == pytest.approx(pi / 2)
+
+
+def test_beams_end_on_what_is_really_there() -> None:
+    lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
+    seen = lidar.scan((2.0, 1.0, pi / 2), NOBODY, RADIUS_M)
+    assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
+
+
+def test_the_laser_sits_where_it_is_told() -> None:
+    ahead = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.5, 0.0, pi / 2))
+    seen = Lidar(ahead, ROOM, np.random.default_rng(0)).scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
+    assert seen[[0, 90, 180]] == pytest.approx([3.5, 3.0, 2.5])
+
+
+def test_noise_and_drop_outs_are_as_frequent_as_told() -> None:
+    model = replace(PERFECT, range_noise_m=0.05, drop_out_share=0.1)
+    lidar, clean = (Lidar(m, ROOM, np.random.default_rng(1)) for m in (model, PERFECT))
+    pose = (2.0, 1.0, 0.3)
+    scans = np.array([lidar.scan(pose, NOBODY, RADIUS_M) for _ in range(60)])
+    lost = np.isinf(scans)
+    errors = (scans - clean.scan(pose, NOBODY, RADIUS_M))[~lost]
+    # 10,860 beams: five standard errors of the share are 0.015, of the deviation 0.0018.
+    assert lost.mean() == pytest.approx(0.1, abs=0.015)
+    assert errors.std() == pytest.approx(0.05, abs=0.0018)
+
+
+def test_what_is_too_far_does_not_return() -> None:
+    short_sighted = LidarModel(range_max_m=2.5, drop_out_share=0.0)
+    seen = Lidar(short_sighted, ROOM, np.random.default_rng(0)).scan((2, 1, 0), NOBODY, RADIUS_M)
+    assert np.isinf(seen).any()
+    assert seen[np.isfinite(seen)].max() < 2.5
+
+
+def test_a_person_stands_in_the_way() -> None:
+    lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
+    person = np.array([[4.0, 1.0], [1.0, 1.0]])  # the second one is behind
+    alone = lidar.scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
+    seen = lidar.scan((2.0, 1.0, 0.0), person, RADIUS_M)
+    assert seen[90] == pytest.approx(2.0 - RADIUS_M)
+    hidden = np.flatnonzero(seen != alone)
+    assert len(hidden) == 15  # asin(0.25 / 2) is 7.2 degrees to either side
+    np.testing.assert_array_equal(hidden, np.arange(83, 98))
+
+
+def test_a_person_who_holds_the_laser_hides_nothing() -> None:
+    lidar = Lidar(PERFECT, ROOM, np.random.default_rng(0))
+    alone = lidar.scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
+    np.testing.assert_array_equal(
+        lidar.scan((2.0, 1.0, 0.0), np.array([[2.1, 1.0]]), RADIUS_M), alone
+    )
+
+
+def test_people_walk_on_free_ground_and_not_into_the_robot() -> None:
+    free_space = FreeSpace(ROOM)
+    people, robot = People(3, free_space, np.random.default_rng(0)), (3.0, 2.0, 0.0)
+    path = []
+    for _ in range(300):
+        people.walk(robot, 0.1)
+        path.append(people.positions)
+    walked = np.array(path)
+    assert walked.shape == (300, 3, 2)
+    assert all(free_space.clearance_m(x, y) >= RADIUS_M for x, y in walked.reshape(-1, 2))
+    assert np.hypot(*(walked - robot[:2]).reshape(-1, 2).T).min() >= 0.8
+    assert np.ptp(walked, axis=0).min() > 1.0
+    assert np.hypot(*np.diff(walked, axis=0).reshape(-1, 2).T).max() < 0.11
+
+
+def test_nobody_comes_in_where_there_is_no_room() -> None:
+    people = People(2, FreeSpace(ROOM), np.random.default_rng(0))
+    people.walk((100.0, 100.0, 0.0), 0.1)
+    assert people.positions.shape == (0, 2)
+
+
+def test_a_scan_has_at_least_two_beams() -> None:
+    with pytest.raises(ValueError, match="two beams"):
+        LidarModel(beams=1)
