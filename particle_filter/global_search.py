@@ -82,7 +82,7 @@ def uniform_over_free_space(
     in_grid = np.empty((len(strata), 3))
     in_grid[:, 0] = (cols + rng.random(len(strata))) * cell_m
     in_grid[:, 1] = (rows + rng.random(len(strata))) * cell_m
-    turns = strata * _GOLDEN + rng.random() / len(strata)
+    turns = strata * _GOLDEN + rng.random()
     in_grid[:, 2] = 2.0 * math.pi * (turns - np.floor(turns)) - math.pi
     return compose(map_from_grid, in_grid)
 

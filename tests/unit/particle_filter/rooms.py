@@ -1,0 +1,41 @@
+"""A small room that the tests of the filter look at, and what a laser sees in it."""
+
+import numpy as np
+
+from particle_filter.arrays import OCCUPIED, Cells, Pose
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import cast_rays, jump_field
+from particle_filter.sensor_model import Beams, SensorModel, beams_of
+from particle_filter.settings import SensorSettings
+
+CELL_M = 0.05
+ANGLES = np.linspace(-np.pi, np.pi, 72, endpoint=False)
+NO_OFFSET = np.zeros(3)
+
+
+def symmetric_room() -> Cells:
+    """6 m x 4 m, walls and two boxes; half a turn maps it on itself, cell by cell."""
+    cells = np.zeros((80, 120), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    cells[20:32, 30:38] = OCCUPIED
+    return np.asarray(np.maximum(cells, cells[::-1, ::-1]))
+
+
+def plain_room() -> Cells:
+    """The same with one box only: nothing else looks like it."""
+    cells = symmetric_room()
+    cells[48:60, 82:90] = 0
+    return cells
+
+
+def model_of(cells: Cells, settings: SensorSettings | None = None) -> SensorModel:
+    settings = settings or SensorSettings()
+    field = LikelihoodField.build(cells, CELL_M, NO_OFFSET, settings)
+    return SensorModel(field, jump_field(cells), settings)
+
+
+def seen_from(pose: Pose, cells: Cells) -> Beams:
+    """A perfect scan."""
+    ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0)
+    step = float(ANGLES[1] - ANGLES[0])
+    return beams_of(ranges, 20.0, float(ANGLES[0]), step, NO_OFFSET, SensorSettings())
