@@ -99,7 +99,7 @@ def _mixture(settings: SensorSettings, max_range_m: float) -> _Mixture:
 
 
 @kernel
-def _summed_logs(  # noqa: PLR0917 - compiled code takes no keyword-only arguments
+def _summed_logs(
     poses: Poses,
     beams: NDArray[np.float64],
     robot_from_laser: Pose,

@@ -148,9 +148,7 @@ def _cast_all(
 
 
 @kernel
-def cast_ray(  # noqa: PLR0917 - compiled code takes no keyword-only arguments
-    jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cells: float
-) -> float:
+def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cells: float) -> float:
     """Follow one ray; kernels call it, and everything is in cells.
 
     Args:
@@ -202,7 +200,7 @@ def cast_ray(  # noqa: PLR0917 - compiled code takes no keyword-only arguments
 
 
 @kernel
-def _span_in_grid(  # noqa: PLR0917 - compiled code takes no keyword-only arguments
+def _span_in_grid(
     x: float, y: float, dx: float, dy: float, cols: float, rows: float
 ) -> tuple[float, float]:
     """Where a ray enters and leaves the grid; it enters after it leaves when it misses."""

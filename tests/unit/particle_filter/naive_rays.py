@@ -37,7 +37,7 @@ def _between(
     return np.minimum(*ends), np.maximum(*ends)
 
 
-def beam_log_likelihood(  # noqa: PLR0917 - a plain formula
+def beam_log_likelihood(
     pose: Pose,
     ranges: NDArray[np.float64],
     angles: NDArray[np.float64],
