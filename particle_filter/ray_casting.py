@@ -117,7 +117,7 @@ def _two_passes(cells: Cells) -> JumpField:
             field[row, col] = nearest + 1
     for row in range(rows - 1, -1, -1):
         for col in range(cols - 1, -1, -1):
-            nearest = field[row, col] - 1
+            nearest = int(field[row, col]) - 1  # a byte cannot hold -1
             if col < cols - 1:
                 nearest = min(nearest, field[row, col + 1])
             if row < rows - 1:

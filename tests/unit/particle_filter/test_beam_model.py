@@ -1,5 +1,10 @@
 """The beam model, against the book's formulas line by line."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -51,6 +56,10 @@ def weigh(
         max_range_m=MAX_RANGE_M,
         settings=settings,
     )
+
+
+def weighed_at_random() -> LogWeights:
+    return weigh(random_poses(3), random_readings(3))
 
 
 @relaxed
@@ -149,3 +158,18 @@ def test_a_scan_without_beams_is_refused() -> None:
 def test_a_pose_that_is_not_finite_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         weigh(np.full((1, 3), np.nan), np.ones(len(ANGLES)))
+
+
+def test_plain_python_computes_what_the_kernels_compute(tmp_path: Path) -> None:
+    """Without the compiler bytes wrap around: distances must not rely on its wider integers."""
+    stored = tmp_path / "plain.npy"
+    module = "tests.unit.particle_filter.test_beam_model"
+    code = f"import numpy, {module} as m; numpy.save({str(stored)!r}, m.weighed_at_random())"
+    subprocess.run(
+        [sys.executable, "-c", code],
+        check=True,
+        cwd=Path(__file__).parents[3],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONWARNINGS": "error"},
+    )
+    # The compiler may fuse a multiplication and an addition: a last digit can differ.
+    np.testing.assert_allclose(weighed_at_random(), np.load(stored), rtol=1e-9)
