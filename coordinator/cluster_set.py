@@ -78,7 +78,9 @@ class ClusterSet:
                     effective_sample_size=report.effective_sample_size,
                 )
         posterior = belief.updated(
-            self._log_probabilities(), evidence, squared_prior=self._rules.squared_prior
+            self._log_probabilities(),
+            belief.bounded(evidence, self._rules.evidence_bound),
+            squared_prior=self._rules.squared_prior,
         )
         self._set(belief.mixed(posterior, self._rules.transition_probability))
 

@@ -62,6 +62,17 @@ def updated(
     return normalised(posterior)
 
 
+def bounded(log_average_likelihood: NDArray[np.float64], bound: float) -> NDArray[np.float64]:
+    """Let one step tell no more than `bound` nats against any cluster.
+
+    What is not in the map, people or an open door, makes the true place fit badly for some
+    steps, and much; what tells two places apart goes on telling. NaN, a missing report, stays.
+    """
+    if np.all(np.isnan(log_average_likelihood)):
+        return log_average_likelihood
+    return np.maximum(log_average_likelihood, np.nanmax(log_average_likelihood) - bound)
+
+
 def mixed(log_belief: LogProbabilities, transition_probability: float) -> LogProbabilities:
     """Let the robot be in another cluster than believed: B <- (1 - rho) B + rho / K.
 

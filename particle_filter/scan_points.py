@@ -36,30 +36,24 @@ def usable_beams(
 
 
 def points_in_robot(
-    ranges: NDArray[np.floating],
-    angle_min: float,
-    angle_step: float,
-    robot_from_laser: Pose,
-    indices: NDArray[np.int64],
+    ranges: NDArray[np.floating], angles: NDArray[np.float64], robot_from_laser: Pose
 ) -> Points:
-    """End points of the chosen beams in the robot's frame.
+    """End points of beams in the robot's frame.
 
     Args:
-        ranges: (n,) [m].
-        angle_min: direction of beam 0 in the laser's frame [rad].
-        angle_step: from one beam to the next, positive counter-clockwise [rad].
+        ranges: (B,) [m].
+        angles: (B,) directions in the laser's frame [rad].
         robot_from_laser: (3,) where the laser sits on the robot.
-        indices: (B,) beams to convert.
 
     Returns:
         (B, 2) points [m].
     """
-    angles = robot_from_laser[2] + angle_min + angle_step * indices
-    lengths = np.asarray(ranges, np.float64)[indices]
+    directions = robot_from_laser[2] + np.asarray(angles)
+    lengths = np.asarray(ranges, np.float64)
     return np.stack(
         [
-            robot_from_laser[0] + lengths * np.cos(angles),
-            robot_from_laser[1] + lengths * np.sin(angles),
+            robot_from_laser[0] + lengths * np.cos(directions),
+            robot_from_laser[1] + lengths * np.sin(directions),
         ],
         axis=-1,
     )

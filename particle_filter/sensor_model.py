@@ -1,11 +1,13 @@
 """One way to weigh poses by a scan, whichever sensor model the settings name."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
+from particle_filter.beam_model import RayMap, beam_log_likelihood
 from particle_filter.ground import ground_log_penalty
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.ray_casting import JumpField
@@ -18,15 +20,23 @@ from particle_filter.visibility import hidden_log_likelihood
 class Beams:
     """The beams of one scan that are scored."""
 
-    hits_in_robot: Points
-    """(B, 2) where they ended."""
-    laser_in_robot: Points
-    """(2,) where they started."""
+    ranges: NDArray[np.float64]
+    """(B,) readings [m]; `max_range_m` or longer: no return."""
+    angles: NDArray[np.float64]
+    """(B,) directions in the laser's frame [rad]."""
+    robot_from_laser: Pose
+    max_range_m: float
+    """The shorter of what the laser and the settings can see."""
 
     @property
     def count(self) -> int:
         """How many beams."""
-        return len(self.hits_in_robot)
+        return len(self.ranges)
+
+    @cached_property
+    def hits_in_robot(self) -> Points:
+        """(B, 2) where they ended."""
+        return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
 
 def beams_of(
@@ -37,11 +47,20 @@ def beams_of(
     robot_from_laser: Pose,
     settings: SensorSettings,
 ) -> Beams:
-    """Drop beams without return, thin the rest evenly, and place their ends round the robot."""
+    """Choose the beams that are scored: invalid ones are dropped first, then the rest thinned.
+
+    To the likelihood field a beam without return is invalid; to the beam model it tells that
+    nothing was met.
+    """
     longest = min(range_max_m, settings.max_range_m)
-    chosen = usable_beams(ranges, longest, settings.max_beams)
-    hits = points_in_robot(ranges, angle_min, angle_step, robot_from_laser, chosen)
-    return Beams(hits, robot_from_laser[:2])
+    readable = np.asarray(ranges, np.float64)
+    if settings.model == "beam":
+        readable = np.minimum(readable, longest)  # NaN stays NaN
+        chosen = usable_beams(readable, np.inf, settings.max_beams)
+    else:
+        chosen = usable_beams(readable, longest, settings.max_beams)
+    angles = angle_min + angle_step * chosen
+    return Beams(np.asarray(readable[chosen], np.float64), angles, robot_from_laser, longest)
 
 
 class SensorModel:
@@ -52,13 +71,28 @@ class SensorModel:
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) log p(z | x), a sum over beams, without the exponent."""
-        return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
+        if self.settings.model == "likelihood_field":
+            return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
+        return beam_log_likelihood(
+            map_from_robot,
+            beams.ranges,
+            beams.angles,
+            robot_from_laser=beams.robot_from_laser,
+            ray_map=RayMap(self.jumps, self.field.cell_m, self.field.map_from_grid),
+            max_range_m=beams.max_range_m,
+            settings=self.settings,
+        )
 
     def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) what `log_likelihood` gave for beams through walls; costs forty times as much."""
+        """(N,) what `log_likelihood` gave for beams through walls.
+
+        Costs some forty times as much as the field. The beam model follows every ray anyway.
+        """
+        if self.settings.model == "beam":
+            return np.zeros(len(map_from_robot))
         return hidden_log_likelihood(
             map_from_robot,
-            beams.laser_in_robot,
+            beams.robot_from_laser[:2],
             beams.hits_in_robot,
             self.field,
             self.jumps,

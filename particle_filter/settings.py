@@ -149,6 +149,10 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     transition_probability: Annotated[
         float, described("share of the belief spread over all clusters each step", ge=0, le=1)
     ] = 0.01
+    evidence_bound: Annotated[
+        float,
+        described("a step tells at most so much against a cluster, from the best one", "nat", gt=0),
+    ] = 1000.0
     newcomer_probability: Annotated[
         float, described("probability given to all newcomers of one search", gt=0, le=0.5)
     ] = 0.02

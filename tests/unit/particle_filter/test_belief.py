@@ -95,3 +95,12 @@ def test_entropy_is_one_for_no_preference_and_zero_for_certainty() -> None:
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         belief.normalised(np.full(3, -np.inf))
+
+
+def test_one_step_tells_no_more_than_the_bound_against_a_cluster() -> None:
+    likelihood = np.array([-1.0, -1.3, -50.0, np.nan])
+    np.testing.assert_array_equal(belief.bounded(likelihood, 0.5), [-1.0, -1.3, -1.5, np.nan])
+
+
+def test_a_bound_on_nothing_is_nothing() -> None:
+    assert np.all(np.isnan(belief.bounded(np.full(2, np.nan), 0.5)))

@@ -57,7 +57,7 @@ def test_weights_sum_to_the_number_of_particles() -> None:
 
 def test_a_scan_without_a_valid_beam_tells_nothing() -> None:
     cloud = cloud_round(HERE, 10)
-    nothing = Beams(np.empty((0, 2)), np.zeros(2))
+    nothing = Beams(np.empty(0), np.empty(0), np.zeros(3), 10.0)
     result = weighed(cloud, nothing, model_of(plain_room()), exponent=0.2)
     assert result.cloud is cloud
     assert result.log_weight_sum == pytest.approx(math.log(10))

@@ -40,7 +40,7 @@ def share_on_walls(
     ranges = scan.ranges.array()
     beams = usable_beams(ranges, min(scan.range_max_m, 20.0), 90)
     mount = np.array(scan.robot_from_laser)
-    points = points_in_robot(ranges, scan.angle_min_rad, scan.angle_step_rad, mount, beams)
+    points = points_in_robot(ranges[beams], scan.angle_min_rad + scan.angle_step_rad * beams, mount)
     ends = np.column_stack([points, np.zeros(len(points))])
     map_from_ends = compose(map_from_robot, ends)
     grid = compose(inverse(np.array(grid_map.map_from_grid)), map_from_ends)

@@ -1,0 +1,84 @@
+import logging
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from grid_maps.grid_map import GridMap
+from particle_filter.settings import SensorSettings
+from worker.map_model import sensor_model
+
+SETTINGS = SensorSettings()
+
+
+def grid_map(*, box: bool = True) -> GridMap:
+    cells = np.zeros((30, 40), np.int8)
+    cells[[0, -1], :] = 1
+    if box:
+        cells[10:14, 20:25] = 1
+    return GridMap(cells, 0.1, (1.0, 2.0, 0.3))
+
+
+def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
+    computed = sensor_model(grid_map(), SETTINGS, None)
+    for _ in range(2):  # the first call writes, the second only reads
+        cached = sensor_model(grid_map(), SETTINGS, tmp_path)
+        for ours, theirs in (
+            (cached.field.codes, computed.field.codes),
+            (cached.field.cells, computed.field.cells),
+            (cached.jumps, computed.jumps),
+        ):
+            np.testing.assert_array_equal(ours, theirs)
+            assert ours.dtype == theirs.dtype
+        assert cached.field.log_floor == computed.field.log_floor
+        assert cached.field.log_step == computed.field.log_step
+
+
+def test_the_arrays_are_mapped_from_one_file(tmp_path: Path) -> None:
+    assert isinstance(sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, np.memmap)
+
+
+def test_another_map_or_other_settings_are_another_entry(tmp_path: Path) -> None:
+    sensor_model(grid_map(), SETTINGS, tmp_path)
+    sensor_model(grid_map(box=False), SETTINGS, tmp_path)
+    sensor_model(grid_map(), SensorSettings(hit_sigma_m=0.3), tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.parametrize("damage", ["cut", "empty", "gone", "another shape"])
+def test_a_broken_entry_is_said_and_made_anew(
+    tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    expected = sensor_model(grid_map(), SETTINGS, None).field.codes
+    sensor_model(grid_map(), SETTINGS, tmp_path)
+    (entry,) = tmp_path.iterdir()
+    codes = entry / "codes.npy"
+    match damage:
+        case "cut":
+            codes.write_bytes(codes.read_bytes()[:200])
+        case "empty":
+            codes.write_bytes(b"")
+        case "gone":
+            codes.unlink()
+        case _:
+            np.save(codes, np.zeros((3, 3), np.uint16))
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(
+            sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, expected
+        )
+    assert "cannot be used" in caplog.text
+    np.testing.assert_array_equal(
+        sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, expected
+    )
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_written_costs_only_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    in_the_way = tmp_path / "file"
+    in_the_way.write_text("not a folder")
+    with caplog.at_level(logging.WARNING):
+        model = sensor_model(grid_map(), SETTINGS, in_the_way)
+    assert "cannot be used" in caplog.text
+    assert model.field.codes.shape == (32, 42)
