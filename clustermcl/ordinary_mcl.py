@@ -43,7 +43,7 @@ def outcomes(
 
 
 def _plain(settings: FilterSettings) -> FilterSettings:
-    """No annealing, no jitter, no visibility: just the filter of the textbooks."""
+    """No annealing, no jitter: just the filter of the textbooks."""
     search = msgspec.structs.replace(
         settings.search,
         shards=1,
@@ -52,8 +52,7 @@ def _plain(settings: FilterSettings) -> FilterSettings:
         jitter_rad=0.0,
         particles=settings.belief.clusters * settings.cluster.particles,
     )
-    sensor = msgspec.structs.replace(settings.sensor, visibility_particles=0)
-    return msgspec.structs.replace(settings, search=search, sensor=sensor)
+    return msgspec.structs.replace(settings, search=search)
 
 
 def _outcome(

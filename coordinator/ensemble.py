@@ -134,14 +134,24 @@ class Ensemble:
             if len(self.clusters):
                 self._admit_newcomers(self._pool, step)
             else:
-                self._admit_first(self._pool, step)
+                self._admit_first(self._pool, self._search, step)
             self._stop_search(step)
 
-    def _admit_first(self, pool: Pool, step: int) -> None:
-        """The K most probable places, by their share of points (section 4)."""
+    def _admit_first(self, pool: Pool, search: SearchPool, step: int) -> None:
+        """The K most probable places, by their share of points (section 4).
+
+        Scans tell no more against a place while it is searched for than once it is tracked:
+        `evidence_bound` a step. A share is far noisier than that: a place whose first points
+        happened to lie well gets a hundred times those of another just like it.
+        """
         kept = pool.places[: self.settings.belief.clusters]
-        total = math.fsum(place.share for place in kept)
-        self._admit([_candidate(place, place.share / total) for place in kept], step)
+        steps = pool.step - search.first_step + 1
+        least = math.exp(-self.settings.belief.evidence_bound * steps)
+        shares = [max(place.share, kept[0].share * least) for place in kept]
+        total = math.fsum(shares)
+        self._admit(
+            [_candidate(p, share / total) for p, share in zip(kept, shares, strict=True)], step
+        )
 
     def _admit_newcomers(self, pool: Pool, step: int) -> None:
         """The best places of a restart that no cluster holds enter with a small probability."""

@@ -74,25 +74,7 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
     log_weights = cloud.log_weights + exponent * fit + model.ground_penalty(cloud.map_from_robot)
     total = log_sum(log_weights)
     even = Cloud(cloud.map_from_robot, log_weights - (total - math.log(count)))
-    hidden = log_visible_share(even, beams, model, exponent)
-    return Weighed(even, total + hidden, float(np.max(fit)) / beams.count)
-
-
-def log_visible_share(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> float:
-    """Log of the share of a cloud's likelihood that is left when walls hide what is behind.
-
-    The average, over the weighed cloud, of what following the rays takes from each particle:
-    times the average likelihood by the field, it is the average likelihood with visibility.
-    Estimated from a systematic sample of the cloud.
-    """
-    count = model.settings.visibility_particles
-    if count == 0 or beams.count == 0:
-        return 0.0
-    weights = normalised(cloud.log_weights)
-    middles = (np.arange(count) + 0.5) / count
-    chosen = np.searchsorted(np.cumsum(weights), middles).clip(max=len(weights) - 1)
-    hidden = model.hidden(cloud.map_from_robot[chosen], beams)
-    return log_sum(-exponent * hidden) - math.log(count)
+    return Weighed(even, total, float(np.max(fit)) / beams.count)
 
 
 def advanced(

@@ -53,7 +53,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     )
     scan_likelihood_exponent: Annotated[
         float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
-    ] = 0.15
+    ] = 0.1
     max_beams: Annotated[int, described("valid beams used of one scan, spread evenly", gt=0)] = 60
     max_range_m: Annotated[
         float, described("beams of this range or longer count as no return", "m", gt=0)
@@ -75,12 +75,6 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_obstacle_distance_m: Annotated[
         float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
     ] = 2.0
-    hidden_margin_m: Annotated[
-        float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
-    ] = 0.5
-    visibility_particles: Annotated[
-        int, described("particles of a cluster whose rays are followed; 0: none", ge=0)
-    ] = 200
     not_free_log_penalty: Annotated[
         float,
         described("log-weight of a particle on occupied or unknown ground, each step", le=0),
@@ -152,7 +146,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     evidence_bound: Annotated[
         float,
         described("a step tells at most so much against a cluster, from the best one", "nat", gt=0),
-    ] = 1000.0
+    ] = 0.2
     newcomer_probability: Annotated[
         float, described("probability given to all newcomers of one search", gt=0, le=0.5)
     ] = 0.02

@@ -12,7 +12,7 @@ NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
 
 def ensemble(**belief: object) -> Ensemble:
-    rules = {"clusters": 3, "transition_probability": 0.0, **belief}
+    rules = {"clusters": 3, "transition_probability": 0.0, "evidence_bound": 100.0, **belief}
     return Ensemble(
         FilterSettings(
             search=SearchSettings(shards=2),
@@ -167,3 +167,23 @@ def test_scans_that_fit_nowhere_any_more_make_the_state_lost_and_start_a_search(
         outcome = made.advance(step, [tracked("c0", step, 0.1, NORTH, fit=-1.5)])
     assert outcome.state == "lost"
     assert outcome.searching
+
+
+def test_the_first_search_tells_no_more_against_a_place_than_its_steps_could() -> None:
+    made = ensemble(evidence_bound=0.2)
+    made.begin_at(0)
+    for step in range(3):
+        outcome = made.advance(
+            step,
+            [
+                searched(f"s0.{n}", step, {NORTH: 0.999, SOUTH: 0.001}, annealed=step == 2)
+                for n in range(2)
+            ],
+        )
+    assert probabilities(outcome)[1] / probabilities(outcome)[0] == pytest.approx(math.exp(-0.6))
+
+
+def test_one_step_tells_no_more_than_the_bound_against_a_cluster() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, evidence_bound=0.2)
+    outcome = made.advance(1, [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 1e-9, SOUTH)])
+    assert probabilities(outcome)[1] / probabilities(outcome)[0] == pytest.approx(math.exp(-0.2))

@@ -3,12 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from particle_filter.arrays import OCCUPIED
 from particle_filter.cluster_filter import (
     Cloud,
     advanced,
     drawn_from,
-    log_visible_share,
     resampled,
     weighed,
 )
@@ -22,7 +20,6 @@ from tests.unit.particle_filter.rooms import (
 )
 
 HERE = np.array([1.0, 3.0, 0.3])
-FIELD_ONLY = SensorSettings(visibility_particles=0)
 
 
 def cloud_round(pose: np.ndarray, count: int, sigma: float = 0.05, seed: int = 0) -> Cloud:
@@ -31,7 +28,7 @@ def cloud_round(pose: np.ndarray, count: int, sigma: float = 0.05, seed: int = 0
 
 
 def test_the_evidence_is_the_average_likelihood_of_the_particles() -> None:
-    model, beams = model_of(plain_room(), FIELD_ONLY), seen_from(HERE, plain_room())
+    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
     cloud = cloud_round(HERE, 50)
     likelihood = np.exp(0.1 * model.log_likelihood(cloud.map_from_robot, beams))
     result = weighed(cloud, beams, model, exponent=0.1)
@@ -40,7 +37,7 @@ def test_the_evidence_is_the_average_likelihood_of_the_particles() -> None:
 
 def test_carried_weights_count_in_the_evidence() -> None:
     """Two scans without resampling are worth the average of both likelihoods' product."""
-    model, beams = model_of(plain_room(), FIELD_ONLY), seen_from(HERE, plain_room())
+    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
     cloud = cloud_round(HERE, 50)
     first = weighed(cloud, beams, model, exponent=0.1)
     second = weighed(first.cloud, beams, model, exponent=0.1)
@@ -64,7 +61,7 @@ def test_a_scan_without_a_valid_beam_tells_nothing() -> None:
 
 
 def test_particles_in_a_wall_pay() -> None:
-    settings = SensorSettings(not_free_log_penalty=-3.0, visibility_particles=0)
+    settings = SensorSettings(not_free_log_penalty=-3.0)
     model, beams = model_of(plain_room(), settings), seen_from(HERE, plain_room())
     in_wall, free = np.array([0.01, 3.0, 0.3]), np.array([0.06, 3.0, 0.3])
     result = weighed(Cloud.even(np.stack([in_wall, free])), beams, model, exponent=1e-9)
@@ -106,18 +103,6 @@ def test_symmetric_places_have_the_same_evidence() -> None:
     other = weighed(Cloud.even(turned), beams, model, exponent=0.1)
     # Points within float32 rounding of a cell's border may fall to either side: 1e-7 of them.
     assert one.log_weight_sum == pytest.approx(other.log_weight_sum, abs=1e-3)
-
-
-def test_beams_through_a_wall_lower_the_evidence_only_where_there_is_a_wall() -> None:
-    """The laser saw one large room; in a map with a wall across, half the beams cross it."""
-    open_room, divided = plain_room(), plain_room()
-    divided[:, 60] = OCCUPIED
-    beams, cloud = seen_from(HERE, open_room), cloud_round(HERE, 50, sigma=0.01)
-    settings = SensorSettings(visibility_particles=50, hidden_margin_m=0.3)
-    seen = log_visible_share(cloud, beams, model_of(open_room, settings), 1.0)
-    hidden = log_visible_share(cloud, beams, model_of(divided, settings), 1.0)
-    assert seen == pytest.approx(0.0, abs=0.01)
-    assert hidden < -10.0
 
 
 def test_a_cluster_draws_its_particles_from_the_sample_it_is_handed() -> None:

@@ -37,9 +37,3 @@ def test_the_true_pose_fits_better_than_others(model: str) -> None:
     fits = sensor.log_likelihood(np.vstack([truth, others]), seen_from(truth, room))
     assert np.argmax(fits) == 0
     assert fits[0] - fits[1:].max() > 10.0
-
-
-def test_the_beam_model_hides_nothing_twice() -> None:
-    room, truth = plain_room(), np.array([1.0, 3.0, 0.3])
-    hidden = model_of(room, BEAM).hidden(np.array([truth]), seen_from(truth, room))
-    assert hidden == [0.0]
