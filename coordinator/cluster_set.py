@@ -154,6 +154,25 @@ class ClusterSet:
             self._set(belief.normalised(self._log_probabilities()))
         return admitted, ended
 
+    def drop_improbable(self, step: int) -> list[str]:
+        """Drop clusters under the threshold, where one is set; the best one always stays."""
+        least = self._rules.drop_below_probability
+        leaving = [
+            cluster
+            for cluster in self.by_probability()[1:]
+            if math.exp(cluster.log_probability) < least and step >= cluster.protected_until
+        ]
+        for cluster in leaving:
+            del self._clusters[cluster.cluster]
+        if leaving:
+            self._set(belief.normalised(self._log_probabilities()))
+        return [cluster.job_id for cluster in leaving]
+
+    def take_out(self, job_id: str) -> float:
+        """Remove one cluster and give back the probability it had; what is left is not one."""
+        cluster = self._clusters.pop(int(job_id.removeprefix("c")))
+        return math.exp(cluster.log_probability)
+
     def clear(self) -> list[str]:
         """Forget all clusters; returns the jobs that end."""
         ended = list(self.job_ids)

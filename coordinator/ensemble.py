@@ -6,7 +6,7 @@ decides takes effect at a step number, never on arrival.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from coordinator.cluster_set import Candidate, Cluster, ClusterSet
@@ -84,6 +84,8 @@ class Ensemble:
         )
         if step % self.settings.belief.merge_every_steps == 0:
             self._end += self.clusters.merge_overlaps()
+        self._split(tracks.values(), step)
+        self._end += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
         if self._search is None and (self._fit.lost or step >= self._next_search_step):
             self._start_search(step + 1)
@@ -106,6 +108,20 @@ class Ensemble:
         self._fit.forget()
         self._start_search(step + 1)
         return self._outcome(step, ())
+
+    def _split(self, reports: Iterable[TrackReport], step: int) -> None:
+        """A cluster that has fallen apart becomes several, which share its probability."""
+        for report in reports:
+            if not report.parts or report.job_id not in self.clusters.job_ids:
+                continue
+            given = self.clusters.take_out(report.job_id)
+            self._end.append(report.job_id)
+            total = math.fsum(part.share for part in report.parts)
+            parts = [
+                Candidate(given * part.share / total, part.mean, part.covariance, part.sample)
+                for part in report.parts
+            ]
+            self._admit(parts, step)
 
     # --- the search
 

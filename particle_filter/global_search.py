@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, Cells, Pose, Poses
 from particle_filter.cluster_filter import Cloud, Weighed, weighed
@@ -161,27 +160,39 @@ class GlobalSearch:
 
     def places(self, rng: np.random.Generator) -> list[FoundPlace]:
         """The clusters by source point, most probable first (section 4)."""
-        rules = self._rules
-        labels, count = cluster_by_source_point(
-            self.cloud.map_from_robot,
-            self.cloud.log_weights,
-            rules.source_radius_m,
-            rules.source_heading_rad,
-            MAX_PLACES,
-        )
-        weights = normalised(self.cloud.log_weights)
-        shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
-        order = [int(i) for i in np.argsort(-shares, kind="stable")]
-        return [
-            self._place(np.flatnonzero(labels == label), float(shares[label]), rng)
-            for label in order
-            if shares[label] >= rules.min_place_share
-        ]
+        return places_of(self.cloud, self._rules, self._rules.min_place_share, rng)
 
-    def _place(
-        self, members: NDArray[np.int64], share: float, rng: np.random.Generator
-    ) -> FoundPlace:
-        poses, log_weights = self.cloud.map_from_robot[members], self.cloud.log_weights[members]
+
+def places_of(
+    cloud: Cloud, rules: SearchSettings, min_share: float, rng: np.random.Generator
+) -> list[FoundPlace]:
+    """Cluster a cloud by source points (section 4).
+
+    Args:
+        cloud: N particles.
+        rules: how near a point must be to its cluster's source, and how large samples are.
+        min_share: places with less of the weight are left out.
+        rng: draws the samples.
+
+    Returns:
+        Most probable first.
+    """
+    labels, count = cluster_by_source_point(
+        cloud.map_from_robot,
+        cloud.log_weights,
+        rules.source_radius_m,
+        rules.source_heading_rad,
+        MAX_PLACES,
+    )
+    weights = normalised(cloud.log_weights)
+    shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
+    found = []
+    for label in np.argsort(-shares, kind="stable"):
+        if shares[label] < min_share:
+            break
+        members = np.flatnonzero(labels == label)
+        poses, log_weights = cloud.map_from_robot[members], cloud.log_weights[members]
         mean, covariance = fit_gaussian(poses, normalised(log_weights))
-        chosen = resample(log_weights, self._rules.hand_over_particles, "systematic", rng)
-        return FoundPlace(share, mean, covariance, poses[chosen])
+        chosen = resample(log_weights, rules.hand_over_particles, "systematic", rng)
+        found.append(FoundPlace(float(shares[label]), mean, covariance, poses[chosen]))
+    return found

@@ -93,6 +93,16 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         float,
         described("redraw when effective sample size / particles is under this", gt=0, le=1),
     ] = 0.5
+    split_every_steps: Annotated[
+        int,
+        described(
+            "a cluster that has fallen apart splits, looked for so often; 0: never", "steps", ge=0
+        ),
+    ] = 0
+    split_min_share: Annotated[
+        float,
+        described("share of a cluster's weight that a part needs to stand alone", gt=0, le=0.5),
+    ] = 0.2
 
 
 class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -166,6 +176,9 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     usual_fit_gain: Annotated[
         float, described("weight of a new scan in the usual fit", gt=0, le=1)
     ] = 0.03
+    drop_below_probability: Annotated[
+        float, described("clusters less probable than this are dropped; 0: K are kept", ge=0, le=1)
+    ] = 0.0
     grace_steps: Annotated[
         int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
     ] = 15

@@ -188,6 +188,17 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """Why the order was refused; empty when it was taken."""
 
 
+class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One place that a search shard, or a cluster that has fallen apart, holds possible."""
+
+    share: float
+    """Its share of the shard's or the cluster's weight."""
+    mean: PoseTuple
+    covariance: Covariance
+    sample: Particles
+    """Particles drawn from it for the hand-over; one of a place too improbable to be taken over."""
+
+
 class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     """What one cluster made of one scan. Losing one costs its cluster that step's update.
 
@@ -207,17 +218,8 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     mean: PoseTuple
     covariance: Covariance
     snapshot: Particles | None = None
-
-
-class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One place that a search shard holds possible."""
-
-    share: float
-    """Its share of the shard's weight."""
-    mean: PoseTuple
-    covariance: Covariance
-    sample: Particles
-    """Particles drawn from it for the hand-over; one of a place too improbable to be taken over."""
+    parts: tuple[Place, ...] = ()
+    """Two or more where the cluster has fallen apart, most probable first."""
 
 
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):

@@ -127,6 +127,7 @@ class Tracking:
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
             snapshot=self._snapshot(scan),
+            parts=self._parts(scan, rng),
         )
 
     def _snapshot(self, scan: Scan) -> Particles | None:
@@ -138,6 +139,15 @@ class Tracking:
             map_from_robot=ArrayBlob.of(self._cloud.map_from_robot, "float64"),
             log_weights=ArrayBlob.of(self._cloud.log_weights, "float64"),
         )
+
+    def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
+        """The places that the cluster has fallen apart into; none while it is one."""
+        rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
+        if every == 0 or scan.step % every != 0:
+            return ()
+        search = self._settings.search
+        found = global_search.places_of(self._cloud, search, rules.split_min_share, rng)
+        return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
 
 
 class Searching:
@@ -211,7 +221,7 @@ def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
     )
 
 
-def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool) -> Place:
+def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:
     sample = place.sample if with_sample else place.sample[:1]
     return Place(
         share=place.share,

@@ -1,12 +1,13 @@
 import math
 
+import msgspec
 import pytest
 
 from coordinator.cluster_set import Candidate
 from coordinator.ensemble import Ensemble, Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.messages import PoseTuple, Report, SearchJob, TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, searched, tracked
+from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
@@ -187,3 +188,21 @@ def test_one_step_tells_no_more_than_the_bound_against_a_cluster() -> None:
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, evidence_bound=0.2)
     outcome = made.advance(1, [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 1e-9, SOUTH)])
     assert probabilities(outcome)[1] / probabilities(outcome)[0] == pytest.approx(math.exp(-0.2))
+
+
+def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
+    parts = (place(0.75, (0.0, 5.0, 0.0), 1), place(0.25, (0.0, 8.0, 0.0), 1))
+    apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
+    outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
+    assert probabilities(outcome) == pytest.approx({1: 0.4, 2: 0.45, 3: 0.15})
+    assert outcome.end == ("c0",)
+    assert set(outcome.begin) == {"c2", "c3"}
+
+
+def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}, drop_below_probability=0.15)
+    places: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
+    outcome = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in places.items()])
+    assert probabilities(outcome) == pytest.approx({0: 2 / 3, 1: 1 / 3})
+    assert outcome.end == ("c2",)

@@ -205,3 +205,21 @@ def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: Sensor
     with pytest.raises(ValueError, match="no cloud"):
         table.follow(order(track("c1", broken)), model, SETTINGS)
     assert [job_id for job_id, _, _ in table.summary()] == ["c0"]
+
+
+def test_a_cloud_in_two_places_is_told_as_two_where_splitting_is_on(model: SensorModel) -> None:
+    rng = np.random.default_rng(1)
+    poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.05, (50, 3))
+    poses[25:, 0] += 4.0
+    apart = Particles(
+        step=0, odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(50), "float64"),
+    )  # fmt: skip
+    for every, expected in ((0, 0), (1, 2)):
+        cluster = ClusterSettings(particles=50, split_every_steps=every)
+        settings = FilterSettings(cluster=cluster)
+        table = JobTable("w")
+        table.follow(order(track("c0", apart, exact=True)), model, settings)
+        (report,) = reports_of(table, range(1, 2))
+        assert len(report.parts) == expected
