@@ -144,7 +144,7 @@ class GlobalSearch:
             self._start_count * (self._final_count / self._start_count) ** self._progress()
         )
         low_ess = self.cloud.effective_sample_size < (
-            self._settings.cluster.resample_below_ess * len(self.cloud.log_weights)
+            self._rules.resample_below_ess * len(self.cloud.log_weights)
         )
         if count >= len(self.cloud.log_weights) and not low_ess:
             return

@@ -92,7 +92,7 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     resample_below_ess: Annotated[
         float,
         described("redraw when effective sample size / particles is under this", gt=0, le=1),
-    ] = 0.5
+    ] = 0.9
     split_every_steps: Annotated[
         int,
         described(
@@ -124,6 +124,10 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     annealing_start_fraction: Annotated[
         float, described("exponent at the first step, as a share of the full one", gt=0, le=1)
     ] = 0.33
+    resample_below_ess: Annotated[
+        float,
+        described("redraw when effective sample size / particles is under this", gt=0, le=1),
+    ] = 0.5
     jitter_m: Annotated[
         float,
         described("spread added to redrawn points at first; fades while annealing", "m", ge=0),

@@ -1,0 +1,117 @@
+"""How noisy the evidence of a cluster is: the study behind docs/decisions/evidence-noise.md.
+
+    python benchmarks/evidence_noise.py [--steps N]
+
+Places that look exactly alike are tracked side by side from the truth and its mirror images.
+Their evidences should be equal; the log of their ratio is Monte Carlo error, and its sum over
+steps is a random walk. Its long-run standard deviation per root step comes from batch means.
+"""
+
+import argparse
+import math
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from itertools import combinations
+from multiprocessing import get_context
+
+import msgspec
+import numpy as np
+
+from particle_filter import cluster_filter
+from particle_filter.cluster_filter import Cloud
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import BridgeSettings
+from protocol.messages import PoseTuple, Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world
+from sensor_bridge.step_maker import StepMaker
+from worker.jobs import scan_beams
+from worker.map_model import sensor_model
+
+ALIKE = {"cross": 4, "rectangle": 2}
+SETTLE_STEPS, BATCH_STEPS = 20, 50
+VARIATIONS: tuple[dict[str, dict[str, object]], ...] = (
+    {},
+    *({"cluster": {"particles": count}} for count in (500, 4000, 8000)),
+    *({"sensor": {"scan_likelihood_exponent": power}} for power in (0.03, 0.05, 0.2, 0.4, 1.0)),
+    *({"cluster": {"resample_below_ess": share}} for share in (0.1, 0.5, 1.0)),
+    *({"cluster": {"resampling": way}} for way in ("stratified", "residual", "multinomial")),
+    *({"sensor": {"max_beams": beams}} for beams in (30, 120)),
+)
+
+
+def simulated(simulation: Simulation) -> Iterator[tuple[Scan, PoseTuple]]:
+    """Steps with the true pose at each."""
+    maker = StepMaker(BridgeSettings(), map_digest="", sender="study")
+    for tick in simulation:
+        for reading in tick.readings:
+            scan = maker.take(reading)
+            if scan is not None:
+                yield scan, simulation.truth_at(scan.stamp_ns)
+
+
+def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple[float, float]:
+    """Standard deviation of the log-ratio of two evidences: of one step, and long-run."""
+    settings = msgspec.convert(changes, FilterSettings)
+    place, count = world(name), ALIKE[name]
+    model = sensor_model(place.map, settings.sensor, cache_folder=None)
+    middle = np.array([*place.map.size_m, 0.0]) / 2.0 + place.map.map_from_grid
+    rngs = [np.random.default_rng([1, index]) for index in range(count)]
+    clouds: list[Cloud] = []
+    evidence = []
+    for scan, truth in simulated(Simulation(place, seed=1)):
+        after = np.array(scan.odom_from_robot)
+        if not clouds:
+            clouds = [
+                Cloud.even(
+                    turned(np.array(truth), middle, 2.0 * math.pi * index / count)
+                    + rng.standard_normal((settings.cluster.particles, 3)) * [0.1, 0.1, 0.05]
+                )
+                for index, rng in enumerate(rngs)
+            ]
+        else:
+            beams = scan_beams(scan, settings)
+            weighed = [
+                cluster_filter.advanced(
+                    cloud, before, after, beams, model, settings.motion, settings.cluster, rng
+                )
+                for cloud, rng in zip(clouds, rngs, strict=True)
+            ]
+            clouds = [result.cloud for result in weighed]
+            evidence.append([result.log_weight_sum for result in weighed])
+        before = after
+        if len(evidence) == steps:
+            break
+    log_evidence = np.array(evidence)[SETTLE_STEPS:]
+    ratios = [log_evidence[:, i] - log_evidence[:, j] for i, j in combinations(range(count), 2)]
+    batches = [
+        ratio[: len(ratio) // BATCH_STEPS * BATCH_STEPS].reshape(-1, BATCH_STEPS).sum(axis=1)
+        for ratio in ratios
+    ]
+    return float(np.std(ratios)), float(np.std(batches) / math.sqrt(BATCH_STEPS))
+
+
+def turned(pose: np.ndarray, middle: np.ndarray, turn: float) -> np.ndarray:
+    """A pose turned about the middle of the map."""
+    c, s = math.cos(turn), math.sin(turn)
+    x, y, heading = pose - middle
+    return np.array([c * x - s * y, s * x + c * y, heading + turn]) + middle
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--steps", type=int, default=1500)
+    steps = parser.parse_args().steps
+    cases = [(name, changes, steps) for changes in VARIATIONS for name in ALIKE]
+    print("| settings that differ | world | one step [nat] | long run [nat per root step] |")
+    print("| --- | --- | --- | --- |")
+    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        results = pool.map(noise, *zip(*cases, strict=True))
+        for (name, changes, _), (one, long_run) in zip(cases, results, strict=True):
+            words = ", ".join(f"{k} = {v}" for part in changes.values() for k, v in part.items())
+            print(f"| {words or 'none'} | {name} | {one:.3f} | {long_run:.3f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
