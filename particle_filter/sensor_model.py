@@ -58,7 +58,7 @@ def beams_of(
         chosen = usable_beams(readable, np.inf, settings.max_beams)
     else:
         chosen = usable_beams(readable, longest, settings.max_beams)
-    angles = angle_min + angle_step * chosen
+    angles = np.asarray(angle_min + angle_step * chosen, np.float64)
     return Beams(np.asarray(readable[chosen], np.float64), angles, robot_from_laser, longest)
 
 

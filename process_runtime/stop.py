@@ -30,6 +30,11 @@ class StopFlag:
         """Tell whether the process shall stop."""
         return bool(self._requests)
 
+    @property
+    def reason(self) -> int:
+        """The signal that asked first; 0 while nobody has, or when the program itself did."""
+        return self._requests[0] if self._requests else 0
+
     def wait(self, timeout_s: float) -> bool:
         """Wait until the flag is set, at most so long; return whether it is set.
 

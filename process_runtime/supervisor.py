@@ -74,6 +74,18 @@ class Supervisor:
         for child in self._children:
             child.start()
 
+    def add(self, spec: ChildSpec) -> None:
+        """Start one more child, which needed the others to be there first.
+
+        Raises:
+            ValueError: there is one of the same name.
+        """
+        if any(child.spec.name == spec.name for child in self._children):
+            raise ValueError(f"there is a child {spec.name!r} already")
+        child = _Child(spec)
+        self._children.append(child)
+        child.start()
+
     def poll(self, now_s: float) -> list[ChildExit]:
         """Restart whose time has come; return who has ended since the last call.
 

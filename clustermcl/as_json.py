@@ -1,0 +1,95 @@
+"""Messages as JSON for programs: units in the names, covariances as 3 x 3 lists."""
+
+import json
+import math
+from typing import Any
+
+import msgspec
+
+from protocol.messages import (
+    Belief,
+    Covariance,
+    Hypotheses,
+    Hypothesis,
+    PoseAnswer,
+    PoseTuple,
+    Status,
+)
+
+JsonObject = dict[str, Any]
+
+
+def dumped(value: JsonObject, *, indent: int | None = None) -> str:
+    """JSON text; numbers that JSON does not know become null."""
+    return json.dumps(_finite(value), indent=indent, allow_nan=False)
+
+
+def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
+    """A pose with its uncertainty."""
+    x_m, y_m, heading_rad = map_from_robot
+    rows = [list(covariance[row : row + 3]) for row in (0, 3, 6)]
+    return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad, "covariance": rows}
+
+
+def hypothesis_object(hypothesis: Hypothesis) -> JsonObject:
+    """One place where the robot may be."""
+    return {
+        "cluster": hypothesis.cluster,
+        "probability": hypothesis.probability,
+        **pose_object(hypothesis.mean, hypothesis.covariance),
+        "effective_sample_size": hypothesis.effective_sample_size,
+        "age_steps": hypothesis.age_steps,
+    }
+
+
+def belief_object(belief: Belief) -> JsonObject:
+    """The belief after one step."""
+    best = belief.hypotheses[0] if belief.hypotheses else None
+    return {
+        "step": belief.step,
+        "stamp_ns": belief.stamp_ns,
+        "state": belief.state,
+        "pose": pose_object(best.mean, best.covariance) if best else None,
+        "probability": best.probability if best else 0.0,
+        "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
+        "searching": belief.searching,
+        "missing": list(belief.missing),
+        "last": belief.last,
+    }
+
+
+def pose_answer_object(answer: PoseAnswer) -> JsonObject:
+    """Where the robot is now."""
+    pose = None
+    if answer.map_from_robot is not None and answer.covariance is not None:
+        pose = pose_object(answer.map_from_robot, answer.covariance)
+    return {
+        "state": answer.state,
+        "freshness": answer.freshness,
+        "pose": pose,
+        "probability": answer.probability,
+        "stamp_ns": answer.stamp_ns,
+        "age_s": answer.age_s,
+        "step": answer.step,
+        "workers": answer.workers,
+    }
+
+
+def hypotheses_object(answer: Hypotheses) -> JsonObject:
+    """All places where the robot may be now."""
+    places = [hypothesis_object(hypothesis) for hypothesis in answer.hypotheses]
+    return {**pose_answer_object(answer.pose), "hypotheses": places}
+
+
+def status_object(status: Status) -> JsonObject:
+    """How the system is: all fields of the message."""
+    plain: JsonObject = msgspec.to_builtins(status)
+    return {name: value for name, value in plain.items() if name not in ("schema", "sender")}
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

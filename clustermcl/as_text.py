@@ -1,0 +1,100 @@
+"""Messages as lines for people."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+from protocol.messages import (
+    Belief,
+    Covariance,
+    Hypotheses,
+    Hypothesis,
+    PoseAnswer,
+    PoseTuple,
+    Status,
+)
+
+
+def pose_text(pose: PoseTuple) -> str:
+    """A pose: ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
+    x, y, heading = pose
+    return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
+
+
+def spread_text(covariance: Covariance) -> str:
+    """Standard deviations: along the longer axis of the position, and of the heading."""
+    xx, xy, yy, heading = covariance[0], covariance[1], covariance[4], covariance[8]
+    longer = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
+    position_m, heading_rad = math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
+    return f"+-{position_m:.2f} m, {math.degrees(heading_rad):.1f} deg"
+
+
+def pose_lines(answer: PoseAnswer) -> Iterator[str]:
+    """Where the robot is now, and what stands against believing it."""
+    if answer.freshness == "none":
+        yield f"{answer.state}: no scan has arrived yet"
+    elif answer.map_from_robot is None or answer.covariance is None:
+        yield f"{answer.state}: no place is held possible yet (step {answer.step})"
+    else:
+        yield (
+            f"{answer.state} with probability {answer.probability:.2f}: "
+            f"{pose_text(answer.map_from_robot)}  {spread_text(answer.covariance)}"
+        )
+    if answer.freshness == "stale":
+        yield f"stale: the newest data is {answer.age_s:.1f} s old"
+    if answer.workers == 0:
+        yield "no worker is alive: the belief does not follow the robot"
+
+
+def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
+    """All places, most probable first."""
+    if not answer.hypotheses:
+        yield from pose_lines(answer.pose)
+        return
+    yield f"{answer.pose.state} at step {answer.pose.step}"
+    yield from (_hypothesis_line(hypothesis) for hypothesis in answer.hypotheses)
+    if answer.pose.freshness == "stale":
+        yield f"stale: the newest data is {answer.pose.age_s:.1f} s old"
+
+
+def belief_line(belief: Belief) -> str:
+    """One belief in one line."""
+    search = ", searching" if belief.searching and belief.state != "searching" else ""
+    head = f"step {belief.step}: {belief.state}{search}"
+    if not belief.hypotheses:
+        return head
+    best = belief.hypotheses[0]
+    shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
+    more = ", ..." if len(belief.hypotheses) > 6 else ""
+    return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}"
+
+
+def status_lines(status: Status) -> Iterator[str]:
+    """How the system is."""
+    age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
+    search = ", a search runs" if status.searching else ""
+    yield f"state     {status.state}, {status.freshness}{age}"
+    yield (
+        f"steps     at {status.step}, {status.steps_applied} applied, {status.steps_lost} lost, "
+        f"{status.reports_missing} reports missing"
+    )
+    yield f"clusters  {status.clusters}{search}"
+    yield f"map       {status.map_digest[:12] or 'not known yet'}"
+    yield f"running   {status.uptime_s:.0f} s, version {status.version}"
+    yield f"workers   {len(status.workers)}"
+    yield from _indented(
+        f"{name}: {' '.join(jobs) or 'idle'}" for name, jobs in status.workers.items()
+    )
+    if status.counters:
+        yield "dropped or refused"
+        yield from _indented(f"{cause}: {count}" for cause, count in status.counters.items())
+
+
+def _hypothesis_line(hypothesis: Hypothesis) -> str:
+    return (
+        f"  {hypothesis.probability:6.3f}  {pose_text(hypothesis.mean)}  "
+        f"{spread_text(hypothesis.covariance)}"
+    )
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    return (f"  {line}" for line in lines)

@@ -1,0 +1,204 @@
+"""The Python client: ask a running system where the robot is, and tell it what a person knows."""
+
+import math
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self, TypeVar
+
+import zenoh
+
+from process_runtime.inbox import Inbox
+from process_runtime.session import open_session
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from process_runtime.wire import Events, Received, ask, subscribe
+from protocol import keys
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, UnreachableError
+from protocol.messages import (
+    Belief,
+    CommandDone,
+    Hypotheses,
+    Kidnap,
+    Message,
+    PoseAnswer,
+    PoseTuple,
+    Relocalize,
+    SetPose,
+    Status,
+)
+
+A = TypeVar("A", bound=Message)
+
+_PAUSE_S = 0.1
+_POLL_S = 0.1
+_KEPT_BELIEFS = 256
+_SENDER = "client"
+
+
+class CommandRefusedError(ClusterMclError):
+    """The system understood a command and will not carry it out."""
+
+
+class Client:
+    """A connection to the system of one robot; use it in a ``with`` block.
+
+    Questions and commands are repeated until they are answered or `zenoh.connect_timeout_s` has
+    passed; a command carries an id, so that its repetition does nothing more. Give one client to
+    one thread.
+
+        with Client() as client:
+            print(client.pose().map_from_robot)
+
+    Args:
+        settings: the router's endpoint, the robot's name, time-outs.
+        stop: looked at while waiting; a wait then ends with `StoppedError`.
+    """
+
+    def __init__(self, settings: Settings | None = None, *, stop: StopFlag | None = None) -> None:
+        self._settings = settings or Settings()
+        self._stop = stop or StopFlag()
+        self._resources = ExitStack()
+        self._open: zenoh.Session | None = None
+        self._deadline_s = 0.0
+
+    def __enter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            UnreachableError: there is no router.
+            SettingsError: the endpoint or the robot's name cannot be used.
+        """
+        zenoh_settings, robot = self._settings.zenoh, self._settings.robot
+        within_s = zenoh_settings.connect_timeout_s
+        self._deadline_s = time.monotonic() + within_s  # for connecting and the first answer
+        self._open = self._resources.enter_context(
+            open_session(zenoh_settings, robot, self._stop, wait_s=within_s)
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Disconnect."""
+        self._open = None
+        self._resources.close()
+
+    def pose(self) -> PoseAnswer:
+        """Where the robot is now.
+
+        Raises:
+            UnreachableError: nobody answers; so for all questions and commands.
+        """
+        return self._ask(keys.POSE, PoseAnswer)
+
+    def hypotheses(self) -> Hypotheses:
+        """All places where it may be, with their probabilities, most probable first."""
+        return self._ask(keys.HYPOTHESES, Hypotheses)
+
+    def status(self) -> Status:
+        """How the system is."""
+        return self._ask(keys.STATUS, Status)
+
+    def set_pose(
+        self,
+        map_from_robot: PoseTuple,
+        *,
+        position_sigma_m: float = 0.5,
+        heading_sigma_rad: float = 0.26,
+    ) -> None:
+        """Say where the robot is; believed with the probability `belief.set_pose_probability`.
+
+        Args:
+            map_from_robot: x [m], y [m], heading [rad].
+            position_sigma_m: how sure of x and of y.
+            heading_sigma_rad: how sure of the heading.
+
+        Raises:
+            CommandRefusedError: no scan has arrived yet.
+            ValueError: a number is not finite, or a sigma is not positive.
+        """
+        numbers = (*map_from_robot, position_sigma_m, heading_sigma_rad)
+        if not all(map(math.isfinite, numbers)) or min(numbers[3:]) <= 0.0:
+            raise ValueError(f"a pose is three finite numbers, a sigma is positive: {numbers}")
+        command = SetPose(
+            sender=_SENDER,
+            command_id=_new_id(),
+            map_from_robot=map_from_robot,
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+        )
+        self._tell(keys.SET_POSE, command)
+
+    def relocalize(self) -> None:
+        """Have it forget all places and search everywhere.
+
+        Raises:
+            CommandRefusedError: no scan has arrived yet, so it searches anyway.
+        """
+        self._tell(keys.RELOCALIZE, Relocalize(sender=_SENDER, command_id=_new_id()))
+
+    def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
+        """Lift the simulated robot to another place; None: somewhere far away."""
+        command = Kidnap(sender=_SENDER, command_id=_new_id(), map_from_robot=map_from_robot)
+        self._tell(keys.KIDNAP, command)
+
+    def beliefs(self) -> Iterator[Belief]:
+        """Every belief from now on, without an end; of a slow reader's, the oldest are dropped.
+
+        Raises:
+            StoppedError: the client's stop flag is set.
+        """
+        inbox: Events = Inbox({"belief": _KEPT_BELIEFS})
+        subscribe(self._session, keys.BELIEF, inbox, "belief")
+        while True:
+            self._stop.check()
+            event = inbox.get(_POLL_S)
+            if isinstance(event, Received):
+                yield decode(event.payload, Belief)
+
+    @property
+    def _session(self) -> zenoh.Session:
+        if self._open is None:
+            raise ValueError("the client is not connected: use it in a with block")
+        return self._open
+
+    def _tell(self, key: str, command: SetPose | Relocalize | Kidnap) -> None:
+        done = self._ask(key, CommandDone, command)
+        if done.problem:
+            raise CommandRefusedError(done.problem)
+
+    def _ask(self, key: str, answer: type[A], message: Message | None = None) -> A:
+        """Ask until answered: just after a link came up, a query may find nobody."""
+        settings = self._settings.zenoh
+        now_s = time.monotonic()
+        deadline_s = max(self._deadline_s, now_s + settings.query_timeout_s)
+        while True:
+            timeout_s = min(settings.query_timeout_s, max(deadline_s - now_s, _PAUSE_S))
+            try:
+                return ask(self._session, key, answer, timeout_s=timeout_s, message=message)
+            except UnreachableError as error:
+                now_s = time.monotonic()
+                if now_s + _PAUSE_S >= deadline_s:
+                    raise self._nobody(key, error) from error
+            self._stop.wait(_PAUSE_S)
+            self._stop.check()
+            now_s = time.monotonic()
+
+    def _nobody(self, key: str, error: UnreachableError) -> UnreachableError:
+        who = "simulator" if key == keys.KIDNAP else "coordinator"
+        return UnreachableError(
+            f"no {who} of robot {self._settings.robot.name!r} answers at "
+            f"{self._settings.zenoh.router} ({error}): start one with 'clustermcl up', "
+            f"or set robot.name or zenoh.router"
+        )
+
+
+def _new_id() -> str:
+    return uuid.uuid4().hex

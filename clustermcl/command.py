@@ -1,0 +1,250 @@
+"""The command a person types. Each command imports what it needs, so that `pose` starts fast."""
+
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clustermcl.experiments_command import experiments
+from process_runtime.logs import configure_logging
+from process_runtime.main import EXIT_ERROR
+from process_runtime.settings import Settings
+from process_runtime.settings_file import load_settings
+from process_runtime.stop import StoppedError
+from protocol.errors import ClusterMclError
+
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+app.command()(experiments)
+
+SettingsFile = Annotated[
+    Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
+]
+Assignments = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+
+
+def main() -> None:
+    """Run the command; errors that a person can mend are one line and exit code 2."""
+    configure_logging("clustermcl", "warning")
+    try:
+        app()
+    except StoppedError:
+        sys.exit(EXIT_INTERRUPTED)
+    except ClusterMclError as error:
+        sys.stdout.flush()
+        sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
+        sys.exit(EXIT_ERROR)
+    except BrokenPipeError:  # the reader of a pipe has seen enough
+        sys.stderr.close()
+        sys.exit(EXIT_INTERRUPTED)
+
+
+@app.command()
+def demo(
+    recording: Annotated[
+        str | None,
+        typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml."),
+    ] = None,
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Worker processes.")] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="1: real time, 2: twice as fast, 0: as the workers follow."),
+    ] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Start everything on this machine and watch it localize; without options, a simulation."""
+    from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
+
+    given = list(assignments or ())
+    given += [f"bridge.map={map_file}"] if map_file else []
+    given += [f"worker.count={workers}"] if workers else []
+    given += [f"seed={seed}"] if seed is not None else []
+    options = DemoOptions(
+        recording=recording, reference=reference, rate=rate, steps=steps, as_json=as_json
+    )
+    run_demo(options, load_settings(settings_file, given))
+
+
+@app.command()
+def up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Run everything on this machine, in the foreground, until Ctrl-C."""
+    from clustermcl.up import run_up  # noqa: PLC0415 - see the module
+
+    run_up(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def evaluate(
+    recording: Annotated[
+        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
+    ],
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
+    ] = None,
+    algorithm: Annotated[
+        str, typer.Option(metavar="NAME", help="cluster-mcl, or mcl for ordinary MCL.")
+    ] = "cluster-mcl",
+    seeds: Annotated[int, typer.Option(min=1, help="Runs; the first has the settings' seed.")] = 1,
+    steps: Annotated[
+        int | None, typer.Option(min=1, help="Steps of a simulated robot, or at most so many.")
+    ] = None,
+    kidnap_at: Annotated[
+        int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Runs at a time; left out: one for each core.")
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
+    from clustermcl.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the module
+
+    options = EvaluateOptions(
+        recording=recording,
+        map_file=map_file,
+        reference=reference,
+        algorithm=algorithm,
+        seeds=seeds,
+        steps=steps,
+        kidnap_at=kidnap_at,
+        jobs=jobs,
+        json_file=json_file,
+    )
+    run_evaluate(options, load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def pose(
+    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
+) -> None:
+    """Where the robot is now, how surely, and how old the data is."""
+    from clustermcl.questions import print_pose  # noqa: PLC0415 - see the module
+
+    print_pose(load_settings(settings_file, assignments or ()), as_json=as_json)
+
+
+@app.command()
+def hypotheses(
+    above: Annotated[
+        float, typer.Option(min=0.0, max=1.0, metavar="P", help="Only places above P.")
+    ] = 0.0,
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """All places where the robot may be, with their probabilities."""
+    from clustermcl.questions import print_hypotheses  # noqa: PLC0415 - see the module
+
+    settings = load_settings(settings_file, assignments or ())
+    print_hypotheses(settings, above=above, as_json=as_json)
+
+
+@app.command()
+def status(
+    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
+) -> None:
+    """How the system is: steps, workers, what was dropped or refused."""
+    from clustermcl.questions import print_status  # noqa: PLC0415 - see the module
+
+    print_status(load_settings(settings_file, assignments or ()), as_json=as_json)
+
+
+@app.command()
+def watch(
+    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
+) -> None:
+    """Every belief from now on, until Ctrl-C."""
+    from clustermcl.questions import watch as stream  # noqa: PLC0415 - see the module
+
+    _until_interrupted(
+        lambda: stream(load_settings(settings_file, assignments or ()), as_json=as_json)
+    )
+
+
+@app.command("set-pose")
+def set_pose(
+    x_m: Annotated[float, typer.Argument(metavar="X", help="In the map [m].")],
+    y_m: Annotated[float, typer.Argument(metavar="Y", help="In the map [m].")],
+    heading_rad: Annotated[float, typer.Argument(metavar="HEADING", help="In the map [rad].")],
+    position_sigma_m: Annotated[
+        float, typer.Option(help="Standard deviation of x and of y [m].")
+    ] = 0.5,
+    heading_sigma_rad: Annotated[
+        float, typer.Option(help="Standard deviation of the heading [rad].")
+    ] = 0.26,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Say where the robot is. Put -- before negative numbers."""
+    from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
+
+    tell(
+        load_settings(settings_file, assignments or ()),
+        (x_m, y_m, heading_rad),
+        position_sigma_m=position_sigma_m,
+        heading_sigma_rad=heading_sigma_rad,
+    )
+
+
+@app.command()
+def relocalize(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Forget all places and search everywhere."""
+    from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the module
+
+    tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Lift the simulated robot to somewhere far away."""
+    from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
+
+    tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def settings(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """All settings with default, unit and meaning, as TOML that can be fed back."""
+    from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the module
+
+    chosen: Settings = load_settings(settings_file, assignments or ())
+    sys.stdout.write(settings_as_toml(chosen))
+
+
+def _until_interrupted(action: Callable[[], None]) -> None:
+    """Run what has no end of its own; Ctrl-C is how a person ends it."""
+    try:
+        action()
+    except KeyboardInterrupt:
+        logging.getLogger(__name__).debug("interrupted")

@@ -1,0 +1,277 @@
+"""The demo: everything on this machine, on a recording or a simulated robot, until its end."""
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import zenoh
+from rich.console import Console
+
+from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_object
+from clustermcl.as_text import pose_text, spread_text
+from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.metrics import PoseError, pose_error
+from clustermcl.recordings import counted_steps
+from clustermcl.reference import Reference, load_reference
+from clustermcl.stack import Stack, meeting_in, running, temporary_folder
+from clustermcl.story import Story
+from process_runtime.inbox import Inbox
+from process_runtime.session import open_session
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag, stop_on_signals
+from process_runtime.wire import Events, Received, Token, ask, subscribe, watch
+from protocol import keys
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, SettingsError, UnreachableError
+from protocol.messages import Belief, PoseTuple, Status, TruePose
+from robot_simulator.source import PREFIX
+
+DEFAULT_SOURCE = f"{PREFIX}cross_feature"
+DEFAULT_SIMULATION_RATE = 3.0
+DEFAULT_SIMULATION_STEPS = 300
+LOCALIZED_STEPS = 20
+"""A simulated robot that has been localized for so long has shown what there is to see."""
+
+_CONNECT_WITHIN_S = 20.0
+_SILENCE_S = 60.0
+_KEPT_TRUTHS = 64
+_POLL_S = 0.05
+
+
+class StalledError(ClusterMclError):
+    """The processes run but nothing comes of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """What a person asked for."""
+
+    recording: str | None = None
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: the default simulation."""
+    reference: Path | None = None
+    rate: float | None = None
+    steps: int | None = None
+    """Steps of a simulated robot."""
+    as_json: bool = False
+
+
+@dataclass(frozen=True)
+class _Show:
+    """What is going to be shown."""
+
+    settings: Settings
+    title: str
+    steps: int | None
+    """Known beforehand."""
+    simulated: bool
+    ends_when_localized: bool
+    reference: Reference | None
+
+
+@dataclass(frozen=True)
+class _Result:
+    story: Story
+    belief: Belief
+    truth: PoseTuple | None
+    status: Status
+
+
+def run_demo(options: DemoOptions, settings: Settings) -> None:
+    """Run a demo to its end and print what came of it.
+
+    Raises:
+        ClusterMclError: an input cannot be used, or a process failed.
+        StoppedError: interrupted.
+    """
+    started_s = time.monotonic()
+    stop = stop_on_signals(exit_after_s=5.0)
+    show = _prepared(options, settings)
+    view = _view(options, show)
+    with temporary_folder() as folder:
+        arguments = ("--steps", str(show.steps)) if show.simulated else ()
+        met = meeting_in(folder, show.settings)
+        stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
+        with running(stack):
+            result = _run(stack, met, show, view, stop)
+    wall_s = time.monotonic() - started_s
+    if options.as_json:
+        _print(dumped(_as_object(result, wall_s)))
+    else:
+        _print("\n".join(_summary(result, wall_s)))
+
+
+def _prepared(options: DemoOptions, settings: Settings) -> _Show:
+    """Read what can be refused before anything is started."""
+    source = options.recording or DEFAULT_SOURCE
+    simulated = source.startswith(PREFIX)
+    rate = options.rate
+    if rate is None:
+        rate = DEFAULT_SIMULATION_RATE if simulated else 0.0
+    bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate)
+    settings = msgspec.structs.replace(settings, bridge=bridge)
+    if simulated:
+        if options.reference is not None:
+            raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
+        steps = options.steps or DEFAULT_SIMULATION_STEPS
+        title = f"simulated robot in {source.removeprefix(PREFIX)}"
+        return _Show(settings, title, steps, True, options.steps is None, None)
+    if options.steps is not None:
+        raise SettingsError("--steps: only for a simulated robot; a recording has its own end")
+    reference = load_reference(options.reference) if options.reference else None
+    steps = counted_steps(source, settings.bridge)
+    return _Show(settings, f"recording {source}", steps, False, False, reference)
+
+
+def _view(options: DemoOptions, show: _Show) -> View:
+    console = Console(stderr=options.as_json)
+    steps = None if show.ends_when_localized else show.steps
+    if console.is_terminal:
+        return LiveView(console, show.title, steps)
+    return NoView() if options.as_json else LineView(console, show.title)
+
+
+def _run(stack: Stack, settings: Settings, show: _Show, view: View, stop: StopFlag) -> _Result:
+    stack.start_without_coordinator()
+    try:
+        with (
+            open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
+            view,
+        ):
+
+            def check() -> None:
+                stop.check()
+                stack.check()
+
+            audience = _Audience(session, show, view, check)
+            audience.wait_for_workers(settings.worker.count)
+            stack.start_coordinator()
+            story = audience.follow()
+            belief = story.belief
+            assert belief is not None  # the story ends with one
+            truth = audience.truth_of(belief)
+            status = ask(session, keys.STATUS, Status, timeout_s=settings.zenoh.query_timeout_s)
+            return _Result(story, belief, truth, status)
+    except UnreachableError:
+        stack.check()  # whose last words say why
+        raise
+
+
+class _Audience:
+    """Listens to the beliefs, and to the truth where there is one."""
+
+    def __init__(
+        self, session: zenoh.Session, show: _Show, view: View, check: Callable[[], None]
+    ) -> None:
+        self._show, self._view, self._check = show, view, check
+        self._inbox: Events = Inbox({"belief": 4096, "truth": 4096})
+        self._alive: set[str] = set()
+        self._truths: dict[int, PoseTuple] = {}
+        self._story = Story()
+        subscribe(session, keys.BELIEF, self._inbox, "belief")
+        subscribe(session, keys.TRUTH, self._inbox, "truth")
+        watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
+
+    def wait_for_workers(self, count: int) -> None:
+        """Wait until all are there: a step that nobody reports on would be lost."""
+        while len(self._alive) < count:
+            self._view.starting(len(self._alive), count)
+            self._hear()
+        self._view.starting(count, count)
+
+    def follow(self) -> Story:
+        """Hear beliefs until the last one."""
+        heard_s = time.monotonic()
+        while not self._over():
+            if self._hear():
+                heard_s = time.monotonic()
+            elif time.monotonic() - heard_s > _SILENCE_S:
+                raise StalledError(f"no belief has come for {_SILENCE_S:.0f} s")
+        return self._story
+
+    def truth_of(self, belief: Belief) -> PoseTuple | None:
+        """Where the robot was at the step of a belief; None where nobody knows."""
+        if self._show.reference is not None:
+            pose = self._show.reference.pose_at(belief.stamp_ns)
+            return None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+        deadline_s = time.monotonic() + 1.0
+        while self._show.simulated and belief.step not in self._truths:
+            if time.monotonic() > deadline_s:
+                break
+            self._hear()
+        return self._truths.get(belief.step)
+
+    def _over(self) -> bool:
+        story = self._story
+        if story.belief is None:
+            return False
+        if self._show.ends_when_localized and story.localized_steps >= LOCALIZED_STEPS:
+            return True
+        return story.belief.last
+
+    def _hear(self) -> bool:
+        """Take what came, waiting a moment for it; whether it was a belief."""
+        self._check()
+        match self._inbox.get(_POLL_S):
+            case Token(key=key, alive=alive):
+                (self._alive.add if alive else self._alive.discard)(key)
+            case Received(key=keys.TRUTH, payload=payload):
+                truth = decode(payload, TruePose)
+                self._truths[truth.step] = truth.map_from_robot
+                while len(self._truths) > _KEPT_TRUTHS:
+                    del self._truths[next(iter(self._truths))]
+            case Received(key=keys.BELIEF, payload=payload):
+                belief = decode(payload, Belief)
+                self._story.take(belief)
+                self._view.believed(belief, self._truths.get(belief.step))
+                return True
+        return False
+
+
+def _error(result: _Result) -> PoseError | None:
+    if result.truth is None or not result.belief.hypotheses:
+        return None
+    return pose_error(result.belief.hypotheses[0].mean, result.truth)
+
+
+def _as_object(result: _Result, wall_s: float) -> JsonObject:
+    belief, error = result.belief, _error(result)
+    best = belief.hypotheses[0] if belief.hypotheses else None
+    return {
+        "state": belief.state,
+        "pose": pose_object(best.mean, best.covariance) if best else None,
+        "probability": best.probability if best else 0.0,
+        "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
+        "steps": result.status.steps_applied,
+        "steps_lost": result.status.steps_lost,
+        "wall_s": wall_s,
+        "final_error_m": error.distance_m if error else None,
+        "final_error_rad": error.heading_rad if error else None,
+    }
+
+
+def _summary(result: _Result, wall_s: float) -> list[str]:
+    belief, error, status = result.belief, _error(result), result.status
+    lines = list(result.story.lines())
+    if belief.hypotheses:
+        best = belief.hypotheses[0]
+        lines.append(
+            f"In the end {belief.state} with probability {best.probability:.2f}: "
+            f"{pose_text(best.mean)}  {spread_text(best.covariance)}"
+        )
+    else:
+        lines.append(f"In the end {belief.state}, no place is held possible.")
+    if error is not None:
+        lines.append(f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off.")
+    lines.append(
+        f"{status.steps_applied} steps, {status.steps_lost} lost, "
+        f"{len(status.workers)} workers, {wall_s:.1f} s."
+    )
+    return lines
+
+
+def _print(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()

@@ -1,0 +1,163 @@
+"""What a person sees while a demo runs: a live table, or lines where there is no terminal."""
+
+from types import TracebackType
+from typing import Protocol, Self
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+
+from clustermcl.as_text import belief_line, pose_text, spread_text
+from protocol.messages import Belief, Hypothesis, PoseTuple
+
+_LINE_EVERY_STEPS = 25
+
+
+class View(Protocol):
+    """Told what happens; a context that begins and ends the showing."""
+
+    def __enter__(self) -> Self:
+        """Begin."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End."""
+
+    def starting(self, ready: int, workers: int) -> None:
+        """So many of the workers are ready."""
+
+    def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
+        """A step was applied; `truth` is where the robot really was, if that is known."""
+
+
+class NoView:
+    """Shows nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_how: object) -> None:
+        pass
+
+    def starting(self, ready: int, workers: int) -> None:
+        """Show nothing."""
+
+    def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
+        """Show nothing."""
+
+
+class LineView(NoView):
+    """A line whenever the state or the number of places changes, and now and then.
+
+    Args:
+        console: where to.
+        title: what is shown.
+    """
+
+    def __init__(self, console: Console, title: str) -> None:
+        self._console, self._title = console, title
+        self._said: tuple[object, ...] = ()
+
+    def __enter__(self) -> Self:
+        self._console.print(self._title, highlight=False)
+        return self
+
+    def starting(self, ready: int, workers: int) -> None:
+        """Say the beginning and the end of it."""
+        if ready in (0, workers):
+            self._say((ready,), f"{ready} of {workers} workers are ready")
+
+    def believed(self, belief: Belief, truth: PoseTuple | None) -> None:  # noqa: ARG002 - the view's
+        """Say what is news."""
+        news = (belief.state, len(belief.hypotheses), belief.step // _LINE_EVERY_STEPS)
+        self._say(news, belief_line(belief))
+
+    def _say(self, news: tuple[object, ...], line: str) -> None:
+        if news != self._said:
+            self._said = news
+            self._console.print(line, highlight=False, soft_wrap=True)
+
+
+class LiveView:
+    """A table of the places and their probabilities, redrawn several times a second.
+
+    Args:
+        console: a terminal.
+        title: what is shown.
+        steps: how many there will be; None: unknown.
+    """
+
+    def __init__(self, console: Console, title: str, steps: int | None) -> None:
+        self._title = title
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
+        self._task = self._progress.add_task("starting", total=steps)
+        self._belief: Belief | None = None
+        self._truth: PoseTuple | None = None
+        self._live = Live(console=console, get_renderable=self._render, refresh_per_second=8)
+
+    def __enter__(self) -> Self:
+        self._live.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._live.__exit__(kind, error, traceback)
+
+    def starting(self, ready: int, workers: int) -> None:
+        """Show how far the start is."""
+        self._progress.update(
+            self._task,
+            description=f"{ready} of {workers} workers are ready (the first start compiles)",
+        )
+
+    def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
+        """Show it with the next redrawing."""
+        self._belief, self._truth = belief, truth
+        self._progress.update(self._task, completed=belief.step + 1, description="steps")
+
+    def _render(self) -> RenderableType:
+        belief, truth = self._belief, self._truth
+        if belief is None:
+            return Group(self._title, self._progress)
+        search = "  (a search for other places runs)" if belief.searching else ""
+        lines = [f"step {belief.step}  [bold]{belief.state}[/bold]{search}"]
+        if belief.hypotheses:
+            best = belief.hypotheses[0]
+            lines.append(f"pose   {pose_text(best.mean)}  {spread_text(best.covariance)}")
+        if truth is not None:
+            lines.append(f"truth  {pose_text(truth)}")
+        return Group(self._title, _table(belief.hypotheses), *lines, self._progress)
+
+
+def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
+    table = Table(expand=False)
+    for name in ("place", "probability", "", "x [m]", "y [m]", "heading [deg]", "spread", "steps"):
+        table.add_column(name, justify="left" if name in ("", "spread") else "right")
+    for hypothesis in hypotheses:
+        x, y, _ = hypothesis.mean
+        table.add_row(
+            str(hypothesis.cluster),
+            f"{hypothesis.probability:.3f}",
+            ProgressBar(total=1.0, completed=hypothesis.probability, width=24),
+            f"{x:.2f}",
+            f"{y:.2f}",
+            pose_text(hypothesis.mean).rpartition("heading ")[2].removesuffix(" deg"),
+            spread_text(hypothesis.covariance),
+            str(hypothesis.age_steps),
+        )
+    return table

@@ -1,0 +1,82 @@
+"""The commands that talk to a running system: each asks once, or streams, and prints."""
+
+from collections.abc import Iterable
+
+import msgspec
+
+from clustermcl.as_json import (
+    JsonObject,
+    belief_object,
+    dumped,
+    hypotheses_object,
+    pose_answer_object,
+    status_object,
+)
+from clustermcl.as_text import belief_line, hypotheses_lines, pose_lines, status_lines
+from clustermcl.client import Client
+from process_runtime.settings import Settings
+from protocol.messages import PoseTuple
+
+
+def print_pose(settings: Settings, *, as_json: bool) -> None:
+    """Where the robot is now."""
+    with Client(settings) as client:
+        answer = client.pose()
+    _print(pose_answer_object(answer) if as_json else pose_lines(answer))
+
+
+def print_hypotheses(settings: Settings, *, above: float, as_json: bool) -> None:
+    """All places where it may be with a probability above one, for planners that must be safe."""
+    with Client(settings) as client:
+        answer = client.hypotheses()
+    kept = tuple(place for place in answer.hypotheses if place.probability >= above)
+    answer = msgspec.structs.replace(answer, hypotheses=kept)
+    _print(hypotheses_object(answer) if as_json else hypotheses_lines(answer))
+
+
+def print_status(settings: Settings, *, as_json: bool) -> None:
+    """How the system is."""
+    with Client(settings) as client:
+        answer = client.status()
+    _print(status_object(answer) if as_json else status_lines(answer))
+
+
+def watch(settings: Settings, *, as_json: bool) -> None:
+    """Every belief from now on, until interrupted."""
+    with Client(settings) as client:
+        client.pose()  # says at once if there is nobody
+        for belief in client.beliefs():
+            _print(belief_object(belief) if as_json else [belief_line(belief)])
+
+
+def set_pose(
+    settings: Settings,
+    map_from_robot: PoseTuple,
+    *,
+    position_sigma_m: float,
+    heading_sigma_rad: float,
+) -> None:
+    """Say where the robot is."""
+    with Client(settings) as client:
+        client.set_pose(
+            map_from_robot,
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+        )
+
+
+def relocalize(settings: Settings) -> None:
+    """Forget all places and search everywhere."""
+    with Client(settings) as client:
+        client.relocalize()
+
+
+def kidnap(settings: Settings) -> None:
+    """Lift the simulated robot to somewhere far away."""
+    with Client(settings) as client:
+        client.kidnap()
+
+
+def _print(what: JsonObject | Iterable[str]) -> None:
+    text = dumped(what) if isinstance(what, dict) else "\n".join(what)
+    print(text, flush=True)  # noqa: T201 - the command's answer

@@ -1,0 +1,47 @@
+"""Recordings as the commands use them: opened, their bad lines told, their steps counted."""
+
+import logging
+
+from process_runtime.settings import BridgeSettings
+from sensor_bridge.recording import Recording, open_recording
+from sensor_bridge.step_maker import steps_of
+
+_NAMED_LINES = 10
+
+_log = logging.getLogger(__name__)
+
+
+def opened(path: str, settings: BridgeSettings) -> Recording:
+    """Open a recording and warn of the lines that are left out.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    recording = open_recording(path, settings)
+    if warning := left_out(recording):
+        _log.warning(warning)
+    return recording
+
+
+def counted_steps(path: str, settings: BridgeSettings) -> int:
+    """How many steps a recording makes.
+
+    Raises:
+        RecordingError: it cannot be used.
+    """
+    return sum(1 for _ in steps_of(opened(path, settings), settings, map_digest=""))
+
+
+def left_out(recording: Recording) -> str | None:
+    """The lines of a recording that were not used, in one sentence; None if all were."""
+    skipped = recording.skipped
+    if not skipped:
+        return None
+    numbers = ", ".join(str(line.line_number) for line in skipped[:_NAMED_LINES])
+    more = ", ..." if len(skipped) > _NAMED_LINES else ""
+    lines = "line" if len(skipped) == 1 else "lines"
+    first = skipped[0]
+    return (
+        f"{recording.path}:{first.line_number}: {len(skipped)} bad {lines} left out "
+        f"({numbers}{more}); the first: {first.problem}"
+    )

@@ -1,0 +1,134 @@
+"""All processes of one robot on this machine: started, looked after, and ended."""
+
+import logging
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from process_runtime.main import EXIT_ERROR
+from process_runtime.settings import Settings
+from process_runtime.settings_table import settings_as_toml
+from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from protocol.errors import ClusterMclError
+
+ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
+_SIMULATED = "sim:"
+_SOCKET_PATH_MAX_BYTES = 107
+
+_log = logging.getLogger(__name__)
+
+
+class ProcessEndedError(ClusterMclError):
+    """A process of the stack refused to start, or ended although it should not have."""
+
+    def __init__(self, ended: ChildExit) -> None:
+        self.ended = ended
+        if ended.code == EXIT_ERROR and ended.last_words:
+            super().__init__(ended.last_words)
+            return
+        how = f"exit code {ended.code}"
+        if ended.code < 0:
+            how = signal.Signals(-ended.code).name
+        words = f": {ended.last_words}" if ended.last_words else "; its own message is above"
+        super().__init__(f"the {ended.name} process ended with {how}{words}")
+
+
+class Stack:
+    """Router, workers, coordinator, and a sensor bridge or the simulator that stands in for it.
+
+    Args:
+        settings: of all of them; `bridge.source` decides between bridge and simulator.
+        folder: for the settings file that they read, and for their logs.
+        logs_in_folder: whether their logs go there; else to this process's standard error.
+        simulator_arguments: more arguments for the simulator.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        folder: Path,
+        *,
+        logs_in_folder: bool,
+        simulator_arguments: Sequence[str] = (),
+    ) -> None:
+        self._folder, self._logs_in_folder = folder, logs_in_folder
+        self._file = folder / "settings.toml"
+        self._file.write_text(settings_as_toml(settings), encoding="utf-8")
+        if settings.bridge.source.startswith(_SIMULATED):
+            source = self._child("robot_simulator", *simulator_arguments)
+        else:
+            source = self._child("sensor_bridge")
+        router = self._child("process_runtime.router", name=ROUTER)
+        self._coordinator = self._child("coordinator")
+        self._supervisor = Supervisor([router, self._child("worker"), source])
+
+    def start_all(self) -> None:
+        """Start everything."""
+        self.start_without_coordinator()
+        self.start_coordinator()
+
+    def start_without_coordinator(self) -> None:
+        """Start all but the coordinator, for which the source waits with its first step."""
+        self._supervisor.start()
+
+    def start_coordinator(self) -> None:
+        """Start the coordinator, and with it the way of the robot."""
+        self._supervisor.add(self._coordinator)
+
+    def ended(self) -> list[ChildExit]:
+        """Restart whose time has come; who has ended since the last call."""
+        return self._supervisor.poll(time.monotonic())
+
+    def check(self) -> None:
+        """Look after the processes.
+
+        Raises:
+            ProcessEndedError: one has ended, with its last words.
+        """
+        for ended in self.ended():
+            raise ProcessEndedError(ended)
+
+    def stop(self) -> None:
+        """End all."""
+        self._supervisor.stop()
+
+    def _child(self, module: str, *arguments: str, name: str | None = None) -> ChildSpec:
+        name = name or module
+        return ChildSpec(
+            name=name,
+            command=python_module(module, "--settings", str(self._file), *arguments),
+            log=self._folder / f"{name}.log" if self._logs_in_folder else None,
+        )
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """A folder for sockets and logs; nothing of it is left."""
+    # The longest name in it is that of the socket; a path too long for one would not do.
+    base = Path(tempfile.gettempdir())
+    room = _SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
+    folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
+    with tempfile.TemporaryDirectory(prefix="clustermcl-", dir=folder) as path:
+        yield Path(path)
+
+
+def meeting_in(folder: Path, settings: Settings) -> Settings:
+    """The same settings, but the processes meet at a socket in a folder: no ports, no strangers."""
+    router = f"unixsock-stream/{folder}/router.sock"
+    zenoh = msgspec.structs.replace(settings.zenoh, router=router)
+    return msgspec.structs.replace(settings, zenoh=zenoh)
+
+
+@contextmanager
+def running(stack: Stack) -> Iterator[Stack]:
+    """End the stack on the way out, however that is."""
+    try:
+        yield stack
+    finally:
+        stack.stop()
