@@ -43,9 +43,15 @@ def experiments(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes; left out: one for each core.")
     ] = None,
+    no_plots: Annotated[bool, typer.Option("--no-plots", help="Draw no plots.")] = False,
+    settings_file: Annotated[
+        Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
+    ] = None,
     assignments: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated."),
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."
+        ),
     ] = None,
     list_only: Annotated[
         bool, typer.Option("--list", help="List the experiments and run nothing.")
@@ -62,7 +68,7 @@ def experiments(
         conduct,
     )
     from clustermcl.experiments.listing import listing  # noqa: PLC0415 - see above
-    from clustermcl.experiments.plan import Extent  # noqa: PLC0415 - see above
+    from clustermcl.experiments.plan import Extent, Given  # noqa: PLC0415 - see above
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see above
 
     console = Console()
@@ -76,15 +82,12 @@ def experiments(
         report=report,
         data=data,
         jobs=jobs,
-        assignments=assignments or (),
+        given=Given(settings_file, assignments or ()),
+        plots=not no_plots,
         command=shlex.join(["clustermcl", *sys.argv[1:]]),
     )
-    written = conduct(options, stop_on_signals(exit_after_s=60.0), console)
-    console.print(
-        "nothing had ended yet, so nothing is reported"
-        if written is None
-        else f"the report is {written}",
-        highlight=False,
-        soft_wrap=True,
-        markup=False,
-    )
+    stop = stop_on_signals(exit_after_s=60.0)
+    written = conduct(options, stop, console)
+    text = f"the report is {written}" if written else "no run had ended yet: nothing is reported"
+    console.print(text, highlight=False, soft_wrap=True, markup=False)
+    stop.check()

@@ -1,0 +1,22 @@
+"""Work for processes that tests start."""
+
+import os
+import time
+from collections.abc import Callable
+
+from protocol.errors import SettingsError
+
+
+def work(piece: str, advanced: Callable[[int], None]) -> str:
+    match piece:
+        case "fail":
+            raise ZeroDivisionError("nothing to divide by")
+        case "refuse":
+            raise SettingsError("two\nlines")
+        case "die":
+            os._exit(7)
+        case "hang":
+            advanced(1)
+            time.sleep(600.0)  # ended from outside
+    advanced(2)
+    return piece.upper()
