@@ -18,6 +18,7 @@ from clustermcl.recordings import counted_steps
 from clustermcl.reference import Reference, load_reference
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.story import Story
+from grid_maps.load import load_map
 from process_runtime.inbox import Inbox
 from process_runtime.session import open_session
 from process_runtime.settings import Settings
@@ -27,7 +28,7 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, SettingsError, UnreachableError
 from protocol.messages import Belief, PoseTuple, Status, TruePose
-from robot_simulator.source import PREFIX
+from robot_simulator.source import PREFIX, simulated_world
 
 DEFAULT_SOURCE = f"{PREFIX}cross_feature"
 DEFAULT_SIMULATION_RATE = 3.0
@@ -115,11 +116,15 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     if simulated:
         if options.reference is not None:
             raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
+        simulated_world(source)
         steps = options.steps or DEFAULT_SIMULATION_STEPS
         title = f"simulated robot in {source.removeprefix(PREFIX)}"
         return _Show(settings, title, steps, True, options.steps is None, None)
     if options.steps is not None:
         raise SettingsError("--steps: only for a simulated robot; a recording has its own end")
+    if not settings.bridge.map:
+        raise SettingsError("--map is missing: a recording needs the map it was made in")
+    load_map(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(source, settings.bridge)
     return _Show(settings, f"recording {source}", steps, False, False, reference)

@@ -228,7 +228,7 @@ class Coordinator:
         return self._applied_scan
 
     def _given(self, command: SetPose, scan: Scan) -> Candidate:
-        """A Gaussian cloud round the pose a person gives; the first particle is that pose."""
+        """A Gaussian cloud round the pose that a person gives."""
         self._set_poses += 1
         rng = generator(
             self._filter_settings.seed,
@@ -241,10 +241,11 @@ class Coordinator:
         )
         spread = rng.standard_normal((SET_POSE_PARTICLES, 3)) * sigma
         mean: PoseTuple = command.map_from_robot
+        place, turn = command.position_sigma_m**2, command.heading_sigma_rad**2
         return Candidate(
             probability=self._filter_settings.belief.set_pose_probability,
             mean=mean,
-            covariance=(sigma[0] ** 2, 0.0, 0.0, 0.0, sigma[1] ** 2, 0.0, 0.0, 0.0, sigma[2] ** 2),
+            covariance=(place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn),
             sample=Particles(
                 step=scan.step,
                 odom_from_robot=scan.odom_from_robot,

@@ -1,0 +1,44 @@
+"""Whole systems: router, workers, coordinator and a simulated robot as processes of their own."""
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from clustermcl.stack import Stack, meeting_in, running
+from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
+
+SMALL = Settings(
+    seed=3,
+    cluster=ClusterSettings(particles=300),
+    search=SearchSettings(
+        min_start_particles=8_000, max_start_particles=8_000, particles=2_000, max_steps=20
+    ),
+    belief=BeliefSettings(clusters=6, search_every_steps=12),
+    bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
+    worker=WorkerSettings(count=4),
+)
+"""A filter small enough for tests, on a simulated robot, as fast as the workers follow."""
+
+StartStack = Callable[..., tuple[Stack, Settings]]
+
+
+@pytest.fixture(scope="module")
+def start_stack() -> Iterator[StartStack]:
+    """Starts systems, each meeting at a socket of its own; all are ended after the module."""
+    with ExitStack() as resources:
+
+        def start(settings: Settings, *, steps: int) -> tuple[Stack, Settings]:
+            folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-")))
+            cache = msgspec.structs.replace(settings.worker, cache_folder=str(folder / "cache"))
+            met = meeting_in(folder, msgspec.structs.replace(settings, worker=cache))
+            arguments = ("--steps", str(steps))
+            stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
+            resources.enter_context(running(stack))
+            return stack, met
+
+        yield start

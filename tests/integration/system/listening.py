@@ -1,0 +1,70 @@
+"""Hears all beliefs of a system, from its first to its last."""
+
+from collections.abc import Callable
+from itertools import count
+
+from clustermcl import in_process
+from clustermcl.stack import Stack
+from coordinator.ensemble import Outcome
+from coordinator.process import filter_settings
+from process_runtime.inbox import Inbox
+from process_runtime.session import open_session
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from process_runtime.wire import Events, Received, Token, subscribe, watch
+from protocol import keys
+from protocol.codec import decode
+from protocol.messages import Belief
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from worker.map_model import sensor_model
+
+POLL_S, SILENCE_S = 0.05, 40.0
+
+
+def beliefs_of(
+    stack: Stack, settings: Settings, *, at_step: dict[int, Callable[[], None]] | None = None
+) -> list[Belief]:
+    """Run a system to the end of its source.
+
+    Args:
+        stack: not started yet.
+        settings: of the system.
+        at_step: what to do when the belief of a step has been heard.
+    """
+    stack.start_without_coordinator()
+    inbox: Events = Inbox({"belief": 4096})
+    heard: list[Belief] = []
+    alive: set[str] = set()
+    with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0) as session:
+        subscribe(session, keys.BELIEF, inbox, "belief")
+        watch(session, keys.ALL_WORKERS_ALIVE, inbox)
+        coordinator_started = False
+        silent_s = 0.0
+        for _ in count():
+            event = inbox.get(POLL_S)
+            stack.check()
+            silent_s = 0.0 if event is not None else silent_s + POLL_S
+            assert silent_s < SILENCE_S, f"nothing heard; last {heard[-1:]}"
+            match event:
+                case Token(key=key, alive=True):
+                    alive.add(key)
+                case Received(payload=payload):
+                    heard.append(decode(payload, Belief))
+                    (at_step or {}).pop(heard[-1].step, lambda: None)()
+            if not coordinator_started and len(alive) == settings.worker.count:
+                stack.start_coordinator()
+                coordinator_started = True
+            if heard and heard[-1].last:
+                break
+    return heard
+
+
+def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
+    """The same run in this process, without Zenoh."""
+    world = simulated_world(settings.bridge.source)
+    source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
+    scans = (scan for scan, _ in simulated_steps(source, settings.bridge, world.map.digest))
+    model = sensor_model(world.map, settings.sensor, cache_folder=None)
+    plain = filter_settings(settings)
+    return [outcome for _, outcome in in_process.outcomes(scans, model, plain)]

@@ -1,0 +1,140 @@
+"""What a person can get wrong: one line that says what and where, exit code 2, nothing left."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from PIL import Image
+
+from tests.unit.recordings import recording_or_skip
+
+COMMAND = [sys.executable, "-I", "-c", "from clustermcl.command import main; main()"]
+NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
+
+
+def typed(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *words], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], *facts: str) -> None:
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stdout == ""
+    for fact in facts:
+        assert fact in done.stderr
+    running = [child.cmdline() for child in psutil.Process().children(recursive=True)]
+    assert not [words for words in running if "-m" in words], "a process was left"
+
+
+@pytest.fixture
+def map_file(tmp_path: Path) -> Path:
+    cells = np.full((60, 80), 254, np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    return written_map(tmp_path, cells)
+
+
+def written_map(folder: Path, cells: np.ndarray) -> Path:
+    Image.fromarray(cells).save(folder / "map.pgm")
+    yaml = folder / "map.yaml"
+    yaml.write_text(
+        "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return yaml
+
+
+def log_of(folder: Path, *ranges: str) -> Path:
+    path = folder / "log.clf"
+    lines = [
+        f"FLASER 3 {values} {i}.0 0 0 {i}.0 0 0 {i}.5 host {i}.5" for i, values in enumerate(ranges)
+    ]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_missing_map(tmp_path: Path) -> None:
+    log = log_of(tmp_path, "1 2 3")
+    done = typed("demo", "--recording", str(log), "--map", str(tmp_path / "no.yaml"))
+    assert_refused(done, "no.yaml")
+
+
+def test_a_map_without_free_space(tmp_path: Path) -> None:
+    walls = written_map(tmp_path, np.zeros((20, 20), np.uint8))
+    done = typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(walls))
+    assert_refused(done, "map.pgm", "no free space")
+
+
+def test_a_map_without_obstacles(tmp_path: Path) -> None:
+    empty = written_map(tmp_path, np.full((20, 20), 254, np.uint8))
+    done = typed("evaluate", str(log_of(tmp_path, "1 2 3")), "--map", str(empty))
+    assert_refused(done, "map.yaml", "occupied")
+
+
+def test_a_missing_recording(map_file: Path) -> None:
+    assert_refused(typed("evaluate", "nowhere.log", "--map", str(map_file)), "nowhere.log")
+
+
+@pytest.mark.parametrize("ranges", ["nan nan nan", "0 0 0", "inf -1 nan"])
+def test_a_recording_whose_scans_tell_nothing(tmp_path: Path, map_file: Path, ranges: str) -> None:
+    log = log_of(tmp_path, ranges, ranges)
+    assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
+
+
+def test_a_recording_without_beams(tmp_path: Path, map_file: Path) -> None:
+    log = tmp_path / "log.clf"
+    log.write_text("FLASER 0 0 0 0 0 0 0 1.0 host 1.0\n")
+    assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
+
+
+def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
+    tmp_path: Path, map_file: Path
+) -> None:
+    log = log_of(tmp_path, "1 2 3", "1 2", "1 x 3", "2 2 3")
+    out = tmp_path / "out.json"
+    done = typed("evaluate", str(log), "--map", str(map_file), "--json", str(out))
+    assert done.returncode == 0, done.stderr
+    assert "2 bad lines left out (2, 3)" in done.stderr
+    assert '"steps": 2' in out.read_text()
+
+
+def test_a_truncated_recording_is_used_as_far_as_it_goes(tmp_path: Path, map_file: Path) -> None:
+    whole = recording_or_skip("wean/robotdata1.log.xz").read_bytes()
+    cut = tmp_path / "cut.log.xz"
+    cut.write_bytes(whole[: len(whole) // 8])
+    done = typed("evaluate", str(cut), "--map", str(map_file), "--steps", "3")
+    assert done.returncode == 0, done.stderr
+    assert "cut.log.xz" in done.stderr
+
+
+def test_a_recording_cut_before_its_first_scan(tmp_path: Path, map_file: Path) -> None:
+    cut = tmp_path / "cut.log.xz"
+    cut.write_bytes(b"\xfd7zXZ\x00\x00\x04")
+    assert_refused(typed("evaluate", str(cut), "--map", str(map_file)), "cut.log.xz")
+
+
+def test_an_unknown_setting_names_the_nearest() -> None:
+    done = typed("settings", "--set", "cluster.particels=5")
+    assert_refused(done, "cluster.particels", "cluster.particles")
+
+
+def test_a_setting_of_the_wrong_type() -> None:
+    assert_refused(typed("settings", "--set", "cluster.particles=many"), "cluster.particles")
+
+
+def test_an_unknown_world() -> None:
+    assert_refused(typed("demo", "--recording", "sim:atlantis"), "atlantis", "cross")
+
+
+@pytest.mark.parametrize("command", ["pose", "hypotheses", "status", "watch", "relocalize"])
+def test_nobody_there_is_said_within_three_seconds(command: str) -> None:
+    process = subprocess.run(
+        [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True, timeout=5,
+        check=False,
+    )  # fmt: skip
+    assert_refused(process, "no router", "clustermcl up")

@@ -1,0 +1,109 @@
+"""Questions and commands to a running system, as a person types them."""
+
+import json
+import subprocess
+import sys
+
+import msgspec
+import pytest
+
+from clustermcl.client import Client
+from process_runtime.settings import Settings
+from protocol.messages import PoseAnswer
+from tests.integration.processes import RunningProcess
+from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.waiting import wait_until
+
+
+@pytest.fixture(scope="module")
+def system(start_stack: StartStack) -> Settings:
+    """A robot that has driven thirty steps and stands still since."""
+    hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
+    stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=30)
+    stack.start_all()
+    with Client(patient(settings)) as client:
+        wait_until(lambda: client.pose().step == 29, deadline_s=60.0)
+    return settings
+
+
+def patient(settings: Settings) -> Settings:
+    zenoh = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
+    return msgspec.structs.replace(settings, zenoh=zenoh)
+
+
+def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
+    command = "from clustermcl.command import main; main()"
+    endpoint = f"zenoh.router={settings.zenoh.router}"
+    return subprocess.run(
+        [sys.executable, "-I", "-c", command, words[0], "--set", endpoint, *words[1:]],
+        capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+
+
+def test_the_pose_is_near_the_truth_and_says_how_old_it_is(system: Settings) -> None:
+    answer = json.loads(typed(system, "pose", "--json").stdout)
+    assert answer["step"] == 29
+    assert answer["workers"] == 4
+    assert answer["probability"] > 0.3
+    assert answer["freshness"] in ("fresh", "stale")
+    assert len(answer["pose"]["covariance"]) == 3
+
+
+def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
+    with Client(system) as client:
+        wait_until(lambda: client.pose().freshness == "stale")
+    done = typed(system, "pose")
+    assert "stale: the newest data is" in done.stdout
+
+
+def test_hypotheses_are_sorted_and_sum_to_one(system: Settings) -> None:
+    places = json.loads(typed(system, "hypotheses", "--json").stdout)["hypotheses"]
+    probabilities = [place["probability"] for place in places]
+    assert probabilities == sorted(probabilities, reverse=True)
+    assert sum(probabilities) == pytest.approx(1.0)
+
+
+def test_hypotheses_above_a_probability_are_those(system: Settings) -> None:
+    above = typed(system, "hypotheses", "--above", "0.2", "--json").stdout
+    assert all(place["probability"] >= 0.2 for place in json.loads(above)["hypotheses"])
+
+
+def test_status_tells_workers_steps_and_what_was_lost(system: Settings) -> None:
+    status = json.loads(typed(system, "status", "--json").stdout)
+    assert status["steps_applied"] == 30
+    assert status["steps_lost"] == 0
+    assert status["reports_missing"] == 0
+    assert sorted(status["workers"]) == [f"worker-{n}" for n in range(4)]
+    assert status["clusters"] >= 1
+
+
+def test_a_second_coordinator_is_refused_and_the_first_goes_on(
+    system: Settings, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("second")
+    endpoint = f"zenoh.router={system.zenoh.router}"
+    second = RunningProcess(
+        [sys.executable, "-I", "-m", "coordinator", "--set", endpoint], folder, "second"
+    )
+    assert second.wait() == 2
+    assert second.err.count("\n") == 1
+    assert "has a coordinator already" in second.err
+    assert typed(system, "pose").returncode == 0
+
+
+def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:
+    done = typed(system, "set-pose", "5.0", "6.0", "1.5")
+    assert (done.returncode, done.stderr) == (0, "")
+    with Client(system) as client:
+        answer: PoseAnswer = client.pose()
+    assert answer.map_from_robot == pytest.approx((5.0, 6.0, 1.5))
+    assert answer.probability == pytest.approx(0.95)
+    assert answer.state == "localized"
+
+
+def test_relocalize_forgets_all_places(system: Settings) -> None:
+    assert typed(system, "relocalize").returncode == 0
+    with Client(system) as client:
+        answer = client.hypotheses()
+    assert answer.hypotheses == ()
+    assert answer.pose.state == "searching"

@@ -1,0 +1,56 @@
+import os
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+
+from coordinator.ensemble import Outcome
+from protocol.messages import Belief
+from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.system.listening import beliefs_of, outcomes_of
+
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def alone() -> list[Outcome]:
+    """What one process without a network believes."""
+    return outcomes_of(SMALL, steps=STEPS)
+
+
+def assert_same(beliefs: list[Belief], outcomes: list[Outcome]) -> None:
+    assert [belief.step for belief in beliefs] == list(range(STEPS))
+    for belief, outcome in zip(beliefs, outcomes, strict=True):
+        assert belief.missing == (), f"step {belief.step}"
+        assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
+        assert belief.state == outcome.state, f"step {belief.step}"
+
+
+def test_processes_over_zenoh_believe_exactly_what_one_process_believes(
+    start_stack: StartStack, alone: list[Outcome]
+) -> None:
+    stack, settings = start_stack(SMALL, steps=STEPS)
+    assert_same(beliefs_of(stack, settings), alone)
+    assert any(len(outcome.hypotheses) > 3 for outcome in alone), "clusters were compared"
+    assert sum(bool(outcome.end) for outcome in alone) > 2, "and hand-overs"
+
+
+def test_a_tracking_worker_that_is_killed_changes_no_belief(
+    start_stack: StartStack, alone: list[Outcome]
+) -> None:
+    """kill -9 in the middle: its clusters go on elsewhere from their snapshots, bit for bit."""
+    stack, settings = start_stack(SMALL, steps=STEPS)
+
+    def kill_one() -> None:
+        folder = Path(settings.zenoh.router.removeprefix("unixsock-stream/")).parent
+        parents = [
+            process
+            for process in psutil.Process().children()
+            if str(folder / "settings.toml") in process.cmdline() and "worker" in process.cmdline()
+        ]
+        (parent,) = parents
+        os.kill(parent.children()[0].pid, signal.SIGKILL)
+
+    beliefs = beliefs_of(stack, settings, at_step={25: kill_one})
+    assert_same(beliefs, alone)

@@ -1,0 +1,131 @@
+"""Whole stories of the coordinator: events in, instructions out, no network."""
+
+import pytest
+
+from coordinator.coordinator import Coordinator, PublishBelief, SendOrder
+from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from process_runtime.settings import CoordinatorSettings
+from protocol.codec import decode, encode
+from protocol.messages import Belief, OrderAnswer, Report, SetPose
+from tests.unit.coordinator.reports import scan, searched, tracked
+
+SECOND = 1_000_000_000
+NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
+
+
+class Story:
+    """A coordinator and obedient workers that report what the story says."""
+
+    def __init__(self, *workers: str) -> None:
+        settings = FilterSettings(
+            search=SearchSettings(shards=1),
+            belief=BeliefSettings(clusters=3, transition_probability=0.0, evidence_bound=100.0),
+        )
+        self.coordinator = Coordinator("coordinator", settings, CoordinatorSettings(), "test", 0)
+        self.epochs: dict[str, int] = {}
+        self.places: dict[str, str] = {}
+        self.beliefs: list[Belief] = []
+        for worker in workers:
+            self.follow(self.coordinator.worker_joined(worker, 0))
+
+    def follow(self, instructions: list[SendOrder | PublishBelief]) -> None:
+        for instruction in instructions:
+            match instruction:
+                case PublishBelief(belief=belief):
+                    self.beliefs.append(decode(encode(belief), Belief))
+                case SendOrder(worker=worker, order=order):
+                    for assignment in order.begin:
+                        self.epochs[assignment.job_id] = assignment.epoch
+                        self.places[assignment.job_id] = worker
+                    jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
+                    answer = OrderAnswer(
+                        sender=worker, order=order.order, incarnation=1,
+                        jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
+                    )  # fmt: skip
+                    self.coordinator.order_answered(worker, answer)
+
+    def scan(self, step: int, *, at_s: float) -> None:
+        self.follow(self.coordinator.scan(scan(step), int(at_s * SECOND)))
+
+    def report(self, report: Report, *, at_s: float) -> None:
+        self.follow(self.coordinator.report(report, int(at_s * SECOND)))
+
+    def bootstrapped(self) -> "Story":
+        self.scan(0, at_s=0.0)
+        places = {NORTH: 0.5, SOUTH: 0.5}
+        self.report(searched("s0.0", 0, places, epoch=self.epochs["s0.0"]), at_s=0.1)
+        return self
+
+    def tracks(self, step: int, *, at_s: float, north: float, south: float | None) -> None:
+        self.scan(step, at_s=at_s)
+        one = tracked("c0", step, north, NORTH, epoch=self.epochs["c0"])
+        self.report(one, at_s=at_s + 0.01)
+        if south is not None:
+            other = tracked("c1", step, south, SOUTH, epoch=self.epochs["c1"])
+            self.report(other, at_s=at_s + 0.02)
+
+
+def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
+    story = Story("a", "b").bootstrapped()
+    story.tracks(1, at_s=1.0, north=0.3, south=0.1)
+    assert [belief.step for belief in story.beliefs] == [0, 1]
+    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
+
+
+def test_a_slow_worker_is_waited_for_until_the_deadline_and_not_longer() -> None:
+    story = Story("a", "b").bootstrapped()
+    for step in range(1, 4):  # past the grace of jobs just handed out
+        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+    story.tracks(4, at_s=10.0, north=0.3, south=None)
+    assert story.beliefs[-1].step == 3
+    story.follow(story.coordinator.tick(int(10.6 * SECOND)))
+    assert story.beliefs[-1].step == 4
+    assert story.beliefs[-1].missing == ("c1",)
+    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
+
+
+def test_a_resurrected_worker_cannot_vote() -> None:
+    story = Story("a", "b").bootstrapped()
+    story.tracks(1, at_s=1.0, north=0.1, south=0.1)
+    old_epoch, old_place = story.epochs["c1"], story.places["c1"]
+    story.follow(story.coordinator.worker_left(old_place, 2 * SECOND))
+    assert story.places["c1"] != old_place
+    story.scan(2, at_s=2.0)
+    story.report(tracked("c1", 2, 1e9, SOUTH, epoch=old_epoch), at_s=2.1)
+    story.report(tracked("c0", 2, 0.1, NORTH, epoch=story.epochs["c0"]), at_s=2.2)
+    story.report(tracked("c1", 2, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=2.3)
+    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
+    counters = story.coordinator.status(3 * SECOND, {}).counters
+    assert counters["report of an old epoch"] == 1
+
+
+def test_without_workers_the_belief_stands_and_status_says_so() -> None:
+    story = Story("a").bootstrapped()
+    story.follow(story.coordinator.worker_left("a", SECOND))
+    story.scan(1, at_s=5.0)
+    story.follow(story.coordinator.tick(6 * SECOND))
+    assert story.beliefs[-1].missing == ("c0", "c1")
+    assert story.coordinator.pose(6 * SECOND).workers == 0
+    story.follow(story.coordinator.worker_joined("b", 7 * SECOND))
+    assert {story.places["c0"], story.places["c1"]} == {"b"}
+
+
+def test_a_scan_of_another_map_is_refused_and_counted() -> None:
+    story = Story("a").bootstrapped()
+    story.follow(story.coordinator.scan(scan(1, digest="another"), SECOND))
+    assert story.beliefs[-1].step == 0
+    assert story.coordinator.status(SECOND, {}).counters["scan of another map"] == 1
+
+
+def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
+    story = Story("a").bootstrapped()
+    command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
+    story.follow(story.coordinator.set_pose(command, SECOND))
+    assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
+    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((3.0, 4.0, 0.5))
+    assert "c2" in story.epochs, "a worker tracks it"
+
+
+def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
+    with pytest.raises(ValueError, match="no scan has arrived"):
+        Story("a").coordinator.relocalize(0)
