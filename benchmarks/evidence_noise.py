@@ -58,6 +58,7 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
     middle = np.array([*place.map.size_m, 0.0]) / 2.0 + place.map.map_from_grid
     rngs = [np.random.default_rng([1, index]) for index in range(count)]
     clouds: list[Cloud] = []
+    before = np.zeros(3)
     evidence = []
     for scan, truth in simulated(Simulation(place, seed=1)):
         after = np.array(scan.odom_from_robot)

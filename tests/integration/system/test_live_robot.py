@@ -1,0 +1,55 @@
+"""A robot that is not ours: the example of docs/wire.md, run as it is printed there."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from PIL import Image
+
+from clustermcl.client import Client
+from clustermcl.stack import Stack, meeting_in, running
+from process_runtime.settings import BridgeSettings
+from tests.integration.system.conftest import SMALL
+from tests.integration.waiting import wait_until
+
+WIRE = Path(__file__).resolve().parents[3] / "docs" / "wire.md"
+
+
+def example() -> str:
+    page = WIRE.read_text()
+    code = page.split("<!-- robot example -->\n```python\n")[1].split("```")[0]
+    assert len(code.splitlines()) <= 34
+    return code
+
+
+def test_the_example_of_the_wire_page_drives_a_robot(short_folder: str) -> None:
+    folder = Path(short_folder)
+    cells = np.full((100, 100), 254, np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    Image.fromarray(cells).save(folder / "map.png")
+    (folder / "map.yaml").write_text(
+        "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    bridge = BridgeSettings(map=str(folder / "map.yaml"), source="zenoh")
+    worker = msgspec.structs.replace(SMALL.worker, cache_folder=str(folder / "cache"))
+    settings = meeting_in(folder, msgspec.structs.replace(SMALL, bridge=bridge, worker=worker))
+    zenoh = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
+    stack = Stack(settings, folder, logs_in_folder=True)
+    with running(stack):
+        stack.start_all()
+        with Client(msgspec.structs.replace(settings, zenoh=zenoh)) as client:
+            wait_until(lambda: len(client.status().workers) == 4, deadline_s=60.0)
+            robot = subprocess.run(
+                [sys.executable, "-c", example(), settings.zenoh.router, "40"],
+                capture_output=True, text=True, timeout=60, check=False,
+            )  # fmt: skip
+            status = client.status()
+    assert robot.returncode == 0, robot.stderr
+    assert "'schema': 'pose/1'" in robot.stdout
+    assert "'freshness': 'fresh'" in robot.stdout
+    # 40 readings, 0.05 m apart, a step each 0.2 m; the last scan still waits for odometry.
+    assert status.steps_applied in (9, 10)
+    assert status.steps_lost == 0
