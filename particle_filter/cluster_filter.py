@@ -7,6 +7,7 @@ import numpy as np
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.gaussian import fit_gaussian
+from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import effective_sample_size, log_sum, normalised
 from particle_filter.motion import move
 from particle_filter.resampling import resample
@@ -50,10 +51,17 @@ class Weighed:
 
 
 def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator) -> Cloud:
-    """Redraw the particles by weight where too few of them count; else carry the weights on."""
+    """Redraw the particles by weight where too few of them count; else carry the weights on.
+
+    Where `kld_error` is set, as many are drawn as the spread of the cloud asks for.
+    """
     count = len(cloud.log_weights)
     if cloud.effective_sample_size >= settings.resample_below_ess * count:
         return cloud
+    if settings.kld_error > 0.0:
+        count = sufficient_particles(
+            cloud.map_from_robot, settings.kld_error, settings.min_particles, settings.particles
+        )
     chosen = resample(cloud.log_weights, count, settings.resampling, rng)
     return Cloud.even(cloud.map_from_robot[chosen])
 

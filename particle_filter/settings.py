@@ -93,6 +93,15 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         float,
         described("redraw when effective sample size / particles is under this", gt=0, le=1),
     ] = 0.9
+    kld_error: Annotated[
+        float,
+        described(
+            "adapt the number of particles so that the sampled belief errs by less; 0: off",
+            ge=0,
+            le=1,
+        ),
+    ] = 0.0
+    min_particles: Annotated[int, described("never fewer where the number adapts", gt=0)] = 200
     split_every_steps: Annotated[
         int,
         described(
