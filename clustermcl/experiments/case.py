@@ -36,7 +36,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     ordinary_seeds: int
     """The same of ordinary MCL, beside it."""
     asked_seeds: int | None = None
-    """Runs that the target is stated for, where time allows fewer by default."""
+    """Runs that the target is stated for; None: as many as there are by default."""
     symmetry: int = 1
     """So many poses of the map look alike, or nearly so: it is k-fold symmetric."""
     has_feature: bool = False

@@ -60,15 +60,16 @@ def chosen(cases: Sequence[Case], names: Sequence[str], without: str) -> tuple[C
 def extended(case: Case, extent: Extent) -> Case:
     """The experiment with as many runs as are asked for."""
     seeds, ordinary = case.seeds, case.ordinary_seeds
+    asked = case.asked_seeds or seeds
     if extent.all_asked:
-        seeds = case.asked_seeds or seeds
+        seeds = asked
     if extent.quick:
         case = quick(case, QUICK_UPDATES)
         seeds, ordinary = min(seeds, QUICK_SEEDS), min(ordinary, QUICK_SEEDS)
     if extent.seeds is not None:
         seeds = extent.seeds
         ordinary = extent.seeds if ordinary else 0
-    return msgspec.structs.replace(case, seeds=seeds, ordinary_seeds=ordinary)
+    return msgspec.structs.replace(case, seeds=seeds, ordinary_seeds=ordinary, asked_seeds=asked)
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ def test_the_extent_decides_how_many_runs() -> None:
     assert seeds(extended(long, Extent())) == (2, 1)
     assert seeds(extended(long, Extent(all_asked=True))) == (5, 1)
     assert seeds(extended(long, Extent(seeds=7))) == (7, 7)
+    assert extended(CASES[0], Extent(seeds=1)).asked_seeds == 2
     alone = case(ordinary_seeds=0)
     assert seeds(extended(alone, Extent(seeds=7))) == (7, 0)
     quick = extended(case(updates=3000, seeds=40), Extent(quick=True))
