@@ -2,6 +2,7 @@ import os
 import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -37,7 +38,7 @@ def test_each_child_has_its_own_session_and_the_parents_imports(
     process, session = start_forking(start_process, router), open_client()
     answers = []
     for index in range(3):
-        wait_until(lambda index=index: ask(session, index))
+        wait_until(partial(ask, session, index))
         answers.append(ask(session, index))
     assert len({pid for pid, _, _ in answers}) == 3
     assert {parent for _, parent, _ in answers} == {str(process.pid)}
@@ -49,7 +50,7 @@ def test_a_killed_child_is_replaced_and_the_others_are_left_alone(
 ) -> None:
     process, session = start_forking(start_process, router), open_client()
     for index in range(3):
-        wait_until(lambda index=index: ask(session, index))
+        wait_until(partial(ask, session, index))
     before = [ask(session, index) for index in range(3)]
     os.kill(int(before[1][0]), signal.SIGKILL)
     wait_until(lambda: ask(session, 1) not in ([], before[1]))

@@ -92,7 +92,7 @@ def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
     threads = [threading.Thread(target=put_all, args=(i,)) for i in range(4)]
     for thread in threads:
         thread.start()
-    taken = []
+    taken: list[tuple[int, int]] = []
     while len(taken) < 8000 and (item := inbox.get(10.0)) is not None:
         taken.append(item)
     for thread in threads:
