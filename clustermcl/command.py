@@ -1,6 +1,7 @@
 """The command a person types. Each command imports what it needs, so that `pose` starts fast."""
 
 import logging
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -80,11 +81,15 @@ def demo(
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
 
     given = list(assignments or ())
-    given += [f"bridge.map={map_file}"] if map_file else []
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
-        recording=recording, reference=reference, rate=rate, steps=steps, as_json=as_json
+        recording=recording,
+        map_file=map_file,
+        reference=reference,
+        rate=rate,
+        steps=steps,
+        as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
 
@@ -128,7 +133,8 @@ def evaluate(
     assignments: Assignments = None,
 ) -> None:
     """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
-    from clustermcl.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the module
+    from clustermcl.evaluate import run_evaluate  # noqa: PLC0415 - see the module
+    from clustermcl.evaluation import EvaluateOptions  # noqa: PLC0415 - see the module
 
     options = EvaluateOptions(
         recording=recording,
@@ -192,7 +198,7 @@ def watch(
     )
 
 
-@app.command("set-pose")
+@app.command("set-pose", context_settings={"ignore_unknown_options": True})  # such as -2.5
 def set_pose(
     x_m: Annotated[float, typer.Argument(metavar="X", help="In the map [m].")],
     y_m: Annotated[float, typer.Argument(metavar="Y", help="In the map [m].")],
@@ -206,7 +212,10 @@ def set_pose(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Say where the robot is. Put -- before negative numbers."""
+    """Say where the robot is."""
+    numbers = (x_m, y_m, heading_rad, position_sigma_m, heading_sigma_rad)
+    if not all(map(math.isfinite, numbers)) or min(position_sigma_m, heading_sigma_rad) <= 0.0:
+        raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
     from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
 
     tell(

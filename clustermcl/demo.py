@@ -52,6 +52,8 @@ class DemoOptions:
 
     recording: str | None = None
     """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: the default simulation."""
+    map_file: str | None = None
+    """None: that of the settings for a recording, the world's own for a simulated robot."""
     reference: Path | None = None
     rate: float | None = None
     steps: int | None = None
@@ -92,7 +94,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
     show = _prepared(options, settings)
     view = _view(options, show)
     with temporary_folder() as folder:
-        arguments = ("--steps", str(show.steps)) if show.simulated else ()
+        arguments = ["--steps", str(show.steps)] if show.simulated else []
+        arguments += ["--map", options.map_file] if show.simulated and options.map_file else []
         met = meeting_in(folder, show.settings)
         stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
         with running(stack):
@@ -111,20 +114,23 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     rate = options.rate
     if rate is None:
         rate = DEFAULT_SIMULATION_RATE if simulated else 0.0
-    bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate)
+    map_file = options.map_file or settings.bridge.map
+    bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
     settings = msgspec.structs.replace(settings, bridge=bridge)
     if simulated:
         if options.reference is not None:
             raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
         simulated_world(source)
+        if options.map_file:
+            load_map(options.map_file)
         steps = options.steps or DEFAULT_SIMULATION_STEPS
         title = f"simulated robot in {source.removeprefix(PREFIX)}"
         return _Show(settings, title, steps, True, options.steps is None, None)
     if options.steps is not None:
         raise SettingsError("--steps: only for a simulated robot; a recording has its own end")
-    if not settings.bridge.map:
+    if not map_file:
         raise SettingsError("--map is missing: a recording needs the map it was made in")
-    load_map(settings.bridge.map)
+    load_map(map_file)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(source, settings.bridge)
     return _Show(settings, f"recording {source}", steps, False, False, reference)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 
 def experiments(
@@ -62,6 +61,8 @@ def experiments(
     Ordinary MCL runs beside Cluster-MCL. Ctrl-C ends it; what has ended by then is reported.
     """
     # What follows takes a second to import; other commands do without.
+    from rich.console import Console  # noqa: PLC0415 - see above
+
     from clustermcl.experiments.conduct import (  # noqa: PLC0415 - see above
         Options,
         available,

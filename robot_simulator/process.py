@@ -5,6 +5,7 @@ import logging
 
 import zenoh
 
+from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
 from process_runtime.wire import Asked, Publisher
 from protocol import keys
@@ -32,6 +33,9 @@ def main() -> None:
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--source", metavar="SOURCE", help="sim:WORLD or sim:MAP.yaml (default: bridge.source)"
+    )
+    parser.add_argument(
+        "--map", metavar="FILE", help="map to localize in (default: the world's own)"
     )
     parser.add_argument("--steps", type=int, metavar="N", help="end after N steps")
     parser.add_argument(
@@ -66,7 +70,8 @@ def run_simulator(invocation: Invocation) -> None:
 
         return Extension(on_step, {keys.KIDNAP: kidnapper.asked})
 
-    serve_robot(invocation, world.map, source, extend)
+    grid_map = load_map(arguments.map) if arguments.map else world.map
+    serve_robot(invocation, grid_map, source, extend)
 
 
 class _Kidnapper:
