@@ -140,7 +140,8 @@ def _serve(
     work: Work[T, R], pipe: "connection.Connection[tuple[str, object], T]", parent_pid: int
 ) -> None:
     """The process's outermost loop: pieces in, results out, until the other side closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C goes to all; one decides
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # both may go to the whole group; one decides
     die_with_parent(parent_pid)
     while True:
         try:

@@ -28,5 +28,10 @@ def test_a_stop_ends_what_hangs_and_keeps_what_is_done() -> None:
     assert [event for event in events if isinstance(event, Done)] == [Done(0, "A")]
 
 
+def test_signals_to_the_whole_group_are_left_to_the_one_that_decides() -> None:
+    events = list(in_parallel(work, ["signalled"], 1, StopFlag()))
+    assert events[-1] == Done(0, "SIGNALLED")
+
+
 def test_of_nothing_nothing_comes() -> None:
     assert list(in_parallel(work, [], 4, StopFlag())) == []

@@ -1,6 +1,7 @@
 """Work for processes that tests start."""
 
 import os
+import signal
 import time
 from collections.abc import Callable
 
@@ -15,6 +16,9 @@ def work(piece: str, advanced: Callable[[int], None]) -> str:
             raise SettingsError("two\nlines")
         case "die":
             os._exit(7)
+        case "signalled":
+            os.kill(os.getpid(), signal.SIGTERM)
+            os.kill(os.getpid(), signal.SIGINT)
         case "hang":
             advanced(1)
             time.sleep(600.0)  # ended from outside
