@@ -3,9 +3,14 @@
 import sys
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
+from grid_maps.load import load_map
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
+from process_runtime.zenoh_configuration import as_zenoh, client_configuration
 from protocol.errors import SettingsError
+from robot_simulator.source import PREFIX, simulated_world
+from sensor_bridge.process import LIVE_SOURCE
+from sensor_bridge.recording import open_recording
 
 _POLL_S = 0.1
 
@@ -14,12 +19,10 @@ def run_up(settings: Settings) -> None:
     """Run router, bridge or simulator, coordinator and workers; restart those that die.
 
     Raises:
-        SettingsError: no map is named.
-        ProcessEndedError: a process refuses its settings or its input.
+        ClusterMclError: the map, the recording or the endpoint cannot be used.
+        ProcessEndedError: a process refuses to start all the same.
     """
-    simulated = settings.bridge.source.startswith("sim:")
-    if not simulated and not settings.bridge.map:
-        raise SettingsError("bridge.map is empty: name the map file there, or by --set bridge.map=")
+    _refuse_what_cannot_run(settings)
     stop = stop_on_signals(exit_after_s=5.0)
     with temporary_folder() as folder:
         stack = Stack(settings, folder, logs_in_folder=False)
@@ -35,6 +38,20 @@ def run_up(settings: Settings) -> None:
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
+
+
+def _refuse_what_cannot_run(settings: Settings) -> None:
+    """Say what is wrong in one line, before processes say it in theirs."""
+    as_zenoh(client_configuration(settings.zenoh, settings.robot))
+    bridge = settings.bridge
+    if bridge.source.startswith(PREFIX):
+        simulated_world(bridge.source)
+        return
+    if not bridge.map:
+        raise SettingsError("bridge.map is empty: name the map file there, or by --set bridge.map=")
+    load_map(bridge.map)
+    if bridge.source != LIVE_SOURCE:
+        open_recording(bridge.source, bridge)
 
 
 def _say(text: str) -> None:

@@ -57,6 +57,8 @@ def run_forked(
     Raises:
         RuntimeError: this process has threads, so that a fork is not safe.
     """
+    if stop.is_set():
+        return  # its watch is a thread, see `stop_on_signals`
     _check_single_threaded()
     gc.collect()
     gc.freeze()  # the collector would touch, and so copy, every page shared with the children

@@ -105,7 +105,7 @@ def as_zenoh(configuration: Configuration) -> zenoh.Config:
 def readable(error: zenoh.ZError) -> str:
     """The part of Zenoh's message that is for people: no places in its source, one line."""
     text = " ".join(str(error).split())
-    inner = re.search(r'message: "(.*?)"', text)
+    inner = re.search(r'(?:message|msg): "(.*?)"', text)
     return re.sub(r"\s*at \S+\.rs:\d+\.?", "", inner[1] if inner else text).strip()
 
 

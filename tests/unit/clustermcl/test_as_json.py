@@ -1,0 +1,47 @@
+import json
+import math
+
+from clustermcl.as_json import belief_object, dumped, hypotheses_object, pose_answer_object
+from protocol.messages import Hypotheses, PoseAnswer
+from tests.unit.clustermcl.places import COVARIANCE, belief, place
+
+ANSWER = PoseAnswer(
+    sender="coordinator",
+    state="localized",
+    freshness="fresh",
+    stamp_ns=7,
+    age_s=0.5,
+    step=3,
+    probability=0.95,
+    map_from_robot=(1.0, 2.0, 3.0),
+    covariance=COVARIANCE,
+    workers=4,
+)
+
+
+def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
+    pose = pose_answer_object(ANSWER)["pose"]
+    assert pose == {
+        "x_m": 1.0,
+        "y_m": 2.0,
+        "heading_rad": 3.0,
+        "covariance": [[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0025]],
+    }
+
+
+def test_a_belief_without_a_place_has_no_pose() -> None:
+    found = belief_object(belief(4, "searching", searching=True))
+    assert found["pose"] is None
+    assert (found["probability"], found["hypotheses"], found["searching"]) == (0.0, [], True)
+
+
+def test_hypotheses_keep_their_order() -> None:
+    answer = Hypotheses(
+        sender="coordinator", pose=ANSWER, hypotheses=(place(0.7, cluster=4), place(0.3, cluster=1))
+    )
+    assert [found["cluster"] for found in hypotheses_object(answer)["hypotheses"]] == [4, 1]
+
+
+def test_numbers_that_json_does_not_know_become_null() -> None:
+    text = dumped({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": -math.inf}})
+    assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": {"d": None}}

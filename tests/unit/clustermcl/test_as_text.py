@@ -1,0 +1,45 @@
+import math
+
+import msgspec
+import pytest
+
+from clustermcl.as_text import belief_line, pose_lines, pose_text, spread_text
+from tests.unit.clustermcl.places import belief, place
+from tests.unit.clustermcl.test_as_json import ANSWER
+
+
+def test_a_pose_is_written_in_metres_and_degrees() -> None:
+    assert pose_text((1.234, -4.5, math.pi / 2)) == "x 1.23 m  y -4.50 m  heading 90.0 deg"
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.4, 1.2, math.pi / 2])
+def test_the_spread_is_that_of_the_longer_axis_however_it_lies(turn: float) -> None:
+    c, s = math.cos(turn), math.sin(turn)
+    xx, xy, yy = 0.09 * c * c + 0.01 * s * s, 0.08 * c * s, 0.09 * s * s + 0.01 * c * c
+    covariance = (xx, xy, 0.0, xy, yy, 0.0, 0.0, 0.0, math.radians(2.0) ** 2)
+    assert spread_text(covariance) == "+-0.30 m, 2.0 deg"
+
+
+def test_a_pose_says_what_stands_against_believing_it() -> None:
+    old = msgspec.structs.replace(ANSWER, freshness="stale", age_s=12.34, workers=0)
+    assert list(pose_lines(old))[1:] == [
+        "stale: the newest data is 12.3 s old",
+        "no worker is alive: the belief does not follow the robot",
+    ]
+    assert list(pose_lines(ANSWER)) == [
+        "localized with probability 0.95: x 1.00 m  y 2.00 m  heading 171.9 deg  +-0.20 m, 2.9 deg"
+    ]
+
+
+def test_before_the_first_scan_there_is_no_pose() -> None:
+    none = msgspec.structs.replace(
+        ANSWER, state="searching", freshness="none", map_from_robot=None, covariance=None
+    )
+    assert list(pose_lines(none)) == ["searching: no scan has arrived yet"]
+
+
+def test_a_belief_is_one_line_however_many_places_there_are() -> None:
+    line = belief_line(belief(7, "ambiguous", *[place(0.1)] * 10, searching=True))
+    assert line.startswith("step 7: ambiguous, searching; best x 0.00 m")
+    assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ...")
+    assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"

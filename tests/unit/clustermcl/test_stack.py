@@ -1,0 +1,46 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from clustermcl.stack import ProcessEndedError, meeting_in, temporary_folder
+from process_runtime.settings import RobotSettings, Settings
+from process_runtime.supervisor import ChildExit
+from process_runtime.zenoh_configuration import check_endpoint
+
+
+def test_a_refusal_is_said_in_the_words_of_the_process_that_refused() -> None:
+    words = "sensor_bridge: map.yaml: no such file"
+    refused = ChildExit("sensor_bridge", 2, restart_in_s=None, last_words=words)
+    assert str(ProcessEndedError(refused)) == words
+
+
+@pytest.mark.parametrize(
+    ("code", "how"), [(1, "exit code 1"), (-9, "SIGKILL"), (-11, "SIGSEGV"), (0, "exit code 0")]
+)
+def test_any_other_end_says_who_ended_and_how(code: int, how: str) -> None:
+    ended = ChildExit("worker", code, restart_in_s=0.1, last_words="KeyError: 'c3'")
+    assert str(ProcessEndedError(ended)) == f"the worker process ended with {how}: KeyError: 'c3'"
+
+
+def test_nothing_is_left_of_a_temporary_folder() -> None:
+    with temporary_folder() as folder:
+        (folder / "router.log").write_text("x")
+    assert not folder.exists()
+
+
+def test_its_socket_has_a_usable_path_even_where_temporary_folders_lie_deep(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    deep = tmp_path / ("d" * 100)
+    deep.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", os.fspath(deep))
+    with temporary_folder() as folder:
+        check_endpoint(meeting_in(folder, Settings()).zenoh.router)
+
+
+def test_meeting_in_a_folder_changes_nothing_but_the_endpoint() -> None:
+    settings = Settings(seed=5, robot=RobotSettings(name="r2"))
+    met = meeting_in(Path("/tmp/x"), settings)
+    assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"
+    assert (met.seed, met.robot, met.bridge) == (5, settings.robot, settings.bridge)
