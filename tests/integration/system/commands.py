@@ -1,0 +1,87 @@
+"""The command as a person types it, in a process of its own."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+
+from tests.integration.waiting import wait_until
+
+COMMAND = [sys.executable, "-I", "-c", "from clustermcl.command import main; main()"]
+SMALL_FILTER = [
+    word
+    for setting in (
+        "cluster.particles=300",
+        "search.min_start_particles=8000",
+        "search.max_start_particles=8000",
+        "search.particles=2000",
+        "belief.clusters=6",
+    )
+    for word in ("--set", setting)
+]
+"""A filter small enough for tests."""
+
+
+class TypedCommand:
+    """A command that runs, with all processes that it has started so far."""
+
+    def __init__(self, words: tuple[str, ...], folder: Path, environment: dict[str, str]) -> None:
+        self._out, self._err = folder / "out.txt", folder / "err.txt"
+        with self._out.open("wb") as out, self._err.open("wb") as err:
+            self.popen = subprocess.Popen(
+                [*COMMAND, *words],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=err,
+                env=environment,
+                start_new_session=True,
+            )
+        self.family: set[psutil.Process] = set()
+
+    @property
+    def out(self) -> str:
+        return self._out.read_text()
+
+    @property
+    def err(self) -> str:
+        return self._err.read_text()
+
+    def meet_family(self) -> list[psutil.Process]:
+        """The direct children; all descendants are remembered."""
+        parent = psutil.Process(self.popen.pid)
+        self.family.update(parent.children(recursive=True))
+        return parent.children()
+
+    def wait_for(self, text: str, deadline_s: float = 60.0) -> None:
+        """Until it has written the text."""
+        wait_until(lambda: text in self.out or text in self.err, deadline_s)
+        self.meet_family()
+
+    def end(self, number: int) -> int:
+        """Send a signal and wait for the exit code."""
+        self.meet_family()
+        self.popen.send_signal(number)
+        return self.popen.wait(20.0)
+
+    def assert_nothing_runs(self) -> None:
+        """No process of it is left, or they all end this moment."""
+        assert self.family, "there were processes to look for"
+        _, alive = psutil.wait_procs(self.family, timeout=5.0)
+        assert alive == []
+
+
+@contextmanager
+def typed(*words: str, folder: Path, environment: dict[str, str]) -> Iterator[TypedCommand]:
+    """Start a command; whatever of it still runs at the end is killed."""
+    command = TypedCommand(words, folder, environment)
+    try:
+        yield command
+    finally:
+        command.popen.kill()
+        command.popen.wait()
+        for process in command.family:
+            if process.is_running():
+                process.kill()

@@ -1,0 +1,88 @@
+"""`clustermcl demo`: from its start to its end, or to its interruption."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
+from tests.unit.recordings import recording_or_skip
+
+SHORT = ["demo", "--recording", "sim:cross_feature", "--steps", "30", "--workers", "4"]
+
+
+@pytest.fixture
+def environment(short_folder: str, tmp_path: Path) -> dict[str, str]:
+    """Temporary files go to a folder that a test can look into; its path fits a socket."""
+    return {**os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path)}
+
+
+def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
+    done = subprocess.run(
+        [*COMMAND, *words, "--json"],
+        env=environment, capture_output=True, text=True, timeout=90, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(Path(environment["TMPDIR"]).iterdir()) == [], "nothing is left"
+    answer: dict[str, Any] = json.loads(done.stdout)
+    return answer
+
+
+def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
+    answer = as_json(*SHORT, "--rate", "0", *SMALL_FILTER, environment=environment)
+    assert set(answer) == {
+        "state", "pose", "probability", "hypotheses", "steps", "steps_lost", "wall_s",
+        "final_error_m", "final_error_rad",
+    }  # fmt: skip
+    assert (answer["steps"], answer["steps_lost"]) == (30, 0)
+    assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}
+    best = answer["hypotheses"][0]
+    assert (best["x_m"], best["y_m"]) == (answer["pose"]["x_m"], answer["pose"]["y_m"])
+    assert best["probability"] == answer["probability"]
+    assert math.fsum(place["probability"] for place in answer["hypotheses"]) == pytest.approx(1.0)
+    assert answer["final_error_m"] >= 0.0, "the simulator tells where the robot was"
+    assert 0.0 <= answer["final_error_rad"] <= math.pi
+
+
+def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
+    """Separate processes, as fast as the workers follow, with the defaults a new user has."""
+    recording = recording_or_skip("wean/robotdata1.log.xz")
+    answer = as_json(
+        "demo", "--recording", str(recording),
+        "--map", str(recording_or_skip("wean/map.yaml")),
+        "--reference", str(recording_or_skip("wean/robotdata1.reference.tum")),
+        environment=environment,
+    )  # fmt: skip
+    assert answer["final_error_m"] < 1.0
+    assert answer["final_error_rad"] < math.radians(20.0)
+    assert answer["steps_lost"] == 0
+
+
+@pytest.mark.parametrize(
+    ("after", "number"),
+    [("0 of 4 workers are ready", signal.SIGINT), ("step 0: searching", signal.SIGTERM)],
+)
+def test_an_interrupted_demo_leaves_nothing(
+    after: str, number: int, environment: dict[str, str], tmp_path: Path
+) -> None:
+    words = [*SHORT, "--rate", "0.5", *SMALL_FILTER]
+    with typed(*words, folder=tmp_path, environment=environment) as demo:
+        demo.wait_for(after)
+        assert demo.end(number) == 130
+        assert demo.err == ""
+        demo.assert_nothing_runs()
+    assert list(Path(environment["TMPDIR"]).iterdir()) == []
+
+
+def test_a_demo_that_is_killed_takes_its_processes_with_it(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    with typed(*SHORT, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
+        demo.wait_for("step 0: searching")
+        assert demo.end(signal.SIGKILL) == -signal.SIGKILL
+        demo.assert_nothing_runs()

@@ -1,0 +1,72 @@
+"""`clustermcl evaluate`: many runs in parallel processes."""
+
+import json
+import os
+import signal
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
+from tests.integration.waiting import wait_until
+
+ROBOT = ["evaluate", "sim:cross_feature", *SMALL_FILTER]
+
+
+@pytest.fixture
+def environment(tmp_path: Path) -> dict[str, str]:
+    return {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+
+
+def results(*words: str, folder: Path, environment: dict[str, str]) -> dict[str, Any]:
+    file = folder / "results.json"
+    done = subprocess.run(
+        [*COMMAND, *words, "--json", str(file)],
+        env=environment, capture_output=True, text=True, timeout=90, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    found: dict[str, Any] = json.loads(file.read_text())
+    return found
+
+
+def without_time(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [{name: value for name, value in run.items() if name != "wall_s"} for run in runs]
+
+
+def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    words = [*ROBOT, "--steps", "20", "--seeds", "3", "--set", "seed=7"]
+    found = results(*words, folder=tmp_path, environment=environment)
+    assert (found["algorithm"], found["recording"]) == ("cluster-mcl", "sim:cross_feature")
+    assert [run["seed"] for run in found["runs"]] == [7, 8, 9]
+    assert {
+        "seed", "localized", "final_error_m", "final_error_rad", "localized_at_step",
+        "confidently_wrong_fraction", "truth_tracked_fraction", "truth_probability_mean",
+        "rmse_m", "steps", "wall_s",
+    } <= set(found["runs"][0])  # fmt: skip
+    assert all(run["steps"] == 20 for run in found["runs"])
+    alone = results(*words, "--jobs", "1", folder=tmp_path, environment=environment)
+    assert without_time(alone["runs"]) == without_time(found["runs"])
+
+
+def test_ordinary_mcl_runs_on_the_same_robot(tmp_path: Path, environment: dict[str, str]) -> None:
+    words = [*ROBOT, "--steps", "20", "--algorithm", "mcl"]
+    found = results(*words, folder=tmp_path, environment=environment)
+    assert found["algorithm"] == "mcl"
+    assert found["runs"][0]["steps"] == 20
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
+    number: int, tmp_path: Path, environment: dict[str, str]
+) -> None:
+    words = [*ROBOT, "--steps", "100000", "--seeds", "4", "--jobs", "2"]
+    with typed(*words, folder=tmp_path, environment=environment) as evaluation:
+        wait_until(lambda: len(evaluation.meet_family()) >= 3, deadline_s=60.0)  # 2 and a tracker
+        code = evaluation.end(number)
+        assert code == (-signal.SIGKILL if number == signal.SIGKILL else 130)
+        assert evaluation.err == ""
+        evaluation.assert_nothing_runs()

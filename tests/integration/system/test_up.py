@@ -1,0 +1,76 @@
+"""`clustermcl up`: everything in the foreground, until it is told to stop."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from clustermcl.client import Client
+from process_runtime.settings import Settings, ZenohSettings
+from tests.integration.system.commands import SMALL_FILTER, TypedCommand, typed
+from tests.integration.waiting import wait_until
+
+
+@pytest.fixture
+def settings(zenoh_settings: ZenohSettings) -> Settings:
+    patient = msgspec.structs.replace(zenoh_settings, connect_timeout_s=30.0)
+    return Settings(zenoh=patient)
+
+
+@pytest.fixture
+def up(settings: Settings, tmp_path: Path) -> Iterator[TypedCommand]:
+    words = [
+        "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
+        "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
+    ]  # fmt: skip
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    with typed(*words, folder=tmp_path, environment=environment) as command:
+        yield command
+
+
+def pid_of(up: TypedCommand, module: str) -> int:
+    """The process id of a child; 0 while there is none."""
+    found = [process.pid for process in up.meet_family() if module in process.cmdline()]
+    return found[0] if found else 0
+
+
+def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
+    killed = pid_of(up, module)
+    os.kill(killed, signal.SIGKILL)
+    wait_until(lambda: f"{module} ended with code -9" in up.err)
+    wait_until(lambda: pid_of(up, module) not in (0, killed))
+
+
+def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
+    up: TypedCommand, settings: Settings
+) -> None:
+    with Client(settings) as client:
+        wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)
+        for module in ("coordinator", "worker", "robot_simulator"):
+            kill_and_wait_for_the_next(up, module)
+        step = client.pose().step
+        wait_until(lambda: client.pose().step > step, deadline_s=30.0)
+        wait_until(lambda: len(client.status().workers) == 2, deadline_s=30.0)
+    assert up.end(signal.SIGINT) == 0
+    assert "Traceback" not in up.err
+    up.assert_nothing_runs()
+
+
+def test_a_second_one_at_the_same_place_is_refused(
+    up: TypedCommand, settings: Settings, tmp_path: Path
+) -> None:
+    up.wait_for("router listens")
+    folder = tmp_path / "second"
+    folder.mkdir()
+    words = [
+        "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
+        "--set", "bridge.source=sim:cross",
+    ]  # fmt: skip
+    with typed(*words, folder=folder, environment=dict(os.environ)) as second:
+        assert second.popen.wait(30.0) == 2
+        assert "is in use" in second.err
+        assert "Traceback" not in second.err
+    assert up.popen.poll() is None, "the first goes on"
