@@ -1,7 +1,7 @@
 """One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -105,7 +105,27 @@ def advanced(
     cloud = resampled(cloud, settings, rng)
     moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
-    return weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
+    result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
+    taken_back = exponent * model.settings.hidden_weight
+    hidden = taken_back * hidden_log_likelihood(result.cloud, beams, model)
+    return replace(result, log_weight_sum=result.log_weight_sum - hidden)
+
+
+def hidden_log_likelihood(cloud: Cloud, beams: Beams, model: SensorModel) -> float:
+    """What a cloud was given for beams that would have to pass through walls, on average.
+
+    The field rewards a beam that ends near an obstacle, be there another one before it or not: it
+    cannot tell a corner without a cabinet from one with. Estimated from a systematic sample of
+    the cloud; a little is forgiven, for no pose and no map is exact.
+    """
+    count, tolerance = model.settings.visibility_particles, model.settings.hidden_tolerance
+    if count == 0 or beams.count == 0:
+        return 0.0
+    shares = np.cumsum(normalised(cloud.log_weights))
+    middles = (np.arange(count) + 0.5) / count
+    chosen = np.searchsorted(shares, middles).clip(max=len(shares) - 1)
+    mean = float(np.mean(model.hidden(cloud.map_from_robot[chosen], beams)))
+    return max(mean - tolerance * beams.count, 0.0)
 
 
 def drawn_from(

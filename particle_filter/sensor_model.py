@@ -13,6 +13,7 @@ from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihoo
 from particle_filter.ray_casting import JumpField
 from particle_filter.scan_points import points_in_robot, usable_beams
 from particle_filter.settings import SensorSettings
+from particle_filter.visibility import hidden_log_likelihood
 
 
 @dataclass(frozen=True)
@@ -80,6 +81,23 @@ class SensorModel:
             ray_map=RayMap(self.jumps, self.field.cell_m, self.field.map_from_grid),
             max_range_m=beams.max_range_m,
             settings=self.settings,
+        )
+
+    def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+        """(N,) what `log_likelihood` gave for beams through walls.
+
+        Costs some hundred times as much as the field. The beam model follows every ray anyway.
+        """
+        if self.settings.model == "beam":
+            return np.zeros(len(map_from_robot))
+        return hidden_log_likelihood(
+            map_from_robot,
+            beams.robot_from_laser[:2],
+            beams.hits_in_robot,
+            self.field,
+            self.jumps,
+            self.settings.hidden_margin_m,
+            self.settings.hidden_slack_rad,
         )
 
     def ground_penalty(self, map_from_robot: Poses) -> LogWeights:

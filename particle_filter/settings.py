@@ -28,20 +28,25 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         "omnidirectional"
     )
     turn_noise_per_turn: Annotated[
-        float, described("noise of a turn caused by turning (nav2 alpha1)", "rad/rad", ge=0)
+        float,
+        described("noise of a turn caused by turning (root of nav2's alpha1)", "rad/rad", ge=0),
     ] = 0.2
     turn_noise_per_metre: Annotated[
-        float, described("noise of a turn caused by driving (nav2 alpha2)", "rad/m", ge=0)
+        float, described("noise of a turn caused by driving (root of nav2's alpha2)", "rad/m", ge=0)
     ] = 0.1
     drive_noise_per_metre: Annotated[
-        float, described("noise along the drive caused by driving (nav2 alpha3)", "m/m", ge=0)
+        float,
+        described("noise along the drive caused by driving (root of nav2's alpha3)", "m/m", ge=0),
     ] = 0.15
     drive_noise_per_turn: Annotated[
-        float, described("noise along the drive caused by turning (nav2 alpha4)", "m/rad", ge=0)
+        float,
+        described("noise along the drive caused by turning (root of nav2's alpha4)", "m/rad", ge=0),
     ] = 0.05
     strafe_noise_per_metre: Annotated[
         float,
-        described("noise across the drive, omnidirectional only (nav2 alpha5)", "m/m", ge=0),
+        described(
+            "noise across the drive, omnidirectional only (root of nav2's alpha5)", "m/m", ge=0
+        ),
     ] = 0.1
 
 
@@ -75,6 +80,21 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_obstacle_distance_m: Annotated[
         float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
     ] = 2.0
+    visibility_particles: Annotated[
+        int, described("particles of a cluster whose rays are followed; 0: none", ge=0)
+    ] = 50
+    hidden_margin_m: Annotated[
+        float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
+    ] = 0.45
+    hidden_slack_rad: Annotated[
+        float, described("and only if rays so much to either side are cut off too", "rad", ge=0)
+    ] = 0.05
+    hidden_weight: Annotated[
+        float, described("share of it that is taken back; the map may be wrong", ge=0, le=1)
+    ] = 0.1
+    hidden_tolerance: Annotated[
+        float, described("what hidden ends may have been given before it counts", "nat/beam", ge=0)
+    ] = 0.1
     not_free_log_penalty: Annotated[
         float,
         described("log-weight of a particle on occupied or unknown ground, each step", le=0),
@@ -182,7 +202,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.5
     lost_fit_drop: Annotated[
         float, described("lost when scans fit so much worse than usual", "nat/beam", gt=0)
-    ] = 0.5
+    ] = 0.8
     recent_fit_gain: Annotated[
         float, described("weight of a new scan in the recent fit", gt=0, le=1)
     ] = 0.3

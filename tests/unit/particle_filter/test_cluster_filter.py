@@ -3,10 +3,12 @@ import math
 import numpy as np
 import pytest
 
+from particle_filter.arrays import OCCUPIED
 from particle_filter.cluster_filter import (
     Cloud,
     advanced,
     drawn_from,
+    hidden_log_likelihood,
     resampled,
     weighed,
 )
@@ -120,3 +122,29 @@ def test_an_exactly_known_pose_stays_exactly_known() -> None:
     sample = np.tile(HERE, (10, 1))
     cloud = drawn_from(sample, np.zeros(10), ClusterSettings(), np.random.default_rng(0))
     np.testing.assert_allclose(cloud.map_from_robot, np.tile(HERE, (2000, 1)))
+
+
+def test_beams_through_a_wall_count_against_a_cluster_only_where_there_is_a_wall() -> None:
+    """The laser saw one large room; in a map with a wall across, half the beams cross it."""
+    open_room, divided = plain_room(), plain_room()
+    divided[:, 60] = OCCUPIED
+    beams, cloud = seen_from(HERE, open_room), cloud_round(HERE, 50, sigma=0.01)
+    assert hidden_log_likelihood(cloud, beams, model_of(open_room)) == pytest.approx(0.0, abs=0.1)
+    assert hidden_log_likelihood(cloud, beams, model_of(divided)) > 10.0
+
+
+def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
+    corridor = np.zeros((30, 400), np.int8)
+    corridor[[0, -1], :] = corridor[:, [0, -1]] = OCCUPIED
+    truth = np.array([1.0, 0.6, 0.0])
+    beams = seen_from(truth, corridor)
+    off = Cloud.even(np.tile(truth + np.array([0.0, 0.0, 0.02]), (20, 1)))
+    assert hidden_log_likelihood(off, beams, model_of(corridor)) == pytest.approx(0.0, abs=0.1)
+
+
+def test_no_ray_is_followed_where_it_is_turned_off() -> None:
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    beams, cloud = seen_from(HERE, plain_room()), cloud_round(HERE, 50, sigma=0.01)
+    off = model_of(divided, SensorSettings(visibility_particles=0))
+    assert hidden_log_likelihood(cloud, beams, off) == 0.0

@@ -1,0 +1,110 @@
+"""What a likelihood field does not see: beams that would have to pass through walls.
+
+A field rewards a beam that ends near an obstacle, be there walls between or not; a wrong place
+amid many walls therefore often scores better than the true one. Following the rays tells them
+apart, at a hundred times the price, so it is done for a few particles of each cluster.
+"""
+
+from math import cos, hypot, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import LogWeights, Points, Poses
+from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
+from particle_filter.kernels import kernel
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import JumpField, cast_ray
+
+
+def hidden_log_likelihood(
+    map_from_robot: Poses,
+    laser_in_robot: Points,
+    hits_in_robot: Points,
+    field: LikelihoodField,
+    jumps: JumpField,
+    margin_m: float,
+    slack_rad: float,
+) -> LogWeights:
+    """What the field gave for beams whose end the laser could not have seen.
+
+    A beam whose ray, and both neighbours of it, meet an occupied cell more than `margin_m`
+    before its end is explained by nothing: it keeps the field's floor, and the rest of what it
+    was given is returned.
+
+    Args:
+        map_from_robot: (N, 3) poses.
+        laser_in_robot: (2,) where the rays start [m].
+        hits_in_robot: (B, 2) where they ended [m].
+        field: the map as `scan_log_likelihood` reads it.
+        jumps: `ray_casting.jump_field` of the same map.
+        margin_m: slack along the ray for the map's and the pose's error [m].
+        slack_rad: slack across it: a ray along a wall may dip into it for metres when the pose is
+            a little off, and then one of its neighbours does not [rad].
+
+    Returns:
+        (N,) to subtract from `scan_log_likelihood`; never negative.
+    """
+    sums = _hidden_codes(
+        plain(map_from_robot),
+        plain(laser_in_robot),
+        plain(hits_in_robot),
+        read_only(field.codes),
+        read_only(jumps),
+        to_cells(field.map_from_grid, field.cell_m),
+        margin_m / field.cell_m,
+        slack_rad,
+    )
+    return np.asarray(sums * field.log_step)
+
+
+@kernel
+def _hidden_codes(
+    poses: Poses,
+    laser: NDArray[np.float64],
+    hits: Points,
+    codes: NDArray[np.uint16],
+    jumps: JumpField,
+    in_cells: ToCells,
+    margin: float,
+    slack: float,
+) -> NDArray[np.float64]:
+    c, s, x0, y0 = in_cells
+    rows, cols = jumps.shape
+    sums = np.zeros(len(poses))
+    for i in range(len(poses)):
+        ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
+        laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
+        laser_y = poses[i, 1] + sh * laser[0] + ch * laser[1]
+        from_col = c * laser_x - s * laser_y + x0
+        from_row = s * laser_x + c * laser_y + y0
+        for j in range(len(hits)):
+            hit_x = poses[i, 0] + ch * hits[j, 0] - sh * hits[j, 1]
+            hit_y = poses[i, 1] + sh * hits[j, 0] + ch * hits[j, 1]
+            col = c * hit_x - s * hit_y + x0
+            row = s * hit_x + c * hit_y + y0
+            if not (0.0 <= col < cols and 0.0 <= row < rows):
+                continue  # the rim: nothing was given
+            code = codes[int(row) + 1, int(col) + 1]
+            if code == 0:
+                continue
+            dx, dy = col - from_col, row - from_row
+            length = hypot(dx, dy)
+            if length > margin and _is_hidden(
+                jumps, from_col, from_row, dx / length, dy / length, length - margin, slack
+            ):
+                sums[i] += code
+    return sums
+
+
+@kernel
+def _is_hidden(
+    jumps: JumpField, x: float, y: float, dx: float, dy: float, length: float, slack: float
+) -> bool:
+    """Whether the ray, and one a little to either side of it, meets something before its end."""
+    if cast_ray(jumps, x, y, dx, dy, length) >= length:
+        return False
+    c, s = cos(slack), sin(slack)
+    left = cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, length)
+    right = cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, length)
+    return left < length and right < length
