@@ -53,7 +53,15 @@ class PublishBelief:
     pose: PoseAnswer
 
 
-Instruction = SendOrder | PublishBelief
+@dataclass(frozen=True)
+class FetchScans:
+    """Ask the bridge for steps whose scans were lost on their way."""
+
+    first: int
+    last: int
+
+
+Instruction = SendOrder | PublishBelief | FetchScans
 
 
 class Coordinator:
@@ -96,7 +104,8 @@ class Coordinator:
             self._placement.begin(self._ensemble.begin_at(scan.step))
             self._begun = True
         self._pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
-        return self.tick(now_ns)
+        lost = self._collector.lost_before(scan)
+        return ([FetchScans(*lost)] if lost else []) + self.tick(now_ns)
 
     def odometry(self, reading: OdometryReading, now_ns: int) -> None:
         """The robot moved."""

@@ -7,7 +7,13 @@ from collections.abc import Iterable
 import zenoh
 from zenoh import handlers
 
-from coordinator.coordinator import Coordinator, Instruction, PublishBelief, SendOrder
+from coordinator.coordinator import (
+    Coordinator,
+    FetchScans,
+    Instruction,
+    PublishBelief,
+    SendOrder,
+)
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
@@ -27,11 +33,13 @@ from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.messages import (
     CommandDone,
+    Message,
     OdometryReading,
     OrderAnswer,
     Relocalize,
     Report,
     Scan,
+    ScanHistory,
     SetPose,
 )
 
@@ -91,6 +99,9 @@ class CoordinatorLoop:
             case keys.ODOMETRY:
                 self._coordinator.odometry(decode(event.payload, OdometryReading), now_ns)
                 return []
+            case keys.SCAN_HISTORY:
+                scans = decode(event.payload, ScanHistory).scans
+                return [done for scan in scans for done in self._coordinator.scan(scan, now_ns)]
             case key if key.endswith("/order"):
                 answer = decode(event.payload, OrderAnswer)
                 self._coordinator.order_answered(keys.worker_name(key), answer)
@@ -149,23 +160,25 @@ class CoordinatorLoop:
     def _carry_out(self, instructions: Iterable[Instruction]) -> None:
         for instruction in instructions:
             match instruction:
-                case SendOrder():
-                    self._send(instruction)
+                case SendOrder(worker, order):
+                    self._ask(keys.worker_order(worker), order)
+                case FetchScans(first, last):
+                    self._ask(keys.scan_history(first, last))
                 case PublishBelief(belief, pose):
                     self._belief.put(belief)
                     self._pose.put(pose)
 
-    def _send(self, instruction: SendOrder) -> None:
-        """Send an order; its answer comes through the inbox."""
-        key = keys.worker_order(instruction.worker)
+    def _ask(self, selector: str, message: Message | None = None) -> None:
+        """Ask without waiting; the answer comes through the inbox."""
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
+                key = str(reply.ok.key_expr)
                 self._inbox.put(Received(key, reply.ok.payload.to_bytes()))
 
         self._session.get(
-            key,
+            selector,
             handlers.Callback(on_reply, lambda: None),
-            payload=encode(instruction.order),
+            payload=encode(message) if message is not None else None,
             timeout=ORDER_TIMEOUT_S,
         )

@@ -8,6 +8,8 @@ from protocol.messages import Report, Scan, SearchReport
 
 HAND_OVER_NS = 2_000_000_000
 """A job that has just been given to a worker is waited for so long."""
+FETCH_NS = 300_000_000
+"""A scan that was lost on its way is waited for so long, while the bridge is asked for it."""
 KEPT_AHEAD = 1_000
 """Reports of at most so many different steps are kept."""
 
@@ -49,6 +51,14 @@ class StepCollector:
         opened.scan, opened.arrived_ns = scan, now_ns
         return True
 
+    def lost_before(self, scan: Scan) -> tuple[int, int] | None:
+        """First and last of the steps just before `scan` whose scans have not come; else None."""
+        known = [step for step, opened in self._open.items() if opened.scan and step < scan.step]
+        newest = max(known, default=self.applied)
+        if newest is None or newest + 1 == scan.step:
+            return None
+        return newest + 1, scan.step - 1
+
     def take_report(self, report: Report) -> bool:
         """A report arrived; False when its step is over and it can tell nothing any more."""
         if self.applied is not None and report.step <= self.applied:
@@ -75,6 +85,9 @@ class StepCollector:
         if step is None:
             return None
         opened = self._open[step]
+        follows = self.applied is None or step == self.applied + 1
+        if not follows and now_ns < opened.arrived_ns + FETCH_NS:
+            return None
         missing = [job_id for job_id in expected if job_id not in opened.reports]
         if missing and now_ns < self._deadline(opened, missing, placed_ns):
             return None

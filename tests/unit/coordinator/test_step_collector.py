@@ -1,4 +1,4 @@
-from coordinator.step_collector import HAND_OVER_NS, StepCollector
+from coordinator.step_collector import FETCH_NS, HAND_OVER_NS, StepCollector
 from process_runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import scan, searched, tracked
 
@@ -68,8 +68,29 @@ def test_a_scan_that_never_came_is_counted_as_lost() -> None:
     made = collector()
     for step in (0, 3):
         made.take_scan(scan(step), 0)
-        made.ready([], never_placed, 0)
+        made.ready([], never_placed, FETCH_NS)
     assert made.steps_lost == 2
+
+
+def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
+    made = collector()
+    made.take_scan(scan(0), 0)
+    made.ready([], never_placed, 0)
+    made.take_scan(scan(3), 0)
+    assert made.lost_before(scan(3)) == (1, 2)
+    assert made.ready([], never_placed, FETCH_NS - 1) is None
+    made.take_scan(scan(1), 0)
+    made.take_scan(scan(2), 0)
+    applied = [made.ready([], never_placed, 1) for _ in range(3)]
+    assert [ready.scan.step for ready in applied if ready] == [1, 2, 3]
+    assert made.steps_lost == 0
+
+
+def test_nothing_is_lost_before_the_first_scan_or_one_that_follows() -> None:
+    made = collector()
+    assert made.lost_before(scan(7)) is None
+    made.take_scan(scan(7), 0)
+    assert made.lost_before(scan(8)) is None
 
 
 def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> None:
