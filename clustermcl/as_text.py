@@ -20,11 +20,16 @@ def pose_text(pose: PoseTuple) -> str:
     return f"x {x:.2f} m  y {y:.2f} m  heading {math.degrees(heading):.1f} deg"
 
 
-def spread_text(covariance: Covariance) -> str:
-    """Standard deviations: along the longer axis of the position, and of the heading."""
+def spread(covariance: Covariance) -> tuple[float, float]:
+    """Standard deviations: along the longer axis of the position [m], and of the heading [rad]."""
     xx, xy, yy, heading = covariance[0], covariance[1], covariance[4], covariance[8]
     longer = (xx + yy) / 2.0 + math.hypot((xx - yy) / 2.0, xy)
-    position_m, heading_rad = math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
+    return math.sqrt(max(longer, 0.0)), math.sqrt(max(heading, 0.0))
+
+
+def spread_text(covariance: Covariance) -> str:
+    """The spread in words: ``+-0.06 m, 3.6 deg``."""
+    position_m, heading_rad = spread(covariance)
     return f"+-{position_m:.2f} m, {math.degrees(heading_rad):.1f} deg"
 
 

@@ -1,5 +1,6 @@
 """What a person sees while a demo runs: a live table, or lines where there is no terminal."""
 
+import math
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -9,10 +10,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 
-from clustermcl.as_text import belief_line, pose_text, spread_text
+from clustermcl.as_text import belief_line, pose_text, spread, spread_text
 from protocol.messages import Belief, Hypothesis, PoseTuple
 
 _LINE_EVERY_STEPS = 25
+_COLUMNS = (
+    "place", "probability", "", "x [m]", "y [m]", "heading", "+- [m]", "+- deg", "steps",
+)  # fmt: skip
 
 
 class View(Protocol):
@@ -145,19 +149,22 @@ class LiveView:
 
 
 def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
-    table = Table(expand=False)
-    for name in ("place", "probability", "", "x [m]", "y [m]", "heading [deg]", "spread", "steps"):
-        table.add_column(name, justify="left" if name in ("", "spread") else "right")
+    """One line a place, within 80 columns."""
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
+    for name in _COLUMNS:
+        table.add_column(name, justify="right", no_wrap=True)
     for hypothesis in hypotheses:
-        x, y, _ = hypothesis.mean
+        x, y, heading = hypothesis.mean
+        position_m, heading_rad = spread(hypothesis.covariance)
         table.add_row(
             str(hypothesis.cluster),
             f"{hypothesis.probability:.3f}",
-            ProgressBar(total=1.0, completed=hypothesis.probability, width=24),
+            ProgressBar(total=1.0, completed=hypothesis.probability, width=12),
             f"{x:.2f}",
             f"{y:.2f}",
-            pose_text(hypothesis.mean).rpartition("heading ")[2].removesuffix(" deg"),
-            spread_text(hypothesis.covariance),
+            f"{math.degrees(heading):.1f}",
+            f"{position_m:.2f}",
+            f"{math.degrees(heading_rad):.1f}",
             str(hypothesis.age_steps),
         )
     return table

@@ -21,12 +21,12 @@ def settings(zenoh_settings: ZenohSettings) -> Settings:
 
 
 @pytest.fixture
-def up(settings: Settings, tmp_path: Path) -> Iterator[TypedCommand]:
+def up(settings: Settings, short_folder: str, tmp_path: Path) -> Iterator[TypedCommand]:
     words = [
         "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    environment = {**os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path)}
     with typed(*words, folder=tmp_path, environment=environment) as command:
         yield command
 
