@@ -9,6 +9,7 @@ from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.progress_bar import ProgressBar
 from rich.table import Table
+from rich.text import Text
 
 from clustermcl.as_text import belief_line, pose_text, spread, spread_text
 from protocol.messages import Belief, Hypothesis, PoseTuple
@@ -69,7 +70,7 @@ class LineView(NoView):
         self._said: tuple[object, ...] = ()
 
     def __enter__(self) -> Self:
-        self._console.print(self._title, highlight=False)
+        self._console.print(self._title, highlight=False, markup=False)
         return self
 
     def starting(self, ready: int, workers: int) -> None:
@@ -85,7 +86,7 @@ class LineView(NoView):
     def _say(self, news: tuple[object, ...], line: str) -> None:
         if news != self._said:
             self._said = news
-            self._console.print(line, highlight=False, soft_wrap=True)
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 class LiveView:
@@ -98,7 +99,7 @@ class LiveView:
     """
 
     def __init__(self, console: Console, title: str, steps: int | None) -> None:
-        self._title = title
+        self._title = Text(title)
         self._progress = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -152,7 +153,7 @@ def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
     """One line a place, within 80 columns."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for name in _COLUMNS:
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(Text(name), justify="right", no_wrap=True)
     for hypothesis in hypotheses:
         x, y, heading = hypothesis.mean
         position_m, heading_rad = spread(hypothesis.covariance)

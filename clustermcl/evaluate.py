@@ -16,6 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+from rich.text import Text
 
 from clustermcl.evaluation import ALGORITHMS, EvaluateOptions, Run, evaluated, seeded, steps_count
 from clustermcl.experiments.parallel import Advanced, Done, Failed, in_parallel
@@ -112,7 +113,7 @@ def _write(options: EvaluateOptions, results: Sequence[dict[str, Any]]) -> None:
 def _table(runs: Sequence[dict[str, Any]], title: str) -> Table:
     right = sum(run["localized"] for run in runs)
     table = Table(box=None, padding=(0, 1, 0, 0), title_justify="left", header_style="bold")
-    table.title = f"{title}: localized in {right} of {len(runs)}"
+    table.title = Text(f"{title}: localized in {right} of {len(runs)}")
     columns: dict[str, Callable[[dict[str, Any]], str]] = {
         "seed": partial(_shown, "seed", "d"),
         "ok": lambda run: "yes" if run["localized"] else "no",
