@@ -57,6 +57,8 @@ class StopFlag:
 def stop_on_signals(*, exit_after_s: float = 1.9) -> StopFlag:
     """Make the flag of this process: SIGINT and SIGTERM set it, a second one does no harm.
 
+    So does SIGHUP, a terminal that closes, unless it is ignored, as under ``nohup``.
+
     A process that has not ended `exit_after_s` after the first signal, because something
     hangs while closing, writes where it hangs to standard error and exits with 1. The watch
     is a thread of faulthandler's, which needs neither the interpreter's lock nor its help.
@@ -70,4 +72,6 @@ def stop_on_signals(*, exit_after_s: float = 1.9) -> StopFlag:
 
     signal.signal(signal.SIGINT, on_signal)
     signal.signal(signal.SIGTERM, on_signal)
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, on_signal)
     return stop

@@ -16,6 +16,16 @@ for number in (signal.SIGTERM, signal.SIGINT, signal.SIGTERM):
 print(stop.wait(60.0))
 """
 
+CLOSED_TERMINAL = """
+import os, signal, sys
+from process_runtime.stop import stop_on_signals
+if "nohup" in sys.argv:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+stop = stop_on_signals()
+os.kill(os.getpid(), signal.SIGHUP)
+print(stop.is_set())
+"""
+
 HANGS = """
 import os, signal, threading
 from process_runtime.stop import stop_on_signals
@@ -57,6 +67,20 @@ def test_signals_set_the_flag_and_the_second_does_no_harm() -> None:
         check=True,
     )
     assert (ran.stdout, ran.stderr) == ("True\n", "")
+
+
+@pytest.mark.parametrize(("how", "stops"), [("plain", "True\n"), ("nohup", "False\n")])
+def test_a_terminal_that_closes_is_a_signal_to_stop_unless_it_is_ignored(
+    how: str, stops: str
+) -> None:
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", CLOSED_TERMINAL, how],
+        capture_output=True,
+        text=True,
+        timeout=30.0,
+        check=True,
+    )
+    assert ran.stdout == stops
 
 
 def test_a_process_that_hangs_after_the_signal_says_where_and_ends() -> None:
