@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
 from particle_filter.poses import circular_mean, wrap_angle
+from particle_filter.sums import weighted_products, weighted_sum
 
 
 def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDArray[np.float64]]:
@@ -31,8 +32,8 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     # Deviations from one particle keep digits where coordinates are large.
     x, y = poses[:, 0] - poses[0, 0], poses[:, 1] - poses[0, 1]
     heading = circular_mean(poses[:, 2], shares)
-    mean_x, mean_y = shares @ x, shares @ y
+    mean_x, mean_y = weighted_sum(x, shares), weighted_sum(y, shares)
     deviations = np.stack([x - mean_x, y - mean_y, wrap_angle(poses[:, 2] - heading)])
-    covariance = deviations @ (deviations * shares).T
+    covariance = weighted_products(deviations, shares)
     mean = np.array([poses[0, 0] + mean_x, poses[0, 1] + mean_y, heading])
     return mean, 0.5 * (covariance + covariance.T)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
+from particle_filter.sums import weighted_sum
 
 
 def log_sum(log_weights: LogWeights) -> float:
@@ -57,7 +58,7 @@ def effective_sample_size(log_weights: LogWeights) -> float:
     if largest == -np.inf:
         return 0.0
     weights = np.exp(log_weights - largest)
-    return float(weights.sum() ** 2 / (weights @ weights))
+    return float(weights.sum()) ** 2 / weighted_sum(weights, weights)
 
 
 def _largest(log_weights: LogWeights) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from particle_filter.arrays import Poses
+from particle_filter.sums import weighted_sum
 
 TURN = 2.0 * np.pi
 """A full turn [rad]."""
@@ -108,5 +109,5 @@ def circular_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> float:
     if angles.size == 0:
         raise ValueError("no angles to take the mean of")
     weights = np.ones_like(angles) if weights is None else np.asarray(weights, np.float64)
-    mean = np.arctan2(weights @ np.sin(angles), weights @ np.cos(angles))
-    return wrap_angle(float(mean))
+    y, x = weighted_sum(np.sin(angles), weights), weighted_sum(np.cos(angles), weights)
+    return wrap_angle(math.atan2(y, x))
