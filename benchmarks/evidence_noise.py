@@ -21,7 +21,8 @@ from particle_filter import cluster_filter
 from particle_filter.cluster_filter import Cloud
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker

@@ -6,15 +6,8 @@ from typing import Any
 
 import msgspec
 
-from protocol.messages import (
-    Belief,
-    Covariance,
-    Hypotheses,
-    Hypothesis,
-    PoseAnswer,
-    PoseTuple,
-    Status,
-)
+from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from protocol.message import Covariance, PoseTuple
 
 JsonObject = dict[str, Any]
 

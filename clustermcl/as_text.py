@@ -3,15 +3,8 @@
 import math
 from collections.abc import Iterable, Iterator
 
-from protocol.messages import (
-    Belief,
-    Covariance,
-    Hypotheses,
-    Hypothesis,
-    PoseAnswer,
-    PoseTuple,
-    Status,
-)
+from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from protocol.message import Covariance, PoseTuple
 
 
 def pose_text(pose: PoseTuple) -> str:

@@ -16,20 +16,19 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from process_runtime.wire import Events, Received, ask, subscribe
 from protocol import keys
-from protocol.codec import decode
-from protocol.errors import ClusterMclError, UnreachableError
-from protocol.messages import (
+from protocol.answers import (
     Belief,
     CommandDone,
     Hypotheses,
     Kidnap,
-    Message,
     PoseAnswer,
-    PoseTuple,
     Relocalize,
     SetPose,
     Status,
 )
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, UnreachableError
+from protocol.message import Message, PoseTuple
 
 A = TypeVar("A", bound=Message)
 

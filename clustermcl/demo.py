@@ -25,9 +25,11 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag, stop_on_signals
 from process_runtime.wire import Events, Received, Token, ask, subscribe, watch
 from protocol import keys
+from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, SettingsError, UnreachableError
-from protocol.messages import Belief, PoseTuple, Status, TruePose
+from protocol.message import PoseTuple
+from protocol.steps import TruePose
 from robot_simulator.source import PREFIX, simulated_world
 
 DEFAULT_SOURCE = f"{PREFIX}cross_feature"

@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from clustermcl.as_text import belief_line, pose_text, spread, spread_text
-from protocol.messages import Belief, Hypothesis, PoseTuple
+from protocol.answers import Belief, Hypothesis
+from protocol.message import PoseTuple
 
 _LINE_EVERY_STEPS = 25
 _COLUMNS = (

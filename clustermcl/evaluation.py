@@ -17,7 +17,8 @@ from grid_maps.load import load_map
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import PREFIX, SimulatedSource, simulated_steps, simulated_world
 from sensor_bridge.recording import open_recording

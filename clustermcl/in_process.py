@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator
 from coordinator.ensemble import Ensemble, Outcome
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from protocol.messages import Assignment, Scan
+from protocol.steps import Scan
+from protocol.work import Assignment
 from worker.jobs import RunningJob, running
 
 

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from particle_filter.poses import heading_distance
-from protocol.messages import Hypothesis, PoseTuple, State
+from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
 
 RIGHT_WITHIN_M = 1.0
 RIGHT_WITHIN_RAD = math.radians(20.0)

@@ -15,7 +15,8 @@ from particle_filter.arrays import FREE
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from protocol.messages import Hypothesis, Scan
+from protocol.answers import Hypothesis
+from protocol.steps import Scan
 from worker.jobs import covariance_tuple, pose_tuple, scan_beams
 
 

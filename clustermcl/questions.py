@@ -15,7 +15,7 @@ from clustermcl.as_json import (
 from clustermcl.as_text import belief_line, hypotheses_lines, pose_lines, status_lines
 from clustermcl.client import Client
 from process_runtime.settings import Settings
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 
 def print_pose(settings: Settings, *, as_json: bool) -> None:

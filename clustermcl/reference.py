@@ -13,7 +13,7 @@ import numpy as np
 
 from particle_filter.arrays import Pose
 from protocol.errors import ReferenceFileError
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from sensor_bridge.log_file import MAX_POSE_M, LogFile, numbers_of, stamp_ns_of
 from sensor_bridge.odometry_buffer import bridgeable, interpolated
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from protocol.messages import Belief
+from protocol.answers import Belief
 
 HELD_PROBABILITY = 0.02
 """A place with less is not worth a person's attention."""

@@ -10,7 +10,8 @@ from particle_filter import belief
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import heading_distance
 from particle_filter.settings import BeliefSettings
-from protocol.messages import Covariance, Particles, PoseTuple, TrackReport
+from protocol.message import Covariance, PoseTuple
+from protocol.work import Particles, TrackReport
 
 
 @dataclass(frozen=True)

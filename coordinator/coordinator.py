@@ -17,22 +17,11 @@ from coordinator.step_collector import ReadyStep, StepCollector
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
+from protocol.answers import Belief, Hypotheses, PoseAnswer, SetPose, Status
 from protocol.arrays import ArrayBlob
-from protocol.messages import (
-    Belief,
-    Hypotheses,
-    OdometryReading,
-    OrderAnswer,
-    Particles,
-    PoseAnswer,
-    PoseTuple,
-    Report,
-    Scan,
-    SetPose,
-    Status,
-    TrackReport,
-    WorkOrder,
-)
+from protocol.message import PoseTuple
+from protocol.steps import OdometryReading, Scan
+from protocol.work import OrderAnswer, Particles, Report, TrackReport, WorkOrder
 
 SET_POSE_PARTICLES = 1_000
 

@@ -13,15 +13,8 @@ from coordinator.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.fit_monitor import FitMonitor
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.settings import FilterSettings
-from protocol.messages import (
-    Hypothesis,
-    Report,
-    SearchJob,
-    SearchReport,
-    State,
-    TrackJob,
-    TrackReport,
-)
+from protocol.answers import Hypothesis, State
+from protocol.work import Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 Job = TrackJob | SearchJob
 

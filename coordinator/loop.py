@@ -29,19 +29,12 @@ from process_runtime.wire import (
     watch,
 )
 from protocol import keys
+from protocol.answers import CommandDone, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.messages import (
-    CommandDone,
-    Message,
-    OdometryReading,
-    OrderAnswer,
-    Relocalize,
-    Report,
-    Scan,
-    ScanHistory,
-    SetPose,
-)
+from protocol.message import Message
+from protocol.steps import OdometryReading, Scan, ScanHistory
+from protocol.work import OrderAnswer, Report
 
 ORDER_TIMEOUT_S = 35.0
 """A worker that fetches a large map before it answers takes long; orders are repeated sooner."""

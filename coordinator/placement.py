@@ -10,14 +10,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from particle_filter.settings import FilterSettings
-from protocol.messages import (
-    Assignment,
-    OrderAnswer,
-    Particles,
-    SearchJob,
-    TrackJob,
-    WorkOrder,
-)
+from protocol.work import Assignment, OrderAnswer, Particles, SearchJob, TrackJob, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
 

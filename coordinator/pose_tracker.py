@@ -6,7 +6,8 @@ import numpy as np
 
 from coordinator.ensemble import Outcome
 from particle_filter.poses import between, compose
-from protocol.messages import Covariance, Hypothesis, PoseAnswer, PoseTuple
+from protocol.answers import Hypothesis, PoseAnswer
+from protocol.message import Covariance, PoseTuple
 
 
 class PoseTracker:

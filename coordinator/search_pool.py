@@ -8,7 +8,8 @@ import numpy as np
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import Covariance, Particles, Place, PoseTuple, SearchReport
+from protocol.message import Covariance, PoseTuple
+from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""

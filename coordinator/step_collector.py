@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from process_runtime.settings import CoordinatorSettings
-from protocol.messages import Report, Scan, SearchReport
+from protocol.steps import Scan
+from protocol.work import Report, SearchReport
 
 HAND_OVER_NS = 2_000_000_000
 """A job that has just been given to a worker is waited for so long."""

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 _DIGEST_VERSION = b"clustermcl map 1\n"
 

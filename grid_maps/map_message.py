@@ -6,7 +6,7 @@ import numpy as np
 
 from grid_maps.grid_map import GridMap
 from protocol.errors import MalformedMessageError
-from protocol.messages import MapMessage
+from protocol.steps import MapMessage
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:

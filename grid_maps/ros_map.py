@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 import yaml
 
 from protocol.errors import MapFileError
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 Mode = Literal["trinary", "scale", "raw"]
 

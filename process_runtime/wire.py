@@ -12,7 +12,7 @@ import zenoh
 from process_runtime.inbox import Inbox
 from protocol.codec import decode, encode
 from protocol.errors import UnreachableError
-from protocol.messages import Message
+from protocol.message import Message
 
 ENCODING = "application/msgpack"
 

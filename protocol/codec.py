@@ -6,7 +6,7 @@ import msgpack
 import msgspec
 
 from protocol.errors import MalformedMessageError
-from protocol.messages import Message
+from protocol.message import Message
 
 MAX_MESSAGE_BYTES = 64 * 1024 * 1024
 """Larger messages are refused unread; a 20,000 x 20,000 map is far smaller once compressed."""

@@ -11,7 +11,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
 from particle_filter.kernel_arguments import to_cells
 from particle_filter.poses import compose
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from robot_simulator.ways import CLEARANCE_BETWEEN_M, connected_ways
 
 

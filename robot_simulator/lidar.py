@@ -9,7 +9,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import Points, Pose
 from particle_filter.poses import compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 
 @dataclass(frozen=True, kw_only=True)

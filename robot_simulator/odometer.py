@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from robot_simulator.robot import Drive, driven
 
 

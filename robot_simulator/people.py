@@ -3,7 +3,7 @@
 import numpy as np
 
 from particle_filter.arrays import Points
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
 RADIUS_M = 0.25

@@ -9,9 +9,10 @@ from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
 from process_runtime.wire import Asked, Publisher
 from protocol import keys
+from protocol.answers import CommandDone, Kidnap
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
-from protocol.messages import CommandDone, Kidnap, Scan, TruePose
+from protocol.steps import Scan, TruePose
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
 from sensor_bridge.loop import Extension

@@ -8,7 +8,7 @@ import numpy as np
 
 from particle_filter.arrays import Points
 from particle_filter.poses import wrap_angle
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from robot_simulator.free_space import FreeSpace
 
 RADIUS_M = 0.2

@@ -8,7 +8,8 @@ from math import hypot
 import numpy as np
 
 from protocol.arrays import ArrayBlob
-from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
 from robot_simulator import people as walkers
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.lidar import Lidar, LidarModel

@@ -8,7 +8,8 @@ import msgspec
 
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world, world_names
 from robot_simulator.worlds.world import World, world_from_map

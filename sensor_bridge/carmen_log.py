@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from sensor_bridge.flaser_geometry import flaser_angles
 from sensor_bridge.laser_mount import fixed_mounting, mounting
 from sensor_bridge.log_file import (

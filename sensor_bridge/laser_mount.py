@@ -7,7 +7,7 @@ from statistics import median
 import numpy as np
 
 from particle_filter.poses import between
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 MAX_MOUNT_M = 10.0
 """A laser farther away sits on another robot."""

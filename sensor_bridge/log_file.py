@@ -17,7 +17,7 @@ from grid_maps.compressed import (
     os_problem,
 )
 from protocol.errors import InputFileError, RecordingError
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 MAX_POSE_M = 1e8
 """A coordinate beyond it is no place on Earth, in whatever frame."""

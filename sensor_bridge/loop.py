@@ -28,9 +28,10 @@ from process_runtime.wire import (
     watch,
 )
 from protocol import keys
+from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError
-from protocol.messages import Belief, LaserReading, OdometryReading, Scan, ScanHistory, Status
+from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker

@@ -4,7 +4,7 @@ import math
 
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 
 class MotionGate:

@@ -5,7 +5,7 @@ from bisect import bisect_left, insort
 from operator import itemgetter
 
 from particle_filter.poses import wrap_angle
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 MAX_EXTRAPOLATION_NS = 250_000_000
 """Before the first and after the last pose, the motion beside it is taken to last so long [ns]."""

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from particle_filter.poses import compose, inverse, wrap_angle
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 MAX_SPEED_M_PER_S, MAX_TURN_RATE_RAD_PER_S = 10.0, 10.0
 """Faster is no motion of a robot in a building."""

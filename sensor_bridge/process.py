@@ -14,7 +14,7 @@ from process_runtime.settings import BridgeSettings
 from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
-from protocol.messages import LaserReading, OdometryReading
+from protocol.steps import LaserReading, OdometryReading
 from sensor_bridge.loop import BridgeLoop, Extension, Source
 from sensor_bridge.recording import open_recording
 from sensor_bridge.step_maker import steps_of

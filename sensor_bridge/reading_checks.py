@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
-from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
 from sensor_bridge.log_file import MAX_POSE_M
 
 MAX_BEAMS = 20_000

@@ -7,7 +7,8 @@ from pathlib import Path
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
-from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
 from sensor_bridge.carmen_log import CarmenParser, is_carmen_line
 from sensor_bridge.log_file import (
     Entry,

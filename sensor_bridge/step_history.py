@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from protocol.messages import Scan
+from protocol.steps import Scan
 
 
 class StepHistory:

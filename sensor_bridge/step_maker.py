@@ -8,7 +8,8 @@ import msgspec
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
-from protocol.messages import LaserReading, OdometryReading, PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading, Scan
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from protocol.messages import Report, Scan, WorkOrder
+from protocol.steps import Scan
+from protocol.work import Report, WorkOrder
 from worker.jobs import RunningJob, running
 
 RECENT_SCANS = 64

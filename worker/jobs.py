@@ -15,14 +15,13 @@ from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, SensorModel, beams_of
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import (
+from protocol.message import Covariance, PoseTuple
+from protocol.steps import Scan
+from protocol.work import (
     Assignment,
-    Covariance,
     Particles,
     Place,
-    PoseTuple,
     Report,
-    Scan,
     SearchJob,
     SearchReport,
     TrackJob,

@@ -19,7 +19,8 @@ from process_runtime.wire import Asked, Events, Publisher, Received, ask, serve,
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, MapMismatchError
-from protocol.messages import MapMessage, OrderAnswer, Report, Scan, ScanHistory, WorkOrder
+from protocol.steps import MapMessage, Scan, ScanHistory
+from protocol.work import OrderAnswer, Report, WorkOrder
 from worker.job_table import JobTable, MissingScans
 from worker.map_model import sensor_model
 

@@ -8,7 +8,8 @@ from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import Assignment, Scan, SearchJob, SearchReport, TrackJob
+from protocol.steps import Scan
+from protocol.work import Assignment, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
 
 

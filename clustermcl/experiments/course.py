@@ -8,7 +8,8 @@ from clustermcl.reference import Reference, load_reference
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world

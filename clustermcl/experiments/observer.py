@@ -10,7 +10,8 @@ from clustermcl.experiments.trace import Trace, TraceStep, places_of
 from clustermcl.metrics import Judge
 from coordinator.ensemble import Outcome
 from grid_maps.grid_map import GridMap
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 
 GOOD_BEFORE_KIDNAP = 40
 """The robot is kidnapped after so many right estimates in a row."""

@@ -16,7 +16,8 @@ from clustermcl.experiments.reliability import Reliability
 from clustermcl.experiments.trace import Trace
 from coordinator.ensemble import Outcome
 from process_runtime.settings import Settings
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from worker.map_model import sensor_model
 
 _OUTCOMES = {"cluster-mcl": in_process.outcomes, "mcl": ordinary_mcl.outcomes}

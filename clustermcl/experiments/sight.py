@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 
 TELLING_BEAMS = 3
 """So many beams that would be of another length tell two places apart."""

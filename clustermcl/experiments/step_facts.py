@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from clustermcl.metrics import CONFIDENT_PROBABILITY, PoseError, pose_error
-from protocol.messages import Hypothesis, PoseTuple, State
+from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, wrap_angle
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 Point = tuple[float, float]
 """x [m], y [m]."""

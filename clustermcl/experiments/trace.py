@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 
 from clustermcl.experiments.symmetry import Point
-from protocol.messages import Hypothesis, PoseTuple
+from protocol.answers import Hypothesis
+from protocol.message import PoseTuple
 
 MOST_PLACES = 12
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from grid_maps.grid_map import GridMap
 from protocol.errors import ClusterMclError
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 Waypoint = tuple[float, float]
 """x [m], y [m] in the map."""

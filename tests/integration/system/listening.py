@@ -13,8 +13,8 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from process_runtime.wire import Events, Received, Token, subscribe, watch
 from protocol import keys
+from protocol.answers import Belief
 from protocol.codec import decode
-from protocol.messages import Belief
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
 from worker.map_model import sensor_model

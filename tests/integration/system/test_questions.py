@@ -9,7 +9,7 @@ import pytest
 
 from clustermcl.client import Client
 from process_runtime.settings import Settings
-from protocol.messages import PoseAnswer
+from protocol.answers import PoseAnswer
 from tests.integration.processes import RunningProcess
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import wait_until

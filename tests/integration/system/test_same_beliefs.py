@@ -6,7 +6,7 @@ import psutil
 import pytest
 
 from coordinator.ensemble import Outcome
-from protocol.messages import Belief
+from protocol.answers import Belief
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of
 

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from protocol.messages import Belief, Covariance, Hypothesis, PoseTuple, State
+from protocol.answers import Belief, Hypothesis, State
+from protocol.message import Covariance, PoseTuple
 
 COVARIANCE: Covariance = (0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0025)
 

@@ -2,7 +2,7 @@ import json
 import math
 
 from clustermcl.as_json import belief_object, dumped, hypotheses_object, pose_answer_object
-from protocol.messages import Hypotheses, PoseAnswer
+from protocol.answers import Hypotheses, PoseAnswer
 from tests.unit.clustermcl.places import COVARIANCE, belief, place
 
 ANSWER = PoseAnswer(

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clustermcl.metrics import Judge, Verdict, pose_error
-from protocol.messages import Hypothesis, PoseTuple, State
+from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
 from tests.unit.clustermcl.places import place
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)

@@ -5,14 +5,9 @@ import math
 import numpy as np
 
 from protocol.arrays import ArrayBlob
-from protocol.messages import (
-    Particles,
-    Place,
-    PoseTuple,
-    Scan,
-    SearchReport,
-    TrackReport,
-)
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from protocol.work import Particles, Place, SearchReport, TrackReport
 
 NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
 

@@ -5,8 +5,9 @@ import pytest
 from coordinator.coordinator import Coordinator, PublishBelief, SendOrder
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
+from protocol.answers import Belief, SetPose
 from protocol.codec import decode, encode
-from protocol.messages import Belief, OrderAnswer, Report, SetPose
+from protocol.work import OrderAnswer, Report
 from tests.unit.coordinator.reports import scan, searched, tracked
 
 SECOND = 1_000_000_000

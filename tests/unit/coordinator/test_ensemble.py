@@ -6,7 +6,8 @@ import pytest
 from coordinator.cluster_set import Candidate
 from coordinator.ensemble import Ensemble, Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
-from protocol.messages import PoseTuple, Report, SearchJob, TrackJob
+from protocol.message import PoseTuple
+from protocol.work import Report, SearchJob, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)

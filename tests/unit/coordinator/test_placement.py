@@ -1,6 +1,6 @@
 from coordinator.placement import RESEND_AFTER_NS, Placement
 from particle_filter.settings import FilterSettings
-from protocol.messages import OrderAnswer, SearchJob, TrackJob, WorkOrder
+from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at
 
 SECOND = 1_000_000_000

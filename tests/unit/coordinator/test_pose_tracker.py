@@ -4,7 +4,8 @@ import pytest
 
 from coordinator.ensemble import Outcome
 from coordinator.pose_tracker import PoseTracker
-from protocol.messages import Hypothesis, PoseTuple
+from protocol.answers import Hypothesis
+from protocol.message import PoseTuple
 from tests.unit.coordinator.reports import NO_SPREAD
 
 SECOND = 1_000_000_000

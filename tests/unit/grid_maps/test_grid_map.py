@@ -8,7 +8,8 @@ from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message, to_message
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MalformedMessageError
-from protocol.messages import MapMessage, PoseTuple
+from protocol.message import PoseTuple
+from protocol.steps import MapMessage
 
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]], np.int8)
 

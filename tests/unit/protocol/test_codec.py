@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.messages import OdometryReading, Report, Scan, WorkOrder
+from protocol.steps import OdometryReading, Scan
+from protocol.work import Report, WorkOrder
 from tests.unit.coordinator.reports import scan, searched, tracked
 
 READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))

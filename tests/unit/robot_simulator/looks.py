@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import between
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 
 ALL_AROUND = np.linspace(-np.pi, np.pi, 1440, endpoint=False)
 

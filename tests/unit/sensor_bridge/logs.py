@@ -8,7 +8,8 @@ import numpy as np
 
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import LaserReading, OdometryReading, PoseTuple
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
 from sensor_bridge.recording import Recording, open_recording
 
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.messages import PoseTuple
+from protocol.message import PoseTuple
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from tests.unit.sensor_bridge.logs import seconds
 

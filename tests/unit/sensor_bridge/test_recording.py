@@ -9,7 +9,7 @@ import pytest
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
-from protocol.messages import LaserReading
+from protocol.steps import LaserReading
 from sensor_bridge.recording import open_recording
 from tests.unit.recordings import recording_or_skip
 from tests.unit.sensor_bridge.logs import (

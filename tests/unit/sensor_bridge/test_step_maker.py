@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import LaserReading, PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, Scan
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import (
     MAX_WAITING_SCANS,

@@ -15,7 +15,7 @@ from particle_filter.poses import compose, inverse
 from particle_filter.scan_points import points_in_robot, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
-from protocol.messages import LaserReading, OdometryReading, Scan
+from protocol.steps import LaserReading, OdometryReading, Scan
 from sensor_bridge.recording import Recording, open_recording
 from sensor_bridge.step_maker import StepMaker, steps_from, steps_of
 from tests.unit.recordings import recording_or_skip

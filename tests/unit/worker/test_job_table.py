@@ -7,10 +7,10 @@ from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
-from protocol.messages import (
+from protocol.steps import Scan
+from protocol.work import (
     Assignment,
     Particles,
-    Scan,
     SearchJob,
     SearchReport,
     TrackJob,

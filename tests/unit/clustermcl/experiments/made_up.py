@@ -14,7 +14,8 @@ from clustermcl.experiments.results import ExperimentResult, RunRecord
 from clustermcl.experiments.step_facts import StepFacts, facts_of
 from clustermcl.experiments.symmetry import turned_copies
 from clustermcl.metrics import Judge, Verdict
-from protocol.messages import Hypothesis, PoseTuple, State
+from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
 
 NOWHERE: PoseTuple = (50.0, 50.0, 0.0)
 TRUTH: PoseTuple = (5.0, 0.0, 0.0)

@@ -5,8 +5,9 @@ import pytest
 from clustermcl.experiments.case import Case
 from clustermcl.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
 from coordinator.ensemble import Outcome
+from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
-from protocol.messages import Hypothesis, Scan
+from protocol.steps import Scan
 from robot_simulator.worlds.catalogue import world
 from tests.unit.clustermcl.experiments.made_up import NOWHERE, TRUTH, case, place
 

@@ -10,7 +10,8 @@ from clustermcl.experiments.sight import Sight
 from clustermcl.experiments.symmetry import middle_of, turned_copies
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
-from protocol.messages import PoseTuple, Scan
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world

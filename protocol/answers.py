@@ -1,0 +1,117 @@
+"""Answers from the coordinator to everybody, and the commands that a person gives."""
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from protocol.message import Covariance, Message, PoseTuple
+
+State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
+
+
+class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One place where the robot may be."""
+
+    cluster: int
+    probability: float
+    log_probability: float
+    mean: PoseTuple
+    covariance: Covariance
+    effective_sample_size: float
+    age_steps: int
+    """Steps since the cluster entered the belief."""
+
+
+class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
+    """The belief after one step. From the coordinator on ``belief``; the next repairs a loss."""
+
+    step: int
+    stamp_ns: int
+    odom_from_robot: PoseTuple
+    state: State
+    hypotheses: tuple[Hypothesis, ...]
+    """Most probable first; probabilities sum to 1."""
+    searching: bool
+    """A global search is under way."""
+    missing: tuple[str, ...] = ()
+    """Jobs whose report did not arrive in time."""
+    last: bool = False
+
+
+class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
+    """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""
+
+    state: State
+    freshness: Literal["fresh", "stale", "none"]
+    """`none`: no scan has been seen yet; then there is no pose either."""
+    stamp_ns: int
+    """Robot's clock at the odometry that carried the pose forward."""
+    age_s: float
+    """Since that odometry arrived, by the coordinator's clock; -1 for `none`."""
+    step: int
+    probability: float
+    map_from_robot: PoseTuple | None
+    covariance: Covariance | None
+    workers: int
+    """Workers alive; 0 means the belief does not follow the robot's scans."""
+
+
+class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
+    """All places with their probabilities, carried forward by odometry. Answers ``hypotheses``."""
+
+    pose: PoseAnswer
+    hypotheses: tuple[Hypothesis, ...]
+
+
+class Status(Message, frozen=True, kw_only=True, tag="status/1"):
+    """How the system is. Answers queries on ``status``."""
+
+    version: str
+    state: State
+    freshness: Literal["fresh", "stale", "none"]
+    age_s: float
+    step: int
+    steps_applied: int
+    steps_lost: int
+    """Steps whose scan never came, or that were applied without one report."""
+    reports_missing: int
+    map_digest: str
+    clusters: int
+    searching: bool
+    workers: dict[str, tuple[str, ...]]
+    """Name of each live worker to its jobs."""
+    counters: dict[str, int]
+    """Everything that was dropped or refused, by cause."""
+    uptime_s: float
+
+
+class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
+    """A person says where the robot is. A query on ``command/set_pose``."""
+
+    command_id: str
+    """The same id again does nothing."""
+    map_from_robot: PoseTuple
+    position_sigma_m: float = 0.5
+    heading_sigma_rad: float = 0.26
+
+
+class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
+    """Forget the belief and search everywhere. A query on ``command/relocalize``."""
+
+    command_id: str
+
+
+class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
+    """Lift the simulated robot to another place. A query on ``simulator/kidnap``."""
+
+    command_id: str
+    """The same id again does nothing."""
+    map_from_robot: PoseTuple | None = None
+    """Where to; None: somewhere far away."""
+
+
+class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):
+    """Answer to a command."""
+
+    problem: str = ""
+    """Why it was refused; empty when it was done."""

@@ -1,0 +1,23 @@
+"""What all messages have in common, and poses as they travel.
+
+All are frozen structures that `protocol.codec` turns into MessagePack maps and back. A field
+never changes its name, type or unit; a new field has a default; anything else is a new version.
+Each tells who sends it where, who reads it, and what losing it costs. Keys stand relative to the
+robot's namespace; see `protocol.keys`.
+"""
+
+from typing import TypeAlias
+
+import msgspec
+
+PoseTuple: TypeAlias = tuple[float, float, float]
+"""x [m], y [m], heading [rad]."""
+Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
+"""3 x 3, row by row, over x [m], y [m], heading [rad]."""
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
+    """What all messages have in common."""
+
+    sender: str
+    """Name of the process that speaks."""

@@ -1,0 +1,142 @@
+"""Work from the coordinator to workers, and what they report back."""
+
+from typing import TypeAlias
+
+import msgspec
+
+from protocol.arrays import ArrayBlob
+from protocol.message import Covariance, Message, PoseTuple
+
+
+class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A weighted cloud as it was after one step."""
+
+    step: int
+    odom_from_robot: PoseTuple
+    map_from_robot: ArrayBlob
+    """(N, 3) x [m], y [m], heading [rad]."""
+    log_weights: ArrayBlob
+    """(N,) of any common scale."""
+
+
+class TrackJob(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="track",
+):
+    """Track one cluster from a cloud on."""
+
+    cluster: int
+    start: Particles
+    exact: bool
+    """Carry on with just this cloud; else draw the cluster's own particles from it first."""
+
+
+class SearchJob(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="search",
+):
+    """Run one shard of a global search."""
+
+    search: int
+    shard: int
+    first_step: int
+    """The first step whose scan it uses."""
+
+
+class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One job for one worker. The epoch rises each time a job changes hands."""
+
+    job_id: str
+    epoch: int
+    job: TrackJob | SearchJob
+
+
+class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
+    """All that a worker shall do from now on: jobs it keeps and jobs it begins.
+
+    A query of the coordinator on ``worker/{name}/order``, repeated until answered: the same
+    order twice does nothing the second time. Jobs that it does not name end.
+    """
+
+    order: int
+    """Rises with each order; a worker refuses one lower than the last."""
+    map_digest: str
+    filter_settings: dict[str, object]
+    snapshot_every_steps: int
+    keep: tuple[tuple[str, int], ...]
+    """(job id, epoch) of jobs that go on."""
+    begin: tuple[Assignment, ...]
+
+
+class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
+    """A worker's answer to a work order, or to a query on ``worker/{name}/state``."""
+
+    order: int
+    """The last order it follows."""
+    incarnation: int
+    """Start time of the process [ns]: another number is another process."""
+    jobs: tuple[tuple[str, int, int], ...]
+    """(job id, epoch, last step done)."""
+    problem: str = ""
+    """Why the order was refused; empty when it was taken."""
+
+
+class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One place that a search shard, or a cluster that has fallen apart, holds possible."""
+
+    share: float
+    """Its share of the shard's or the cluster's weight."""
+    mean: PoseTuple
+    covariance: Covariance
+    sample: Particles
+    """Particles drawn from it for the hand-over; one of a place too improbable to be taken over."""
+
+
+class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
+    """What one cluster made of one scan. Losing one costs its cluster that step's update.
+
+    Sent by a worker on ``worker/{name}/report`` for every step and job, in order; read by the
+    coordinator.
+    """
+
+    job_id: str
+    epoch: int
+    step: int
+    log_weight_sum: float
+    """Log of the summed particle weights under the scan; weights summed to `particles` before."""
+    particles: int
+    log_likelihood_per_beam: float
+    """Best particle's log-likelihood a beam, without exponent: how well the scan fits at all."""
+    effective_sample_size: float
+    mean: PoseTuple
+    covariance: Covariance
+    snapshot: Particles | None = None
+    parts: tuple[Place, ...] = ()
+    """Two or more where the cluster has fallen apart, most probable first."""
+
+
+class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
+    """What one search shard holds possible after one step. Sent like a track report."""
+
+    job_id: str
+    epoch: int
+    step: int
+    log_evidence: float
+    """Log of the average likelihood of all scans so far, over the whole free space."""
+    particles: int
+    annealed: bool
+    """The likelihood exponent has reached its full value; before, no places are reported."""
+    log_likelihood_per_beam: float
+    places: tuple[Place, ...]
+    """Most probable first."""
+
+
+Report: TypeAlias = TrackReport | SearchReport
