@@ -100,8 +100,11 @@ class Coordinator:
         """The robot moved."""
         self._pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
 
-    def report(self, report: Report, now_ns: int) -> list[Instruction]:
-        """A worker's job took a step."""
+    def report(self, report: Report, worker: str, now_ns: int) -> list[Instruction]:
+        """A worker's job took a step; of a job that another worker has, it has nothing to say."""
+        if self._placement.is_of_another(report.job_id, report.epoch, worker):
+            self._counters["report of another worker's job"] += 1
+            return []
         if not self._placement.is_current(report.job_id, report.epoch):
             self._counters["report of an old epoch"] += 1
             return []

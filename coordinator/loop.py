@@ -101,7 +101,8 @@ class CoordinatorLoop:
                 return []
             case _:
                 report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
-                return self._coordinator.report(report, now_ns)
+                # Who speaks is told by the key, which access control guards; not by the message.
+                return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
 
     def _on_token(self, event: Token, now_ns: int) -> list[Instruction]:
         name = keys.worker_name(event.key)

@@ -88,6 +88,11 @@ class Placement:
         job = self._jobs.get(job_id)
         return job is not None and job.epoch == epoch and job.worker is not None
 
+    def is_of_another(self, job_id: str, epoch: int, worker: str) -> bool:
+        """Whether a report claims a job's current epoch, but another worker has the job."""
+        job = self._jobs.get(job_id)
+        return job is not None and job.epoch == epoch and job.worker not in (None, worker)
+
     def placed_ns(self, job_id: str) -> int:
         """When the job was given to its worker; 0 when nobody has it."""
         job = self._jobs.get(job_id)

@@ -49,7 +49,8 @@ class Story:
         self.follow(self.coordinator.scan(scan(step), int(at_s * SECOND)))
 
     def report(self, report: Report, *, at_s: float) -> None:
-        self.follow(self.coordinator.report(report, int(at_s * SECOND)))
+        worker = self.places[report.job_id]
+        self.follow(self.coordinator.report(report, worker, int(at_s * SECOND)))
 
     def bootstrapped(self) -> "Story":
         self.scan(0, at_s=0.0)
@@ -64,6 +65,22 @@ class Story:
         if south is not None:
             other = tracked("c1", step, south, SOUTH, epoch=self.epochs["c1"])
             self.report(other, at_s=at_s + 0.02)
+
+
+def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
+    story = Story("a", "b").bootstrapped()
+    story.scan(1, at_s=1.0)
+    north = tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"])
+    south = tracked("c1", 1, 0.1, SOUTH, epoch=story.epochs["c1"])
+    forger = story.places["c0"]
+    assert forger != story.places["c1"]
+    forged = tracked("c1", 1, 1e9, SOUTH, epoch=story.epochs["c1"])
+    story.follow(story.coordinator.report(forged, forger, SECOND))
+    story.report(south, at_s=1.1)
+    story.report(north, at_s=1.1)
+    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
+    status = story.coordinator.status(2 * SECOND, {})
+    assert status.counters["report of another worker's job"] == 1
 
 
 def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
