@@ -13,8 +13,8 @@ import numpy as np
 
 from particle_filter.arrays import Pose
 from protocol.errors import ReferenceFileError
-from protocol.message import PoseTuple
-from sensor_bridge.log_file import MAX_POSE_M, LogFile, numbers_of, stamp_ns_of
+from protocol.message import MAX_POSE_M, PoseTuple
+from sensor_bridge.log_file import LogFile, numbers_of, stamp_ns_of
 from sensor_bridge.odometry_buffer import bridgeable, interpolated
 
 MAX_OUTSIDE_NS = 1_000_000_000

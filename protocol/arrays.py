@@ -11,6 +11,11 @@ from protocol.errors import MalformedMessageError
 
 WireType = Literal["int8", "float32", "float64"]
 
+MAX_DIMENSIONS = 2
+"""Scans have one, clouds and maps two."""
+MAX_SIDE = 2**31
+"""Of an array that is empty in its other direction; else the bytes are the bound."""
+
 
 class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An array as bytes: C order, little-endian."""
@@ -29,12 +34,17 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """The array, read-only and without a copy.
 
         Raises:
-            MalformedMessageError: the bytes do not fill the shape.
+            MalformedMessageError: the bytes do not fill the shape, or it is no array of ours.
         """
         dtype = np.dtype(self.dtype).newbyteorder("<")
-        if any(side < 0 for side in self.shape) or (
+        if len(self.shape) > MAX_DIMENSIONS:
+            raise _malformed(f"{len(self.shape)} dimensions, at most {MAX_DIMENSIONS} are read")
+        if not all(0 <= side < MAX_SIDE for side in self.shape) or (
             math.prod(self.shape) * dtype.itemsize != len(self.data)
         ):
-            problem = f"{len(self.data)} bytes do not make {self.dtype} of shape {self.shape}"
-            raise MalformedMessageError(expected="array", problem=problem)
+            raise _malformed(f"{len(self.data)} bytes do not make {self.dtype} of {self.shape}")
         return np.frombuffer(self.data, dtype=dtype).reshape(self.shape)
+
+
+def _malformed(problem: str) -> MalformedMessageError:
+    return MalformedMessageError(expected="array", problem=problem, kind="array that lies")

@@ -1,15 +1,29 @@
 """Messages to bytes and back: MessagePack maps by msgpack, checked by msgspec."""
 
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import msgpack
 import msgspec
 
 from protocol.errors import MalformedMessageError
+from protocol.limits import max_bytes
 from protocol.message import Message
+from protocol.validity import problem_of
 
-MAX_MESSAGE_BYTES = 64 * 1024 * 1024
-"""Larger messages are refused unread; a 20,000 x 20,000 map is far smaller once compressed."""
+MAX_ITEMS = 20_000
+"""Of one list or map, and of lists and maps in one message: no message has a hundredth.
+
+MessagePack may announce a list of four billion items in five bytes, or nest a million empty
+ones in a megabyte; either would take gigabytes before a field could be checked.
+"""
+
+_NOT_MESSAGEPACK = (
+    ValueError,  # a UnicodeDecodeError is one too
+    TypeError,
+    OverflowError,
+    RecursionError,
+    msgpack.UnpackException,
+)
 
 M = TypeVar("M")
 
@@ -22,23 +36,52 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes, expected: type[M]) -> M:
-    """The message in `data`, checked field by field.
+    """The message in `data`, checked field by field, and then for numbers that cannot be.
 
     Args:
         data: what came from the wire.
         expected: a message class, or a union of them.
 
     Raises:
-        MalformedMessageError: it is not MessagePack, or not the message it should be.
+        MalformedMessageError: it is too large, not MessagePack, or not the message it should be.
     """
-    name = getattr(expected, "__name__", str(expected))
-    if len(data) > MAX_MESSAGE_BYTES:
-        raise MalformedMessageError(expected=name, problem=f"{len(data)} bytes are too many")
+    name = " or ".join(one.__name__ for one in get_args(expected) or (expected,))
+
+    def malformed(kind: str, problem: object) -> MalformedMessageError:
+        return MalformedMessageError(expected=name, problem=str(problem), kind=kind)
+
+    if len(data) > max_bytes(expected):
+        raise malformed("too large", f"{len(data)} bytes, at most {max_bytes(expected)} are read")
     try:
-        plain: Any = msgpack.unpackb(data, raw=False, strict_map_key=True)
-        return msgspec.convert(plain, expected)
+        message = msgspec.convert(_unpacked(data), expected)
     except msgspec.ValidationError as error:
-        raise MalformedMessageError(expected=name, problem=str(error)) from None
-    except (ValueError, TypeError, msgpack.UnpackException) as error:
+        raise malformed("schema" if "$.schema" in str(error) else "field", error) from None
+    except _NOT_MESSAGEPACK as error:
         problem = f"{type(error).__name__}: {error}".strip(": ")
-        raise MalformedMessageError(expected=name, problem=problem) from None
+        raise malformed("not MessagePack", problem) from None
+    if impossible := problem_of(message):
+        raise malformed("impossible", impossible)
+    return message
+
+
+def _unpacked(data: bytes) -> Any:
+    """Plain values; what would grow far beyond its bytes is refused while it is read."""
+    left = MAX_ITEMS
+
+    def counted(container: Any) -> Any:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise ValueError(f"more than {MAX_ITEMS} lists and maps")
+        return container
+
+    return msgpack.unpackb(
+        data,
+        raw=False,
+        strict_map_key=True,
+        max_array_len=MAX_ITEMS,
+        max_map_len=MAX_ITEMS,
+        max_ext_len=0,
+        list_hook=counted,
+        object_hook=counted,
+    )

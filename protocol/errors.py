@@ -41,11 +41,25 @@ class ProtocolError(ClusterMclError):
 
 
 class MalformedMessageError(ProtocolError):
-    """Bytes from the wire are not the message they should be."""
+    """Bytes from the wire are not the message they should be.
 
-    def __init__(self, *, expected: str, problem: str) -> None:
-        self.expected, self.problem = expected, problem
-        super().__init__(f"not a valid {expected}: {problem}")
+    Args:
+        expected: which message they should be.
+        problem: what is wrong with them; may quote them, so it is cut and made printable.
+        kind: the same in fixed words: ``too large``, ``not MessagePack``, ``schema`` (another
+            message, or another version of it), ``field``, ``impossible`` (numbers that no honest
+            process sends), ``array that lies``.
+    """
+
+    def __init__(self, *, expected: str, problem: str, kind: str = "impossible") -> None:
+        self.expected, self.kind = expected, kind
+        self.problem = printable(problem)
+        super().__init__(f"not a valid {expected}: {self.problem}")
+
+    @property
+    def cause(self) -> str:
+        """What to count it as: never text from the wire."""
+        return f"malformed {self.expected}: {self.kind}"
 
 
 class MapMismatchError(ProtocolError):
@@ -62,3 +76,9 @@ class UnreachableError(ClusterMclError):
 
 class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for the same robot."""
+
+
+def printable(text: str, at_most: int = 200) -> str:
+    """Text of a stranger's as a log may show it: one line, no control characters, not too long."""
+    cut = text if len(text) <= at_most else f"{text[:at_most]}..."
+    return "".join(c if c.isprintable() else "?" for c in cut)

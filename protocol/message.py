@@ -15,6 +15,9 @@ PoseTuple: TypeAlias = tuple[float, float, float]
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """3 x 3, row by row, over x [m], y [m], heading [rad]."""
 
+MAX_POSE_M = 1e8
+"""A coordinate beyond it is no place on Earth, in whatever frame."""
+
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
     """What all messages have in common."""

@@ -17,10 +17,7 @@ from grid_maps.compressed import (
     os_problem,
 )
 from protocol.errors import InputFileError, RecordingError
-from protocol.message import PoseTuple
-
-MAX_POSE_M = 1e8
-"""A coordinate beyond it is no place on Earth, in whatever frame."""
+from protocol.message import MAX_POSE_M, PoseTuple
 
 _MAX_LINE_BYTES = 1_000_000
 _MAX_STAMP_S = Decimal(9_000_000_000)  # the year 2255; its nanoseconds fit into 64 bits

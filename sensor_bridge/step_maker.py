@@ -9,11 +9,11 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
+from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
-from sensor_bridge.reading_checks import laser_problem, odometry_problem
 from sensor_bridge.recording import Recording
 
 Reading = OdometryReading | LaserReading

@@ -1,4 +1,4 @@
-"""What makes a reading useless, before anything is computed from it."""
+"""What makes a reading, or a scan made of one, useless before anything is computed from it."""
 
 import math
 from collections.abc import Sequence
@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
-from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
-from sensor_bridge.log_file import MAX_POSE_M
+from protocol.message import MAX_POSE_M, PoseTuple
+from protocol.steps import LaserReading, OdometryReading, Scan
 
 MAX_BEAMS = 20_000
 """No laser of today gives more; a larger scan is a mistake."""
@@ -26,13 +25,13 @@ _MAX_STAMP_NS = 2**62
 
 def odometry_problem(reading: OdometryReading) -> str | None:
     """Why an odometry reading cannot be used; None if it can."""
-    return _pose_problem(reading.odom_from_robot) or _stamp_problem(reading.stamp_ns)
+    return pose_problem(reading.odom_from_robot) or _stamp_problem(reading.stamp_ns)
 
 
-def laser_problem(reading: LaserReading) -> str | None:
+def laser_problem(reading: LaserReading | Scan) -> str | None:
     """Why a scan cannot be used; None if it can."""
     poses = (reading.robot_from_laser, reading.odom_from_robot or reading.robot_from_laser)
-    for problem in (_stamp_problem(reading.stamp_ns), *map(_pose_problem, poses)):
+    for problem in (_stamp_problem(reading.stamp_ns), *map(pose_problem, poses)):
         if problem:
             return problem
     try:
@@ -46,12 +45,13 @@ def _stamp_problem(stamp_ns: int) -> str | None:
     return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
 
 
-def _pose_problem(pose: PoseTuple) -> str | None:
+def pose_problem(pose: PoseTuple) -> str | None:
+    """Why a pose is none: not finite, or no place on Earth; None if it is one."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
     return None if usable else NOT_FINITE
 
 
-def _geometry_problem(reading: LaserReading, shape: Sequence[int]) -> str | None:
+def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str | None:
     if len(shape) != 1:
         return MALFORMED
     beams = shape[0]

@@ -1,0 +1,33 @@
+"""How large a message may be: what is larger is refused before it is decoded, or even copied."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, get_args
+
+from protocol.answers import Belief, Hypotheses, Status
+from protocol.steps import LaserReading, MapMessage, Scan, ScanHistory
+from protocol.work import SearchReport, TrackReport, WorkOrder
+
+SMALL_BYTES = 64 * 1024
+"""Poses, commands, answers to them: a few hundred bytes of honest content."""
+SCAN_BYTES = 256 * 1024
+"""20,000 beams, more than any laser has, in eight bytes each."""
+LIST_BYTES = 1024 * 1024
+"""Hypotheses of thousands of clusters, the roster of a thousand processes."""
+LARGEST_BYTES = 32 * 1024 * 1024
+"""A million particles; 300 scans of 20,000 beams; the map of a square kilometre, compressed."""
+
+_BYTES: Mapping[Any, int] = MappingProxyType(
+    dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
+    | dict.fromkeys((Belief, Hypotheses, Status), LIST_BYTES)
+    | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport, WorkOrder), LARGEST_BYTES)
+)
+
+
+def max_bytes(expected: Any) -> int:
+    """The most bytes that a message may have.
+
+    Args:
+        expected: a message class, or a union of them.
+    """
+    return max(_BYTES.get(kind, SMALL_BYTES) for kind in get_args(expected) or (expected,))

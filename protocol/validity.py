@@ -1,0 +1,156 @@
+"""What no field can tell alone: numbers that no honest process sends.
+
+A message whose fields have the right types can still poison whoever believes it: a NaN in a
+report makes every probability NaN. Readings of a robot's laser are left to the bridge, which
+counts their defects one by one.
+"""
+
+import math
+from collections.abc import Iterable
+from functools import singledispatch
+
+import numpy as np
+
+from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.errors import MalformedMessageError
+from protocol.message import Covariance, PoseTuple
+from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
+from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
+from protocol.work import Particles, Place, SearchReport, TrackJob, TrackReport, WorkOrder
+
+MAX_STEP = 2**53
+"""Steps, epochs and numbers of orders stay below: 28 million years at 10 Hz."""
+MAX_ID_CHARACTERS = 128
+MAX_SIGMA_M = 1e4
+
+
+@singledispatch
+def problem_of(message: object) -> str | None:  # noqa: ARG001 - what most messages need
+    """Why a message cannot be meant; None where nothing speaks against it."""
+    return None
+
+
+@problem_of.register
+def _(message: OdometryReading) -> str | None:
+    return odometry_problem(message)
+
+
+@problem_of.register
+def _(message: Scan) -> str | None:
+    return _number_problem("step", message.step) or laser_problem(message)
+
+
+@problem_of.register
+def _(message: ScanHistory) -> str | None:
+    return _first(problem_of(scan) for scan in message.scans)
+
+
+@problem_of.register
+def _(message: TruePose) -> str | None:
+    return pose_problem(message.map_from_robot)
+
+
+@problem_of.register
+def _(message: WorkOrder) -> str | None:
+    starts = (a.job.start for a in message.begin if isinstance(a.job, TrackJob))
+    return (
+        _number_problem("order", message.order)
+        or _number_problem("snapshot_every_steps", message.snapshot_every_steps)
+        or _first(_number_problem("epoch", given.epoch) for given in message.begin)
+        or _first(_particles_problem(start) for start in starts)
+    )
+
+
+@problem_of.register
+def _(message: TrackReport) -> str | None:
+    snapshots = () if message.snapshot is None else (message.snapshot,)
+    return (
+        _report_problem(message)
+        or _finite_problem("log_weight_sum", message.log_weight_sum)
+        or _finite_problem("effective_sample_size", message.effective_sample_size)
+        or _gaussian_problem(message.mean, message.covariance)
+        or _first(_particles_problem(snapshot) for snapshot in snapshots)
+        or _first(_place_problem(place) for place in message.parts)
+    )
+
+
+@problem_of.register
+def _(message: SearchReport) -> str | None:
+    return (
+        _report_problem(message)
+        or _finite_problem("log_evidence", message.log_evidence)
+        or _first(_place_problem(place) for place in message.places)
+    )
+
+
+@problem_of.register
+def _(message: SetPose) -> str | None:
+    sigmas = (message.position_sigma_m, message.heading_sigma_rad)
+    if not all(0.0 < sigma <= MAX_SIGMA_M for sigma in sigmas):  # NaN is not
+        return f"sigmas {sigmas} are not positive numbers"
+    return _id_problem(message.command_id) or pose_problem(message.map_from_robot)
+
+
+@problem_of.register
+def _(message: Relocalize) -> str | None:
+    return _id_problem(message.command_id)
+
+
+@problem_of.register
+def _(message: Kidnap) -> str | None:
+    problem = pose_problem(message.map_from_robot) if message.map_from_robot else None
+    return _id_problem(message.command_id) or problem
+
+
+def _first(problems: Iterable[str | None]) -> str | None:
+    return next((problem for problem in problems if problem), None)
+
+
+def _report_problem(report: TrackReport | SearchReport) -> str | None:
+    if math.isinf(report.log_likelihood_per_beam):  # NaN: the scan had no beam to score
+        return "log_likelihood_per_beam is infinite"
+    if report.particles < 1:
+        return f"{report.particles} particles"
+    return _number_problem("step", report.step) or _number_problem("epoch", report.epoch)
+
+
+def _number_problem(name: str, number: int) -> str | None:
+    return None if 0 <= number < MAX_STEP else f"{name} {number} is out of range"
+
+
+def _finite_problem(name: str, value: float) -> str | None:
+    return None if math.isfinite(value) else f"{name} is {value}"
+
+
+def _id_problem(command_id: str) -> str | None:
+    if 0 < len(command_id) <= MAX_ID_CHARACTERS:
+        return None
+    return f"a command_id of {len(command_id)} characters, 1 to {MAX_ID_CHARACTERS} are taken"
+
+
+def _gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+    variances = (covariance[0], covariance[4], covariance[8])
+    if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
+        return "a covariance that is none"
+    return pose_problem(mean)
+
+
+def _place_problem(place: Place) -> str | None:
+    if not 0.0 <= place.share <= 1.000001:  # shares are sums of weights
+        return f"a share of {place.share}"
+    return _gaussian_problem(place.mean, place.covariance) or _particles_problem(place.sample)
+
+
+def _particles_problem(particles: Particles) -> str | None:
+    """A cloud has poses and weights, as many of both, and at least one that counts."""
+    try:
+        poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()
+    except MalformedMessageError as error:
+        return error.problem
+    if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
+        return f"no cloud: poses {poses.shape}, weights {log_weights.shape}"
+    if not np.all(np.isfinite(poses)):
+        return "a particle whose pose is not finite"
+    if not (len(log_weights) and math.isfinite(float(np.max(log_weights)))):
+        return "a cloud without weight"  # a NaN makes the largest one NaN
+    return _number_problem("step", particles.step) or pose_problem(particles.odom_from_robot)

@@ -1,0 +1,177 @@
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+import pytest
+
+from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.arrays import ArrayBlob
+from protocol.codec import MAX_ITEMS, decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.limits import LARGEST_BYTES, SMALL_BYTES
+from protocol.message import Message
+from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
+from protocol.work import Assignment, Particles, Report, TrackJob, TrackReport, WorkOrder
+from tests.unit.coordinator.reports import cloud_at, place, scan, searched, tracked
+
+ORIGIN = (0.0, 0.0, 0.0)
+CLOUD = cloud_at(ORIGIN, 3)
+TRACKED = tracked("c0", 3, 0.5, ORIGIN)
+SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
+SET_POSE = SetPose(sender="a", command_id="1", map_from_robot=ORIGIN)
+
+
+def changed(message: Message, **fields: object) -> Message:
+    return msgspec.structs.replace(message, **fields)
+
+
+def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
+    return msgspec.structs.replace(
+        CLOUD,
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(log_weights, "float64"),
+    )
+
+
+def order(start: Particles) -> WorkOrder:
+    job = TrackJob(cluster=1, start=start, exact=False)
+    return WorkOrder(
+        sender="coordinator", order=1, map_digest="map", filter_settings={},
+        snapshot_every_steps=10, keep=(), begin=(Assignment(job_id="c1", epoch=1, job=job),),
+    )  # fmt: skip
+
+
+def refusal(message: Message, expected: type = Message) -> MalformedMessageError:
+    kind = type(message) if expected is Message else expected
+    with pytest.raises(MalformedMessageError) as refused:
+        decode(encode(message), kind)
+    return refused.value
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (changed(TRACKED, log_weight_sum=math.nan), "log_weight_sum is nan"),
+        (changed(TRACKED, log_weight_sum=-math.inf), "log_weight_sum is -inf"),
+        (changed(TRACKED, effective_sample_size=math.inf), "effective_sample_size"),
+        (changed(TRACKED, log_likelihood_per_beam=math.inf), "log_likelihood_per_beam"),
+        (changed(TRACKED, particles=0), "0 particles"),
+        (changed(TRACKED, step=-1), "step -1"),
+        (changed(TRACKED, step=2**60), "step 1152921504606846976"),
+        (changed(TRACKED, epoch=-1), "epoch -1"),
+        (changed(TRACKED, mean=(math.nan, 0.0, 0.0)), "not_finite"),
+        (changed(TRACKED, covariance=(-1.0, *[0.0] * 8)), "covariance"),
+        (changed(TRACKED, covariance=(math.nan, *[0.0] * 8)), "covariance"),
+        (changed(TRACKED, snapshot=cloud(np.ones((2, 2)), np.zeros(2))), "no cloud"),
+        (changed(TRACKED, snapshot=cloud(np.ones((3, 3)), np.zeros(2))), "no cloud"),
+        (changed(TRACKED, snapshot=cloud(np.ones((0, 3)), np.zeros(0))), "without weight"),
+        (changed(TRACKED, snapshot=cloud(np.full((2, 3), math.inf), np.zeros(2))), "not finite"),
+        (changed(TRACKED, snapshot=cloud(np.ones((2, 3)), np.full(2, -math.inf))), "weight"),
+        (changed(TRACKED, snapshot=cloud(np.ones((2, 3)), np.array([0, math.nan]))), "weight"),
+        (changed(TRACKED, parts=(place(1.5, ORIGIN, 3),)), "share of 1.5"),
+        (changed(SEARCHED, log_evidence=math.nan), "log_evidence is nan"),
+        (changed(SEARCHED, places=(place(math.nan, ORIGIN, 3),)), "share of nan"),
+        (changed(SEARCHED, places=(place(0.5, (1e300, 0.0, 0.0), 3),)), "not_finite"),
+        (changed(scan(3), step=-1), "step -1"),
+        (changed(scan(3), stamp_ns=2**63), "not_finite"),
+        (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
+        (changed(scan(3), ranges=ArrayBlob.of(np.full(3, np.nan), "float32")), "no_returns"),
+        (changed(scan(3), angle_step_rad=math.nan), "not_finite"),
+        (ScanHistory(sender="b", scans=(scan(1), changed(scan(2), step=-2))), "step -2"),
+        (OdometryReading(sender="r", stamp_ns=0, odom_from_robot=(0.0, math.nan, 0.0)), "finite"),
+        (TruePose(sender="s", step=1, map_from_robot=(math.nan, 0.0, 0.0)), "not_finite"),
+        (changed(SET_POSE, map_from_robot=(0.0, math.nan, 0.0)), "not_finite"),
+        (changed(SET_POSE, position_sigma_m=math.nan), "sigmas"),
+        (changed(SET_POSE, heading_sigma_rad=0.0), "sigmas"),
+        (changed(SET_POSE, command_id="x" * 129), "129 characters"),
+        (Relocalize(sender="a", command_id=""), "0 characters"),
+        (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
+        (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),
+        (changed(order(CLOUD), order=-5), "order -5"),
+    ],
+)  # fmt: skip
+def test_numbers_that_no_honest_process_sends_are_refused(message: Message, words: str) -> None:
+    error = refusal(message)
+    assert words in error.problem
+    assert error.cause == f"malformed {type(message).__name__}: impossible"
+
+
+@pytest.mark.parametrize("message", [TRACKED, SEARCHED, scan(0), SET_POSE, order(CLOUD)])
+def test_honest_messages_pass(message: Message) -> None:
+    assert decode(encode(message), type(message)) == message
+
+
+def test_a_scan_without_a_beam_to_score_is_reported_as_it_is() -> None:
+    message = changed(TRACKED, log_likelihood_per_beam=math.nan)
+    assert math.isnan(decode(encode(message), TrackReport).log_likelihood_per_beam)
+
+
+@dataclass(frozen=True)
+class Nested:
+    """Bytes that grow when they are unpacked."""
+
+    name: str
+    data: bytes
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        Nested("a list of four billion", b"\xdd\xff\xff\xff\xff"),
+        Nested("a map of four billion", b"\xdf\xff\xff\xff\xff"),
+        Nested("a text of four billion", b"\xdb\xff\xff\xff\xff"),
+        Nested("bytes of four billion", b"\xc6\xff\xff\xff\xff"),
+        Nested("deep lists", b"\x91" * 50_000),
+        Nested("deep maps", b"\x81\xa1a" * 20_000),
+        Nested("long lists in long lists", b"\xdd\x00\x00\xff\xff" * 10_000),
+        Nested("millions of empty lists", (b"\xdc\x4e\x20" + b"\x90" * 20_000) * 3),
+        Nested("an extension", b"\xd4\x05\x00"),
+        Nested("nothing", b""),
+    ],
+    ids=lambda bomb: bomb.name,
+)
+def test_what_would_grow_is_refused_while_it_is_read(bomb: Nested) -> None:
+    with pytest.raises(MalformedMessageError) as refused:
+        decode(bomb.data, WorkOrder)
+    assert refused.value.kind == "not MessagePack"
+
+
+def test_empty_lists_by_the_million_are_not_even_built() -> None:
+    rows = b"\xdc\x4e\x20" + b"\x90" * MAX_ITEMS
+    with pytest.raises(MalformedMessageError, match="lists and maps"):
+        decode(b"\xdc\x01\x00" + rows * 256, WorkOrder)
+
+
+def test_each_message_has_a_size_that_is_read() -> None:
+    assert refusal(changed(SET_POSE, sender="x" * SMALL_BYTES)).kind == "too large"
+    with pytest.raises(MalformedMessageError, match="at most 33554432 are read"):
+        decode(bytes(LARGEST_BYTES + 1), Report)  # type: ignore[arg-type] # a union
+
+
+def test_a_later_version_is_told_apart_from_a_wrong_field() -> None:
+    plain = msgspec.to_builtins(scan(1))
+    later = msgspec.msgpack.encode(plain | {"schema": "scan/2"})
+    wrong = msgspec.msgpack.encode(plain | {"step": "three"})
+    kinds = []
+    for data in (later, wrong):
+        with pytest.raises(MalformedMessageError) as refused:
+            decode(data, Scan)
+        kinds.append(refused.value.cause)
+    assert kinds == ["malformed Scan: schema", "malformed Scan: field"]
+
+
+def test_what_a_stranger_writes_cannot_bend_the_log() -> None:
+    plain = msgspec.to_builtins(scan(1)) | {"schema": "\x1b[2J\n" * 1000}
+    with pytest.raises(MalformedMessageError) as refused:
+        decode(msgspec.msgpack.encode(plain), Scan)
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 300
+
+
+@pytest.mark.parametrize("shape", [(0,) * 100, (1,) * 65, (0, 2**63), (-1, -4), (2**40, 2**40)])
+def test_a_shape_that_lies_is_malformed(shape: tuple[int, ...]) -> None:
+    data = b"\0\0\0\0" if shape[0] == 1 or shape[0] == -1 else b""
+    with pytest.raises(MalformedMessageError) as refused:
+        ArrayBlob(dtype="float32", shape=shape, data=data).array()
+    assert refused.value.cause == "malformed array: array that lies"
