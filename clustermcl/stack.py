@@ -85,6 +85,10 @@ class Stack:
         """Restart whose time has come; who has ended since the last call."""
         return self._supervisor.poll(time.monotonic())
 
+    def pids(self) -> dict[str, int]:
+        """Process ids of those that run: router, worker (their parent), coordinator, source."""
+        return self._supervisor.pids()
+
     def check(self) -> None:
         """Look after the processes.
 

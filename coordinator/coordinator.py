@@ -72,7 +72,7 @@ class Coordinator:
         self._collector = StepCollector(settings)
         self._pose = PoseTracker(sender, settings.stale_after_s)
         self._outcome: Outcome | None = None
-        self._begun = False
+        self._begun, self._linked = False, True
         self._applied_scan: Scan | None = None
         self._counters: Counter[str] = Counter()
         self._steps_applied = self._reports_missing = self._set_poses = 0
@@ -124,6 +124,21 @@ class Coordinator:
         self._placement.left(name)
         return self.tick(now_ns)
 
+    def worker_returned(self, name: str, now_ns: int) -> list[Instruction]:
+        """A worker that was away with our link is back; whether it is the same, it will say."""
+        self._placement.returned(name)
+        return self.tick(now_ns)
+
+    def link_lost(self) -> None:
+        """Our own link is down: nothing is decided until it is back."""
+        self._linked = False
+
+    def link_back(self, now_ns: int) -> list[Instruction]:
+        """Our own link is back: steps under way get their whole deadline again."""
+        self._linked = True
+        self._collector.wait_anew(now_ns)
+        return self.tick(now_ns)
+
     def order_answered(self, worker: str, answer: OrderAnswer) -> None:
         """A worker took an order, or says why not."""
         if answer.problem:
@@ -152,6 +167,8 @@ class Coordinator:
     def tick(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due and tell workers what is news to them."""
         instructions: list[Instruction] = []
+        if not self._linked:
+            return instructions
         while ready := self._collector.ready(
             self._ensemble.expected, self._placement.placed_ns, now_ns
         ):

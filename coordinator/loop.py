@@ -14,6 +14,7 @@ from coordinator.coordinator import (
     PublishBelief,
     SendOrder,
 )
+from coordinator.roster import Change, Roster
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
@@ -21,12 +22,14 @@ from process_runtime.wire import (
     Asked,
     Event,
     Events,
+    Link,
     Publisher,
     Received,
     Token,
     serve,
     subscribe,
     watch,
+    watch_link,
 )
 from protocol import keys
 from protocol.answers import CommandDone, Relocalize, SetPose
@@ -50,6 +53,7 @@ class CoordinatorLoop:
         self._coordinator, self._session = coordinator, session
         self._inbox: Events = Inbox({"scan": 256, "odometry": 1, "report": 4096})
         self._causes = CauseCounter()
+        self._roster = Roster()
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
         self._commands_done: dict[str, CommandDone] = {}
@@ -61,6 +65,7 @@ class CoordinatorLoop:
         subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
         for key in (keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE):
             serve(self._session, key, self._inbox)
+        watch_link(self._session, self._inbox)
         watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
         with self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE):
             _log.info("coordinator ready")
@@ -68,6 +73,7 @@ class CoordinatorLoop:
                 event = self._inbox.get(TICK_S)
                 now_ns = time.monotonic_ns()
                 self._carry_out(self._handle(event, now_ns))
+                self._carry_out(self._change(self._roster.due(now_ns), now_ns))
 
     def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
         try:
@@ -77,7 +83,10 @@ class CoordinatorLoop:
                 case Asked():
                     return self._on_query(event, now_ns)
                 case Token():
-                    return self._on_token(event, now_ns)
+                    name = keys.worker_name(event.key)
+                    return self._change(self._roster.token(name, event.alive, now_ns), now_ns)
+                case Link():
+                    return self._on_link(event, now_ns)
         except MalformedMessageError as error:
             cause = f"malformed {error.expected}"
             self._causes.warn(_log, cause, error, time.monotonic())
@@ -104,11 +113,25 @@ class CoordinatorLoop:
                 # Who speaks is told by the key, which access control guards; not by the message.
                 return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
 
-    def _on_token(self, event: Token, now_ns: int) -> list[Instruction]:
-        name = keys.worker_name(event.key)
-        if event.alive:
-            return self._coordinator.worker_joined(name, now_ns)
-        return self._coordinator.worker_left(name, now_ns)
+    def _on_link(self, event: Link, now_ns: int) -> list[Instruction]:
+        was_linked = self._roster.linked
+        self._roster.link(event.up, now_ns)
+        if event.up == was_linked:
+            return []
+        _log.warning("the link to the router %s", "is back" if event.up else "is lost")
+        if event.up:
+            return self._coordinator.link_back(now_ns)
+        self._coordinator.link_lost()
+        return []
+
+    def _change(self, changes: Iterable[Change], now_ns: int) -> list[Instruction]:
+        """Act upon what has become certain of the workers."""
+        what = {
+            "joined": self._coordinator.worker_joined,
+            "left": self._coordinator.worker_left,
+            "returned": self._coordinator.worker_returned,
+        }
+        return [do for change in changes for do in what[change.what](change.worker, now_ns)]
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         match asked.key:

@@ -76,6 +76,10 @@ class Placement:
             self.left(worker)
         self._workers[worker] = WorkerRecord()
 
+    def returned(self, worker: str) -> None:
+        """A worker that could not be reached is back: its next answer tells what it still does."""
+        self._workers[worker].changed = True
+
     def left(self, worker: str) -> None:
         """A worker is gone: its jobs go to others, from their last state."""
         self._workers.pop(worker, None)
@@ -111,7 +115,10 @@ class Placement:
         if record is None:
             return
         record.known = {(job_id, epoch) for job_id, epoch, _ in answer.jobs}
-        record.answered = answer.order == record.order and not answer.problem
+        own = {(job_id, job.epoch) for job_id, job in self._jobs.items() if job.worker == worker}
+        taken = answer.order == record.order and not answer.problem
+        # One started anew while nobody could see it answers without the jobs it should keep.
+        record.answered = taken and (own <= record.known or record.changed)
 
     def orders(self, now_ns: int) -> list[tuple[str, WorkOrder]]:
         """Place what has no worker, even out, and tell every worker what is news to it."""

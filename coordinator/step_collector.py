@@ -60,6 +60,11 @@ class StepCollector:
             return None
         return newest + 1, scan.step - 1
 
+    def wait_anew(self, now_ns: int) -> None:
+        """The link was lost and is back: nobody could report meanwhile."""
+        for opened in self._open.values():
+            opened.arrived_ns = now_ns
+
     def take_report(self, report: Report) -> bool:
         """A report arrived; False when its step is over and it can tell nothing any more."""
         if self.applied is not None and report.step <= self.applied:

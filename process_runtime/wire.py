@@ -54,7 +54,17 @@ class Token:
     alive: bool
 
 
-Event: TypeAlias = Received | Asked | Token
+@dataclass(frozen=True)
+class Link:
+    """This process's own link to the router came up or was lost.
+
+    Zenoh reports all tokens as vanished just *before* it reports its own link as lost.
+    """
+
+    up: bool
+
+
+Event: TypeAlias = Received | Asked | Token | Link
 Events: TypeAlias = Inbox[Event]
 
 
@@ -110,6 +120,15 @@ def watch(session: zenoh.Session, key: str, inbox: Events) -> None:
         inbox.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
 
     session.liveliness().declare_subscriber(key, on_token, history=True)
+
+
+def watch_link(session: zenoh.Session, inbox: Events) -> None:
+    """Put what happens to this session's own link into the inbox, that it is up first."""
+
+    def on_transport(event: zenoh.TransportEvent) -> None:
+        inbox.put(Link(event.kind == zenoh.SampleKind.PUT))
+
+    session.info.declare_transport_events_listener(on_transport, history=True)
 
 
 def is_alive(session: zenoh.Session, key: str, timeout_s: float) -> bool:

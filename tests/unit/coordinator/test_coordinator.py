@@ -147,3 +147,18 @@ def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
     with pytest.raises(ValueError, match="no scan has arrived"):
         Story("a").coordinator.relocalize(0)
+
+
+def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:
+    story = Story("a", "b").bootstrapped()
+    for step in range(1, 4):
+        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+    story.tracks(4, at_s=10.0, north=0.3, south=None)
+    story.coordinator.link_lost()
+    story.follow(story.coordinator.tick(int(15 * SECOND)))
+    assert story.beliefs[-1].step == 3
+    story.follow(story.coordinator.link_back(int(16 * SECOND)))
+    assert story.beliefs[-1].step == 3
+    story.report(tracked("c1", 4, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=16.1)
+    assert story.beliefs[-1].missing == ()
+    assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])

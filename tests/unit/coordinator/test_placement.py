@@ -116,3 +116,29 @@ def test_ended_jobs_are_left_out_of_the_next_order() -> None:
     ((_, order),) = made.orders(SECOND)
     assert [job for job, _ in order.keep] == ["c1"]
     assert order.begin == ()
+
+
+def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
+    made = placement("a", "b")
+    made.begin({"c0": track(0), "c1": track(1)})
+    follow(made, made.orders(0))
+    epochs = {job_id: made.is_current(job_id, epoch) for job_id, epoch in (("c0", 1), ("c1", 2))}
+    made.returned("a")
+    (name, order), *others = made.orders(SECOND)
+    assert (name, order.keep, order.begin, others) == ("a", (("c0", 1),), (), [])
+    follow(made, [(name, order)])
+    assert made.orders(9 * SECOND) == []
+    assert all(epochs.values())
+
+
+def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
+    made = placement("a")
+    made.begin({"c0": track(0)})
+    follow(made, made.orders(0))
+    made.returned("a")
+    (_, order), *_ = made.orders(SECOND)
+    made.answered("a", OrderAnswer(sender="a", order=order.order, incarnation=2, jobs=()))
+    again = made.orders(SECOND + RESEND_AFTER_NS)
+    assert begun(again) == {"a": ["c0"]}
+    follow(made, again)
+    assert made.orders(9 * SECOND) == []
