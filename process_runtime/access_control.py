@@ -1,0 +1,185 @@
+"""Who may do what at the router: Zenoh's access control, written from one table of roles.
+
+The router knows a process by the common name of its certificate, ``ROLE`` or ``ROLE.ROBOT``, and
+denies whatever no rule allows. Zenoh checks the key of every message against the rules: who may
+not publish on a key is not heard there, who may not read it never gets it. Denied operations are
+silent.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+from protocol import keys
+from protocol.errors import SettingsError
+
+ALL_ROBOTS = "*"
+WORKER = "worker"
+
+_NAME = re.compile(r"[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*")
+
+_FLOWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "publishes": (("put",), ("declare_subscriber",)),
+    "reads": (("declare_subscriber",), ("put",)),
+    "serves": (("declare_queryable", "reply"), ("query",)),
+    "asks": (("query",), ("reply", "declare_queryable")),
+    "announces": (("liveliness_token",), ()),
+    "watches": (
+        ("declare_liveliness_subscriber", "liveliness_query"),
+        ("liveliness_token", "reply"),
+    ),
+}
+"""What each right needs of the messages that reach the router, and of those that leave it."""
+
+
+@dataclass(frozen=True)
+class Rights:
+    """The keys of one role, relative to a robot; all that is not named is denied."""
+
+    publishes: tuple[str, ...] = ()
+    reads: tuple[str, ...] = ()
+    serves: tuple[str, ...] = ()
+    """Answers queries there."""
+    asks: tuple[str, ...] = ()
+    announces: tuple[str, ...] = ()
+    """Liveliness tokens of its own."""
+    watches: tuple[str, ...] = ()
+    """Liveliness tokens of others."""
+
+
+def rights_of(role: str, worker: str = "*") -> Rights:
+    """What a role may do.
+
+    Args:
+        role: one of `ROLES`.
+        worker: of role ``worker``: pattern of the names of its processes.
+    """
+    if role == WORKER:
+        return Rights(
+            publishes=(keys.worker_report(worker),),
+            reads=(keys.SCAN,),
+            serves=(keys.worker_order(worker), keys.worker_state(worker)),
+            asks=(keys.MAP, keys.SCAN_HISTORY),
+            announces=(keys.worker_alive(worker),),
+        )
+    return _ROLES[role]
+
+
+_VIEWER = Rights(
+    reads=(keys.POSE, keys.BELIEF),
+    asks=(keys.POSE, keys.HYPOTHESES, keys.STATUS),
+)
+
+_ROLES = {
+    "robot": Rights(
+        publishes=(keys.ODOMETRY_READING, keys.LASER_READING),
+        reads=(keys.POSE,),
+        asks=(keys.POSE,),
+    ),
+    "bridge": Rights(
+        publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH),
+        reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.BELIEF),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP),
+        asks=(keys.STATUS,),
+        announces=(keys.BRIDGE_ALIVE,),
+        watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
+    ),
+    "coordinator": Rights(
+        publishes=(keys.BELIEF, keys.POSE),
+        reads=(keys.SCAN, keys.ODOMETRY, keys.ALL_REPORTS),
+        serves=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE),
+        asks=(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
+        announces=(keys.COORDINATOR_ALIVE,),
+        watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
+    ),
+    "viewer": _VIEWER,
+    "operator": Rights(
+        reads=_VIEWER.reads,
+        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP),
+    ),
+}
+
+ROLES = (*_ROLES, WORKER)
+
+
+def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, Any]:
+    """Zenoh's ``access_control``, deny by default.
+
+    Without robots, a certificate named after its role holds for every robot of the router. With
+    robots, ``ROLE.ROBOT`` holds for that robot alone, and of the plain names only ``viewer`` and
+    ``operator`` are left, for all of the robots.
+
+    Args:
+        robots: names of robots; empty: whatever robots there are.
+        workers: names of worker certificates, ``worker`` or ``worker-NAME``; the one called X
+            may run the workers X-0, X-1 and so on, and speaks for no others.
+
+    Raises:
+        SettingsError: a name cannot be used, or one worker certificate would cover another's.
+    """
+    _check(robots, workers)
+    rules: list[dict[str, Any]] = []
+    policies, subjects = [], []
+    for name, role, covered in _certificates(robots, workers):
+        made = list(_rules(name, role, covered))
+        rules += made
+        subjects.append({"id": name, "cert_common_names": [name]})
+        policies.append({"subjects": [name], "rules": [rule["id"] for rule in made]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _certificates(
+    robots: Sequence[str], workers: Sequence[str]
+) -> Iterator[tuple[str, str, Sequence[str]]]:
+    """Common name, role or worker's name, robots it holds for."""
+    names = (*_ROLES, *workers)
+    if not robots:
+        yield from ((name, name, (ALL_ROBOTS,)) for name in names)
+        return
+    yield from ((name, name, robots) for name in ("viewer", "operator"))
+    yield from ((f"{name}.{robot}", name, (robot,)) for robot in robots for name in names)
+
+
+def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """The rules of one certificate: one for each right and direction."""
+    is_worker = role not in _ROLES
+    rights = rights_of(WORKER, f"{role}-$*") if is_worker else rights_of(role)
+    # What the others declare reaches it under their patterns, which are wider: worker/*/report.
+    widened = rights_of(WORKER) if is_worker else rights
+    for right in fields(Rights):
+        own, others = getattr(rights, right.name), getattr(widened, right.name)
+        incoming, outgoing = _FLOWS[right.name]
+        for flow, messages, patterns in (
+            ("ingress", incoming, own),
+            ("egress", outgoing, others if right.name == "publishes" else own),
+        ):
+            if messages and patterns:
+                yield {
+                    "id": f"{name} {right.name}: {flow}",
+                    "permission": "allow",
+                    "flows": [flow],
+                    "messages": list(messages),
+                    "key_exprs": [f"{robot}/{key}" for robot in robots for key in patterns],
+                }
+
+
+def _check(robots: Sequence[str], workers: Sequence[str]) -> None:
+    for name in (*robots, *workers):
+        if not _NAME.fullmatch(name):
+            raise SettingsError(f"{name!r} is no name: use letters, digits, _ and single -")
+    for name in workers:
+        if name != WORKER and not name.startswith(f"{WORKER}-"):
+            raise SettingsError(f"worker {name!r}: call it worker or worker-NAME")
+        for other in workers:
+            if other.startswith(f"{name}-"):
+                raise SettingsError(
+                    f"{name!r} would cover the processes of {other!r}, as {other}-0: "
+                    f"give all of them names of one kind, such as worker-a and worker-b"
+                )
