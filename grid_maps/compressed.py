@@ -8,8 +8,11 @@ from typing import BinaryIO, cast
 
 from protocol.errors import InputFileError
 
-MAX_FILE_BYTES = 2**31
-"""A longer file, once decompressed, is refused: it is a mistake or an attack, not an input."""
+MAX_FILE_BYTES = 2**29
+"""A longer file, once decompressed, is refused: it is a mistake or an attack, not an input.
+
+The largest public recordings have a fifth of it; a kilobyte of gzip can announce a terabyte.
+"""
 
 BROKEN_STREAM_ERRORS = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
 """What reading a cut or damaged compressed file raises."""
@@ -51,8 +54,13 @@ def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
     except OSError as failed:
         raise error(path, os_problem(failed)) from failed
     if len(content) > MAX_FILE_BYTES:
-        raise error(path, f"longer than {MAX_FILE_BYTES // 2**20} MiB, more than any input here")
+        raise error(path, too_long_problem())
     return content
+
+
+def too_long_problem() -> str:
+    """A sentence for a file with more than `MAX_FILE_BYTES`."""
+    return f"longer than {MAX_FILE_BYTES // 2**20} MiB unpacked, more than any input here"
 
 
 def broken_stream_problem(broken: BaseException) -> str:

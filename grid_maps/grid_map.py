@@ -11,6 +11,10 @@ import numpy as np
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.message import PoseTuple
 
+MAX_CELLS = 2**28
+"""A map of 16,384 x 16,384 cells, 819 m wide with cells of 5 cm. Files and messages that tell of
+more are refused before anything is allocated."""
+
 _DIGEST_VERSION = b"clustermcl map 1\n"
 
 

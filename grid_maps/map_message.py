@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 
-from grid_maps.grid_map import GridMap
+from grid_maps.grid_map import MAX_CELLS, GridMap
 from protocol.errors import MalformedMessageError
 from protocol.steps import MapMessage
 
@@ -30,7 +30,7 @@ def from_message(message: MapMessage) -> GridMap:
         MalformedMessageError: the bytes are no map, or not the one that the digest names.
     """
     size = message.rows * message.cols
-    if message.rows < 1 or message.cols < 1:
+    if message.rows < 1 or message.cols < 1 or size > MAX_CELLS:
         raise _malformed(f"{message.rows} x {message.cols} cells")
     try:
         unpacker = zlib.decompressobj()

@@ -18,13 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
-from grid_maps.grid_map import GridMap
+from grid_maps.grid_map import MAX_CELLS, GridMap
 from grid_maps.ros_map import RosMapHeader
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
-
-MAX_CELLS = 2**30
-"""Larger images are refused before they are unpacked."""
 
 _STRIP_ROWS = 512
 _IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
@@ -68,7 +65,7 @@ def _open(content: bytes, path: Path) -> Image.Image:
         raise MapFileError(path, f"the image is damaged ({error})") from error
     finally:
         Image.MAX_IMAGE_PIXELS = pillow_limit
-    if image.width * image.height > MAX_CELLS:
+    if image.width * image.height > MAX_CELLS:  # unpacked, a PNG of a megabyte may have them
         problem = f"{image.width} x {image.height} pixels; at most {MAX_CELLS} are read"
         raise MapFileError(path, f"{problem}: cut the map or use larger cells")
     return image

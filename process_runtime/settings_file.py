@@ -27,6 +27,8 @@ _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
 
 _COMMAND_LINE = "--set"
 
+MAX_FILE_BYTES = 1024 * 1024
+
 _LARGEST = 2**63 - 1
 """Settings travel in messages, whose whole numbers have 64 bits."""
 
@@ -62,9 +64,13 @@ def _read(path: Path) -> dict[str, Any]:
     """All leaves of the file by dotted name."""
     try:
         with path.open("rb") as file:
-            tables = tomllib.load(file)
+            content = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise InputFileError(path, error.strerror or str(error)) from error
+    if len(content) > MAX_FILE_BYTES:
+        raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no settings file")
+    try:
+        tables = tomllib.loads(content.decode())
     except UnicodeDecodeError as error:
         raise InputFileError(path, "not TOML: not UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:
@@ -72,6 +78,8 @@ def _read(path: Path) -> dict[str, Any]:
         problem = str(error).replace(place[0], "") if place else str(error)
         line = int(place[1]) if place else None
         raise InputFileError(path, f"not TOML: {problem}", line=line) from error
+    except (ValueError, RecursionError) as error:  # a number too long, nesting too deep
+        raise InputFileError(path, f"not TOML: {error}") from error
     leaves: dict[str, Any] = {}
     for name, value in tables.items():
         if isinstance(value, dict):
@@ -99,7 +107,7 @@ def _parse_value(setting: str, text: str) -> object:
     """A TOML value; what is not one, or none that fits a text setting, is the bare text."""
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):  # a TOMLDecodeError is a ValueError
         return text
     value = parsed["value"]
     bare = len(parsed) > 1 or (TABLE[setting].kind is str and not isinstance(value, str))

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from grid_maps.compressed import (
     BROKEN_STREAM_ERRORS,
+    MAX_FILE_BYTES,
     broken_stream_problem,
     open_decompressed,
     os_problem,
+    too_long_problem,
 )
 from protocol.errors import InputFileError, RecordingError
 from protocol.message import MAX_POSE_M, PoseTuple
@@ -89,13 +91,15 @@ class LogFile:
         """Line numbers, from 1, and lines.
 
         Raises:
-            InputFileError: as `error`: the file cannot be opened or read.
+            InputFileError: as `error`: the file cannot be opened or read, or is too long.
         """
-        number = 0
+        number, left = 0, MAX_FILE_BYTES
         try:
             with open_decompressed(self._path) as stream:
                 while line := stream.readline(_MAX_LINE_BYTES):
-                    number += 1
+                    number, left = number + 1, left - len(line)
+                    if left < 0:
+                        raise self._error(self._path, too_long_problem(), line=number)
                     yield number, line.decode("utf-8", errors="replace")
         except BROKEN_STREAM_ERRORS as broken:
             self.broken = SkippedLine(number + 1, broken_stream_problem(broken))

@@ -215,7 +215,7 @@ def test_a_header_that_is_no_mapping_is_refused(tmp_path: Path, text: str, probl
         (b"P5\n3", "damaged"),
         (b"", "not an image"),
         (b"<html>not found</html>", "not an image"),
-        (b"P5\n40000 40000\n255\n", "at most 1073741824"),
+        (b"P5\n40000 40000\n255\n", "at most 268435456"),
         (b"P5\n2 1\n255\n\x00\xcd", "no free space"),
     ],
 )
