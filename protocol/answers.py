@@ -36,6 +36,8 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     missing: tuple[str, ...] = ()
     """Jobs whose report did not arrive in time."""
     last: bool = False
+    term: int = 0
+    """The coordinator's term: a belief of a lower one than was heard before is of the past."""
 
 
 class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
@@ -54,6 +56,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     covariance: Covariance | None
     workers: int
     """Workers alive; 0 means the belief does not follow the robot's scans."""
+    term: int = 0
+    """The coordinator's term."""
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
@@ -83,6 +87,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     counters: dict[str, int]
     """Everything that was dropped or refused, by cause."""
     uptime_s: float
+    term: int = 0
+    """The coordinator's term."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):

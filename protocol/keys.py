@@ -22,6 +22,7 @@ STATUS = "status"
 SET_POSE = "command/set_pose"
 RELOCALIZE = "command/relocalize"
 COORDINATOR_ALIVE = "coordinator/alive"
+CHECKPOINT = "checkpoint"
 
 ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"

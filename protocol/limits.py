@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from protocol.answers import Belief, Hypotheses, Status
 from protocol.steps import LaserReading, MapMessage, Scan, ScanHistory
-from protocol.work import SearchReport, TrackReport, WorkOrder
+from protocol.work import Checkpoint, SearchReport, TrackReport, WorkerState, WorkOrder
 
 SMALL_BYTES = 64 * 1024
 """Poses, commands, answers to them: a few hundred bytes of honest content."""
@@ -20,7 +20,8 @@ LARGEST_BYTES = 32 * 1024 * 1024
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
     | dict.fromkeys((Belief, Hypotheses, Status), LIST_BYTES)
-    | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport, WorkOrder), LARGEST_BYTES)
+    | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
+    | dict.fromkeys((WorkOrder, WorkerState, Checkpoint), LARGEST_BYTES)
 )
 
 

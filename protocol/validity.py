@@ -16,7 +16,18 @@ from protocol.errors import MalformedMessageError
 from protocol.message import Covariance, PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
-from protocol.work import Particles, Place, SearchReport, TrackJob, TrackReport, WorkOrder
+from protocol.work import (
+    Assignment,
+    Checkpoint,
+    Particles,
+    Place,
+    SearchReport,
+    TakeOver,
+    TrackJob,
+    TrackReport,
+    WorkerState,
+    WorkOrder,
+)
 
 MAX_STEP = 2**53
 """Steps, epochs and numbers of orders stay below: 28 million years at 10 Hz."""
@@ -52,13 +63,29 @@ def _(message: TruePose) -> str | None:
 
 @problem_of.register
 def _(message: WorkOrder) -> str | None:
-    starts = (a.job.start for a in message.begin if isinstance(a.job, TrackJob))
     return (
         _number_problem("order", message.order)
+        or _number_problem("term", message.term)
         or _number_problem("snapshot_every_steps", message.snapshot_every_steps)
-        or _first(_number_problem("epoch", given.epoch) for given in message.begin)
-        or _first(_particles_problem(start) for start in starts)
+        or _first(_assignment_problem(given) for given in message.begin)
     )
+
+
+@problem_of.register
+def _(message: TakeOver) -> str | None:
+    return _number_problem("term", message.term)
+
+
+@problem_of.register
+def _(message: WorkerState) -> str | None:
+    return _number_problem("term", message.term) or _first(
+        _assignment_problem(held) for held in message.holds
+    )
+
+
+@problem_of.register
+def _(message: Checkpoint) -> str | None:
+    return _number_problem("term", message.term) or _number_problem("serial", message.serial)
 
 
 @problem_of.register
@@ -126,6 +153,11 @@ def _id_problem(command_id: str) -> str | None:
     if 0 < len(command_id) <= MAX_ID_CHARACTERS:
         return None
     return f"a command_id of {len(command_id)} characters, 1 to {MAX_ID_CHARACTERS} are taken"
+
+
+def _assignment_problem(given: Assignment) -> str | None:
+    start = given.job.start if isinstance(given.job, TrackJob) else None
+    return _number_problem("epoch", given.epoch) or (_particles_problem(start) if start else None)
 
 
 def _gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:

@@ -67,7 +67,9 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     """
 
     order: int
-    """Rises with each order; a worker refuses one lower than the last."""
+    """Rises with each order of a term; a worker leaves out one lower than the last."""
+    term: int = 0
+    """The coordinator's term; a worker refuses an order of a lower one than it knows."""
     map_digest: str
     filter_settings: dict[str, object]
     snapshot_every_steps: int
@@ -77,7 +79,7 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
-    """A worker's answer to a work order, or to a query on ``worker/{name}/state``."""
+    """A worker's answer to a work order, or to an empty query on ``worker/{name}/state``."""
 
     order: int
     """The last order it follows."""
@@ -87,6 +89,8 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """(job id, epoch, last step done)."""
     problem: str = ""
     """Why the order was refused; empty when it was taken."""
+    term: int = 0
+    """The highest term that the worker knows."""
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -140,3 +144,54 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
 
 
 Report: TypeAlias = TrackReport | SearchReport
+
+
+# --- when a coordinator takes over from another -------------------------------------------------
+
+
+class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
+    """All that a coordinator would need to carry on, but for particles that workers hold.
+
+    From the coordinator on ``checkpoint``, after each step before its belief, and at least twice
+    a second, as a sign of life. Workers and standby coordinators keep the newest; losing one
+    costs nothing, for the steps since are applied again from the workers' reports.
+    """
+
+    term: int
+    """Start of the coordinator's rule [us of its clock], above all terms before."""
+    serial: int
+    """Rises with each change of the state in a term."""
+    step: int
+    """The last step applied; -1: none."""
+    founded: bool
+    """The belief has had clusters. One that has not replaces none that has."""
+    state: bytes
+    """MessagePack that only a coordinator reads; see `coordinator.checkpoint`."""
+
+    @property
+    def rank(self) -> tuple[bool, int, int]:
+        """Compares checkpoints: that of the highest rank is the one to carry on from."""
+        return (self.founded, self.term, self.serial)
+
+
+class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
+    """A coordinator begins to rule. A query of it on ``worker/{name}/state``, asked again.
+
+    From then on the worker refuses orders of lower terms.
+    """
+
+    term: int
+
+
+class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
+    """All that a worker can tell a new coordinator. Its answer to a `TakeOver`."""
+
+    term: int
+    """The highest term that the worker knows; the one asked for, where it was higher."""
+    incarnation: int
+    holds: tuple[Assignment, ...]
+    """Its jobs, each from where another worker could carry on."""
+    checkpoint: bytes
+    """The newest that it has heard, as it came; empty: none."""
+    reports: tuple[bytes, ...]
+    """Its reports since that checkpoint, as they went out; of searches, some before."""
