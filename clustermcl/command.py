@@ -2,6 +2,7 @@
 
 import logging
 import math
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -253,6 +254,7 @@ def settings(settings_file: SettingsFile = None, assignments: Assignments = None
 
 def _until_interrupted(action: Callable[[], None]) -> None:
     """Run what has no end of its own; Ctrl-C is how a person ends it."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         action()
     except KeyboardInterrupt:

@@ -1,7 +1,9 @@
 """All processes of one robot on this machine: started, looked after, and ended."""
 
+import fcntl
 import logging
 import os
+import shutil
 import signal
 import tempfile
 import time
@@ -20,6 +22,9 @@ from protocol.errors import ClusterMclError
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
 _SIMULATED = "sim:"
 _SOCKET_PATH_MAX_BYTES = 107
+_FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
+_NEWBORN_S = 10.0
+"""A folder so young may not have its lock yet."""
 
 _log = logging.getLogger(__name__)
 
@@ -113,13 +118,36 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder for sockets and logs; nothing of it is left."""
+    """A folder for sockets and logs; nothing of it is left.
+
+    Only a SIGKILL leaves it behind. It is locked as long as its process lives, so the next one
+    sees that nobody needs it any more, and removes it.
+    """
     # The longest name in it is that of the socket; a path too long for one would not do.
     base = Path(tempfile.gettempdir())
     room = _SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
-    with tempfile.TemporaryDirectory(prefix="clustermcl-", dir=folder) as path:
+    _remove_orphans(folder)
+    with (
+        tempfile.TemporaryDirectory(prefix=_FOLDER_PREFIX, dir=folder) as path,
+        (Path(path) / _LOCK).open("w") as lock,
+    ):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield Path(path)
+
+
+def _remove_orphans(base: Path) -> None:
+    """Remove our folders whose process was killed; the kernel has unlocked them."""
+    for folder in base.glob(f"{_FOLDER_PREFIX}*"):
+        try:
+            about = folder.lstat()
+            if about.st_uid != os.getuid() or time.time() - about.st_mtime < _NEWBORN_S:
+                continue
+            with (folder / _LOCK).open() as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder)
+        except OSError:  # in use, no folder of ours, or somebody else is just removing it
+            continue
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:

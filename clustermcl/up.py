@@ -23,7 +23,7 @@ def run_up(settings: Settings) -> None:
         ProcessEndedError: a process refuses to start all the same.
     """
     _refuse_what_cannot_run(settings)
-    stop = stop_on_signals(exit_after_s=5.0)
+    stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
         stack = Stack(settings, folder, logs_in_folder=False)
         with running(stack):

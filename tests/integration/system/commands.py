@@ -10,7 +10,7 @@ import psutil
 
 from tests.integration.waiting import wait_until
 
-COMMAND = [sys.executable, "-I", "-c", "from clustermcl.command import main; main()"]
+COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 SMALL_FILTER = [
     word
     for setting in (

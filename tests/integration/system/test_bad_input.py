@@ -11,7 +11,7 @@ from PIL import Image
 
 from tests.unit.recordings import recording_or_skip
 
-COMMAND = [sys.executable, "-I", "-c", "from clustermcl.command import main; main()"]
+COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
 
 

@@ -1,4 +1,7 @@
 import os
+import tempfile
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -7,6 +10,13 @@ from clustermcl.stack import ProcessEndedError, meeting_in, temporary_folder
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.supervisor import ChildExit
 from process_runtime.zenoh_configuration import check_endpoint
+
+
+@pytest.fixture
+def short_base() -> Iterator[Path]:
+    """A temporary folder whose path leaves room for a socket's."""
+    with tempfile.TemporaryDirectory(prefix="mcl-") as path:
+        yield Path(path)
 
 
 def test_a_refusal_is_said_in_the_words_of_the_process_that_refused() -> None:
@@ -44,3 +54,30 @@ def test_meeting_in_a_folder_changes_nothing_but_the_endpoint() -> None:
     met = meeting_in(Path("/tmp/x"), settings)
     assert met.zenoh.router == "unixsock-stream//tmp/x/router.sock"
     assert (met.seed, met.robot, met.bridge) == (5, settings.robot, settings.bridge)
+
+
+def left_behind(base: Path, name: str, *, age_s: float) -> Path:
+    """A folder as a killed process leaves it."""
+    folder = base / name
+    folder.mkdir()
+    (folder / "lock").touch()
+    (folder / "router.log").write_text("x")
+    long_ago = time.time() - age_s
+    os.utime(folder, (long_ago, long_ago))
+    return folder
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(
+    monkeypatch: pytest.MonkeyPatch, short_base: Path
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", os.fspath(short_base))
+    orphan = left_behind(short_base, "clustermcl-orphan", age_s=60.0)
+    newborn = left_behind(short_base, "clustermcl-newborn", age_s=0.0)
+    stranger = left_behind(short_base, "somebody-elses", age_s=60.0)
+    with temporary_folder() as first:
+        long_ago = time.time() - 60.0
+        os.utime(first, (long_ago, long_ago))
+        with temporary_folder() as second:
+            assert sorted(short_base.iterdir()) == sorted([first, newborn, second, stranger])
+    assert not orphan.exists()
+    assert sorted(short_base.iterdir()) == sorted([newborn, stranger])
