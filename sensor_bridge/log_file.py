@@ -143,7 +143,8 @@ def ranges_of(words: Sequence[str], m_per_unit: float = 1.0) -> NDArray[np.float
     Raises:
         ValueError: a word is no number.
     """
-    return (np.array(numbers_of(words)) * m_per_unit).astype(np.float32)
+    with np.errstate(over="ignore"):  # 1e300 m becomes infinite
+        return (np.array(numbers_of(words)) * m_per_unit).astype(np.float32)
 
 
 def pose_of(words: Sequence[str], m_per_unit: float = 1.0) -> PoseTuple:

@@ -1,0 +1,239 @@
+"""Whatever is in a file, a reader reads it or says what is wrong with it in its own error."""
+
+import contextlib
+import gzip
+import io
+import lzma
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from clustermcl.reference import load_reference
+from grid_maps import compressed
+from grid_maps.load import load_map
+from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.settings_file import load_settings
+from process_runtime.settings_table import TABLE, settings_as_toml
+from protocol.errors import (
+    InputFileError,
+    MapFileError,
+    RecordingError,
+    ReferenceFileError,
+    SettingsError,
+)
+from sensor_bridge import log_file
+from sensor_bridge.recording import open_recording
+from sensor_bridge.step_maker import steps_of
+from tests.fuzz.effort import cases
+from tests.fuzz.mutations import damaged, packed
+from tests.unit.sensor_bridge.logs import (
+    flaser,
+    odom,
+    raw_laser,
+    robot_laser,
+    wean_odometry,
+    wean_scan,
+)
+
+NUMBERS = st.sampled_from(
+    ["0", "1", "-1", "3", "2.5", "180", "-0.0", "1e9", "1e400", "-1e308", "nan", "inf", "1_0",
+     "0x10", "1e-320", "99999999999999999999", "", "x", "\0", "٣"]
+)  # fmt: skip
+WORDS = NUMBERS | st.sampled_from(
+    ["ODOM", "FLASER", "PARAM", "RAWLASER1", "ROBOTLASER1", "O", "L", "#", "SYNC", "host",
+     "robot_frontlaser_offset", "laser_front_laser_resolution"]
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("fuzz")
+
+
+def lines(*strategies: st.SearchStrategy[str]) -> st.SearchStrategy[bytes]:
+    """A text of such lines."""
+    listed = st.lists(st.one_of(strategies), max_size=12)
+    return listed.map(lambda text: "\n".join(text).encode())
+
+
+stamps = st.floats(0.0, 20.0).map("{:.3f}".format) | NUMBERS
+poses = st.tuples(*[st.floats(-5.0, 5.0).map("{:.3f}".format) | NUMBERS] * 3)
+centimetres = st.tuples(*[st.floats(-500.0, 500.0)] * 3)
+ranges = st.lists(st.floats(0.1, 80.0).map("{:.2f}".format) | NUMBERS, max_size=8)
+junk_lines = st.lists(WORDS, max_size=14).map(" ".join)
+carmen_logs = lines(
+    st.builds(odom, stamps, poses),
+    st.builds(flaser, stamps, poses, ranges),
+    st.builds(raw_laser, stamps, ranges, stamps),
+    st.builds(robot_laser, stamps, ranges, poses, poses),
+    junk_lines,
+)
+wean_logs = lines(
+    st.builds(wean_odometry, stamps, poses), st.builds(wean_scan, stamps, centimetres), junk_lines
+)
+
+
+@cases(0.06)
+@given(packed(damaged(carmen_logs | wean_logs)))
+def test_a_recording_becomes_steps_or_is_refused(folder: Path, content: bytes) -> None:
+    path = folder / "recording.log"
+    path.write_bytes(content)
+    with contextlib.suppress(RecordingError):
+        recording = open_recording(path, BridgeSettings())
+        for step in steps_of(recording, BridgeSettings(), map_digest=""):
+            assert np.all(np.isfinite(step.odom_from_robot))
+
+
+@cases(0.04)
+@given(packed(damaged(lines(st.lists(NUMBERS, min_size=7, max_size=9).map(" ".join), junk_lines))))
+def test_a_reference_is_read_or_refused(folder: Path, content: bytes) -> None:
+    path = folder / "reference.tum"
+    path.write_bytes(content)
+    with contextlib.suppress(ReferenceFileError):
+        load_reference(path).pose_at(0)
+
+
+wean_maps = st.builds(
+    lambda cell, sides, rows: "\n".join(
+        [f"robot_specifications->resolution {cell}", f"global_map[0]: {' '.join(sides)}", *rows]
+    ).encode(),
+    NUMBERS,
+    st.lists(NUMBERS, min_size=1, max_size=3),
+    st.lists(st.lists(st.sampled_from(["1", "-1", "0.5"]) | NUMBERS).map(" ".join), max_size=4),
+)
+
+
+@cases(0.03)
+@given(packed(damaged(wean_maps)))
+def test_a_wean_map_is_read_or_refused(folder: Path, content: bytes) -> None:
+    path = folder / "wean.dat"
+    path.write_bytes(content)
+    with contextlib.suppress(MapFileError):
+        load_map(path)
+
+
+def image(mode: str, kind: str, side: int) -> bytes:
+    packed_image = io.BytesIO()
+    Image.new(mode, (side, side + 1), 254 if mode in ("1", "L") else None).save(packed_image, kind)
+    return packed_image.getvalue()
+
+
+images = st.one_of(
+    st.builds(image, st.sampled_from(["1", "L", "LA", "RGB", "RGBA", "P", "I;16"]), st.just("PNG"),
+              st.integers(1, 40)),
+    st.builds(image, st.sampled_from(["1", "L", "RGB"]), st.just("PPM"), st.integers(1, 40)),
+    st.builds(lambda w, h, rest: f"P5\n{w} {h}\n255\n".encode() + rest, NUMBERS, NUMBERS,
+              st.binary(max_size=40)),
+)  # fmt: skip
+yaml_values = NUMBERS | st.sampled_from(
+    ["[0, 0, 0]", "[a, b]", "{a: b}", "&a [*a]", "*a", "!!python/object:os.system x", "map.pgm",
+     "[[[[", "2001-99-99", "0.05", "scale", "raw", "? ", "!!binary x", "<<: {a: 1}", "'", "../.."]
+)  # fmt: skip
+HEADER = {
+    "image": "map.pgm",
+    "resolution": "0.05",
+    "origin": "[0, 0, 0]",
+    "negate": "0",
+    "occupied_thresh": "0.65",
+    "free_thresh": "0.196",
+}
+headers = st.dictionaries(st.sampled_from([*HEADER, "mode", "<<"]), yaml_values, max_size=2).map(
+    lambda changes: "\n".join(f"{k}: {v}" for k, v in {**HEADER, **changes}.items()).encode()
+)
+
+
+@cases(0.05)
+@given(damaged(headers), packed(images))
+def test_a_ros_map_is_read_or_refused(folder: Path, header: bytes, pixels: bytes) -> None:
+    (folder / "map.yaml").write_bytes(header)
+    (folder / "map.pgm").write_bytes(pixels)
+    with contextlib.suppress(MapFileError):
+        load_map(folder / "map.yaml")
+
+
+toml_values = NUMBERS | st.sampled_from(
+    ["true", '"x"', "[1]", "{a=1}", "[" * 3000, "{a=" * 3000, "9" * 5000, "1979-05-27", "''", "0.5"]
+)
+settings_files = lines(
+    st.sampled_from(sorted({f"[{name.partition('.')[0]}]" for name in TABLE})),
+    st.builds(
+        "{} = {}".format, st.sampled_from([n.rpartition(".")[2] for n in TABLE]), toml_values
+    ),
+    junk_lines,
+) | st.just(settings_as_toml(Settings()).encode())
+
+
+@cases(0.05)
+@given(damaged(settings_files), st.lists(st.builds("{}={}".format, st.sampled_from(list(TABLE)),
+       toml_values), max_size=2))  # fmt: skip
+def test_settings_are_read_or_refused(folder: Path, content: bytes, given_too: list[str]) -> None:
+    path = folder / "settings.toml"
+    path.write_bytes(content)
+    with contextlib.suppress(InputFileError, SettingsError):
+        load_settings(path, given_too)
+
+
+# --- files that are far larger than they look -----------------------------------------------------
+
+
+def gzip_bomb(line: bytes, times: int) -> bytes:
+    packer = zlib.compressobj(9, wbits=31)
+    return b"".join(packer.compress(line * 1000) for _ in range(times // 1000)) + packer.flush()
+
+
+@pytest.fixture
+def small_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A limit of 8 MiB, so that the test is short; the code is the same for all limits."""
+    monkeypatch.setattr(compressed, "MAX_FILE_BYTES", 2**23)
+    monkeypatch.setattr(log_file, "MAX_FILE_BYTES", 2**23)
+
+
+@pytest.mark.parametrize("pack", [lambda data: data, gzip.compress, lzma.compress])
+@pytest.mark.usefixtures("small_limit")
+def test_a_map_that_unpacks_without_end_is_refused(
+    folder: Path, pack: Callable[[bytes], bytes]
+) -> None:
+    path = folder / "bomb.dat"
+    path.write_bytes(pack(bytes(20_000_000)))
+    with pytest.raises(MapFileError, match="MiB unpacked"):
+        load_map(path)
+
+
+@pytest.mark.usefixtures("small_limit")
+def test_a_recording_that_unpacks_without_end_is_refused(folder: Path) -> None:
+    path = folder / "bomb.log.gz"
+    path.write_bytes(gzip_bomb(b"# nothing at all in this remark\n", 1_000_000))
+    assert path.stat().st_size < 100_000
+    with pytest.raises(RecordingError, match="MiB unpacked"):
+        open_recording(path, BridgeSettings())
+
+
+def test_a_png_that_unpacks_without_end_is_refused(folder: Path) -> None:
+    header = b"\x00\x00\x00\rIHDR" + (2**16).to_bytes(4, "big") * 2 + b"\x08\x06\x00\x00\x00"
+    body = b"\x89PNG\r\n\x1a\n" + header + zlib.crc32(header[4:]).to_bytes(4, "big")
+    (folder / "map.pgm").write_bytes(body + b"\x00\x00\x00\x00IDAT" + bytes(1000))
+    (folder / "map.yaml").write_text("".join(f"{key}: {HEADER[key]}\n" for key in HEADER))
+    with pytest.raises(MapFileError, match="65536 x 65536 pixels"):
+        load_map(folder / "map.yaml")
+
+
+def test_a_yaml_file_of_a_billion_laughs_is_refused(folder: Path) -> None:
+    laughs = ["a0: &a0 [lol, lol]"]
+    laughs += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 30)]
+    path = folder / "laughs.yaml"
+    path.write_text("\n".join([*laughs, "image: *a29"]))
+    with pytest.raises(MapFileError, match=r"laughs\.yaml:2: YAML aliases"):
+        load_map(path)
+
+
+def test_a_long_yaml_file_is_refused_unread(folder: Path) -> None:
+    path = folder / "long.yaml"
+    path.write_text("image: x\n" + "a: " + "[" * 100_000)
+    with pytest.raises(MapFileError, match="some hundred"):
+        load_map(path)
