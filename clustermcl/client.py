@@ -192,10 +192,12 @@ class Client:
 
     def _nobody(self, key: str, error: UnreachableError) -> UnreachableError:
         who = "simulator" if key == keys.KIDNAP else "coordinator"
+        router = self._settings.zenoh.router
+        denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(
             f"no {who} of robot {self._settings.robot.name!r} answers at "
-            f"{self._settings.zenoh.router} ({error}): start one with 'clustermcl up', "
-            f"or set robot.name or zenoh.router"
+            f"{router} ({error}): start one with 'clustermcl up', or set robot.name or "
+            f"zenoh.router{denied if router.startswith('tls/') else ''}"
         )
 
 

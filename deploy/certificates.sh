@@ -98,7 +98,7 @@ make_authority() {
     [[ ! -e $folder/authority.key ]] || fail "$folder has authority.key but no authority.pem"
     new_key "$folder/authority.key"
     quietly req -x509 -new -key "$folder/authority.key" -sha256 -days "$AUTHORITY_DAYS" \
-        -subj "/CN=Cluster-MCL authority" -addext "basicConstraints=critical,CA:TRUE,pathlen:0" \
+        -subj "/CN=Cluster-MCL authority $(openssl rand -hex 4)" -addext "basicConstraints=critical,CA:TRUE,pathlen:0" \
         -addext "keyUsage=critical,keyCertSign,cRLSign" -out "$folder/authority.pem"
     chmod 644 "$folder/authority.pem"
     echo "authority: made, good for $((AUTHORITY_DAYS / 365)) years; keep $folder/authority.key off the robots"

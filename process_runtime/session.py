@@ -51,7 +51,7 @@ def _connect(
 ) -> zenoh.Session:
     configuration = client_configuration(settings, robot)
     deadline_s = time.monotonic() + wait_s if wait_s is not None else float("inf")
-    waiting = False
+    said = ""
     while True:
         stop.check()
         left_ms = (deadline_s - time.monotonic()) * 1000.0
@@ -59,14 +59,29 @@ def _connect(
         try:
             return zenoh.open(as_zenoh(configuration))
         except zenoh.ZError as error:
-            # ZError is all that Zenoh tells: an absent router and a refused certificate alike.
+            refusal = _refusal(settings)
             if time.monotonic() >= deadline_s:
-                raise UnreachableError(
+                problem = (
                     f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'python -I -m process_runtime.router', "
                     f"or set zenoh.router"
-                ) from error
-            if not waiting:
-                _log.info("waiting for a router at %s", settings.router)
-                waiting = True
+                )
+                raise UnreachableError(refusal or problem) from error
+            said = _say_once(refusal or f"waiting for a router at {settings.router}", said)
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
+
+
+def _refusal(settings: ZenohSettings) -> str | None:
+    """Why the router keeps us out; a ZError tells of an absent one just the same."""
+    if not settings.router.startswith("tls/"):
+        return None
+    from process_runtime.tls import why_refused  # noqa: PLC0415 - 10 ms for those who need it
+
+    refused = why_refused(settings)
+    return f"{settings.router}: {refused}" if refused else None
+
+
+def _say_once(words: str, said: str) -> str:
+    if words != said:
+        _log.info("%s", words)
+    return words

@@ -8,7 +8,6 @@ after a kill -9); a node that says nothing for 2 s is gone; links come back with
 import json
 import os
 import re
-from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -31,7 +30,7 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Confi
     """Zenoh's configuration of a process that serves one robot.
 
     Raises:
-        SettingsError: the endpoint is malformed, or a certificate's file is missing.
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
     """
     check_endpoint(settings.router)
     transport = _transport()
@@ -60,11 +59,16 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
     """Zenoh's configuration of the router; the official ``zenohd`` takes the same.
 
     Raises:
-        SettingsError: the endpoint is malformed, or a certificate's file is missing.
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
     """
     check_endpoint(settings.router)
     transport = _transport()
     if settings.router.startswith("tls/"):
+        if not settings.tls_certificate:
+            raise SettingsError(
+                f"zenoh.router = {settings.router!r}: a router there needs a certificate: set "
+                f"zenoh.tls_certificate and zenoh.tls_private_key"
+            )
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
     return {
@@ -159,8 +163,8 @@ def _tls(settings: ZenohSettings, direction: str) -> Configuration:
         f"{direction}_certificate": settings.tls_certificate,
         f"{direction}_private_key": settings.tls_private_key,
     }
-    for file in filter(None, files.values()):
-        if not Path(file).is_file():  # Zenoh would only say that it cannot connect
-            raise SettingsError(f"zenoh.tls_...: no such file {file!r}")
+    from process_runtime.tls import check_files  # noqa: PLC0415 - 10 ms for those who need it
+
+    check_files(settings)  # Zenoh would only say that it cannot connect
     mutual = {"enable_mtls": True} if direction == "connect" and own else {}
     return {name: path for name, path in files.items() if path} | mutual

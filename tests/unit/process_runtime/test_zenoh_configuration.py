@@ -2,7 +2,6 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-import msgspec
 import pytest
 import zenoh
 from hypothesis import given
@@ -95,37 +94,6 @@ def test_zenohs_message_is_stripped_of_places_in_its_source() -> None:
         zenoh.Config().insert_json5("mode", '"routre"')
     assert ".rs" not in readable(caught.value)
     assert "routre" in readable(caught.value)
-
-
-def test_certificates_go_to_tls_endpoints_by_their_role(tmp_path: Path) -> None:
-    files = {}
-    for name in ("tls_ca_certificate", "tls_certificate", "tls_private_key"):
-        file = tmp_path / name
-        file.touch()
-        files[name] = str(file)
-    settings = msgspec.structs.replace(ZenohSettings(), router="tls/localhost:7449", **files)
-    client = client_configuration(settings, RobotSettings())["transport"]["link"]["tls"]
-    router = router_configuration(settings)["transport"]["link"]["tls"]
-    assert client == {
-        "verify_name_on_connect": True,
-        "enable_mtls": True,
-        "root_ca_certificate": files["tls_ca_certificate"],
-        "connect_certificate": files["tls_certificate"],
-        "connect_private_key": files["tls_private_key"],
-    }
-    assert router == {
-        "enable_mtls": True,
-        "root_ca_certificate": files["tls_ca_certificate"],
-        "listen_certificate": files["tls_certificate"],
-        "listen_private_key": files["tls_private_key"],
-    }
-    as_zenoh(router_configuration(settings))
-
-
-def test_a_missing_certificate_is_named() -> None:
-    settings = ZenohSettings(router="tls/localhost:7449", tls_ca_certificate="none.pem")
-    with pytest.raises(SettingsError, match=r"no such file 'none\.pem'"):
-        client_configuration(settings, RobotSettings())
 
 
 def test_the_deployed_router_file_is_the_routers_configuration() -> None:

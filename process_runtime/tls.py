@@ -1,0 +1,116 @@
+"""Certificates: what is wrong with the files, and why a router refuses them.
+
+Zenoh only says that it cannot connect. Python's own TLS, given the same files, says why.
+"""
+
+import re
+import socket
+import ssl
+from pathlib import Path
+
+from process_runtime.settings import ZenohSettings
+from protocol.errors import SettingsError
+
+_PROBE_S = 1.0
+_ALERT_S = 0.3
+
+_STRANGER = "another authority than the router's has signed it"
+
+_REFUSALS = {
+    "TLSV1_ALERT_UNKNOWN_CA": _STRANGER,
+    "TLSV1_ALERT_DECRYPT_ERROR": _STRANGER,
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the router asks for a certificate: set "
+    "zenoh.tls_certificate and zenoh.tls_private_key",
+    "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired",
+    "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is not a client's certificate",
+    "SSLV3_ALERT_BAD_CERTIFICATE": "the router cannot read it",
+}
+"""What the router's TLS alerts mean, by the names that OpenSSL has for them."""
+
+
+def check_files(settings: ZenohSettings) -> None:
+    """Refuse certificate files that no connection could be made with.
+
+    Raises:
+        SettingsError: one cannot be read, is not PEM, or key and certificate do not fit.
+    """
+    for name in ("tls_ca_certificate", "tls_certificate", "tls_private_key"):
+        file = getattr(settings, name)
+        if file:
+            _check_readable(name, file)
+    certificate, key = settings.tls_certificate, settings.tls_private_key
+    if bool(certificate) != bool(key):
+        given, missing = ("tls_certificate", "tls_private_key")[:: 1 if certificate else -1]
+        raise SettingsError(f"zenoh.{given} is set and zenoh.{missing} is not: give both")
+    _context(settings)
+
+
+def why_refused(settings: ZenohSettings) -> str | None:
+    """Try the TLS handshake that Zenoh makes, to tell a person why it fails.
+
+    Args:
+        settings: of a client whose endpoint is ``tls/HOST:PORT`` and whose files were checked.
+
+    Returns:
+        What is wrong with the certificates; None if nothing is, or nobody listens there.
+    """
+    host, _, port = settings.router.removeprefix("tls/").rpartition(":")
+    host, port = host.strip("[]"), re.sub(r"[?#].*", "", port)
+    try:
+        with (
+            socket.create_connection((host, int(port)), _PROBE_S) as raw,
+            _context(settings).wrap_socket(raw, server_hostname=host) as connection,
+        ):
+            connection.settimeout(_ALERT_S)  # in TLS 1.3 the refusal comes after the handshake
+            connection.recv(1)
+    except ssl.SSLCertVerificationError as error:
+        return f"the router's certificate is not to be trusted: {error.verify_message}"
+    except ssl.SSLError as error:
+        meaning = _REFUSALS.get(error.reason or "", f"TLS fails with {error.reason}")
+        return f"the router refuses {_named(settings)}: {meaning}"
+    except (OSError, ValueError):
+        return None
+    return None
+
+
+def _named(settings: ZenohSettings) -> str:
+    if not settings.tls_certificate:
+        return "a client without a certificate"
+    return f"zenoh.tls_certificate = {settings.tls_certificate!r}"
+
+
+def _check_readable(name: str, file: str) -> None:
+    try:
+        text = Path(file).read_text(encoding="ascii", errors="replace")
+    except FileNotFoundError as error:
+        raise SettingsError(f"zenoh.{name} = {file!r}: no such file") from error
+    except OSError as error:
+        raise SettingsError(f"zenoh.{name} = {file!r}: {error.strerror}") from error
+    kind = "PRIVATE KEY" if name == "tls_private_key" else "CERTIFICATE"
+    if not re.search(rf"-----BEGIN [A-Z ]*{kind}-----", text):
+        article = "private key" if kind == "PRIVATE KEY" else "certificate"
+        raise SettingsError(f"zenoh.{name} = {file!r}: there is no {article} in it (PEM)")
+
+
+def _context(settings: ZenohSettings) -> ssl.SSLContext:
+    """The same files for Python's TLS."""
+    authority = settings.tls_ca_certificate
+    try:
+        context = ssl.create_default_context(cafile=authority or None)
+    except ssl.SSLError as error:
+        raise SettingsError(
+            f"zenoh.tls_ca_certificate = {authority!r}: not a certificate: {error.reason}"
+        ) from error
+    certificate, key = settings.tls_certificate, settings.tls_private_key
+    if certificate:
+        try:
+            context.load_cert_chain(certificate, key, password="")  # never asks at the terminal
+        except ssl.SSLError as error:
+            problem = f"do not fit together: {error.reason or 'not readable'}"
+            if error.reason == "KEY_VALUES_MISMATCH":
+                problem = "do not fit together: the key is another certificate's"
+            raise SettingsError(
+                f"zenoh.tls_certificate = {certificate!r} and "
+                f"zenoh.tls_private_key = {key!r} {problem}"
+            ) from error
+    return context

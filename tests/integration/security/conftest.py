@@ -1,0 +1,68 @@
+"""A router as it is deployed: mutual TLS, access control, a certificate a role."""
+
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from process_runtime.secure_router import secure_router_configuration
+from process_runtime.session import open_session
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from process_runtime.zenoh_configuration import as_zenoh
+from tests.integration.security.certificates import client_with, make_certificates
+
+NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "viewer", "operator")
+"""Every role, with two workers' machines; of the role ``router`` there is one besides."""
+
+OpenAs = Callable[[str], zenoh.Session]
+
+
+def free_port() -> int:
+    """A port that was free a moment ago."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port: int = server.getsockname()[1]
+        return port
+
+
+@pytest.fixture(scope="session")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of the certificates of all `NAMES` and of the router, made by the script."""
+    folder = tmp_path_factory.mktemp("certificates")
+    made = make_certificates(folder, "router", *NAMES)
+    assert made.returncode == 0, made.stderr
+    return folder
+
+
+@pytest.fixture(scope="module")
+def secure_endpoint(certificates: Path) -> Iterator[str]:
+    """Where a router listens that has the certificates and the access control."""
+    endpoint = f"tls/localhost:{free_port()}"
+    workers = [name for name in NAMES if name.startswith("worker")]
+    configuration = secure_router_configuration(endpoint, str(certificates), [], workers)
+    with zenoh.open(as_zenoh(configuration)):
+        yield endpoint
+
+
+@pytest.fixture(scope="module")
+def client_of(certificates: Path, secure_endpoint: str) -> Callable[[str], ZenohSettings]:
+    """Settings of the client with the certificate of a name."""
+    return lambda name: client_with(certificates, name, secure_endpoint)
+
+
+@pytest.fixture(scope="module")
+def as_role(client_of: Callable[[str], ZenohSettings]) -> Iterator[OpenAs]:
+    """Sessions by the name of their certificate, opened once, closed after the module."""
+    opened: dict[str, zenoh.Session] = {}
+    with ExitStack() as sessions:
+
+        def open_as(name: str) -> zenoh.Session:
+            if name not in opened:
+                session = open_session(client_of(name), RobotSettings(), StopFlag(), wait_s=20.0)
+                opened[name] = sessions.enter_context(session)
+            return opened[name]
+
+        yield open_as

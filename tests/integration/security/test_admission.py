@@ -1,0 +1,106 @@
+"""Who gets a link to the router at all."""
+
+import shutil
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from process_runtime.session import open_session
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol.errors import UnreachableError
+from tests.integration.security.certificates import (
+    client_with,
+    make_certificates,
+    require_openssl,
+    with_lifetime,
+    without_certificate,
+)
+from tests.integration.waiting import wait_until
+
+require_openssl()
+
+ClientOf = Callable[[str], ZenohSettings]
+
+
+def refusal(settings: ZenohSettings) -> str:
+    """What a person is told who tries to connect."""
+    with (
+        pytest.raises(UnreachableError) as caught,
+        open_session(settings, RobotSettings(), StopFlag(), wait_s=0.2),
+    ):
+        pass
+    return str(caught.value)
+
+
+@pytest.fixture
+def scratch(certificates: Path, tmp_path: Path) -> Path:
+    """A copy of the certificates, for tests that change them."""
+    return shutil.copytree(certificates, tmp_path / "certificates")
+
+
+def test_a_certificate_of_the_routers_authority_gets_in(client_of: ClientOf) -> None:
+    settings = client_of("viewer")
+    with open_session(settings, RobotSettings(), StopFlag(), wait_s=20.0) as session:
+        wait_until(session.info.routers_zid)
+
+
+def test_without_a_certificate_nobody_gets_in(client_of: ClientOf) -> None:
+    said = refusal(without_certificate(client_of("viewer")))
+    assert "a client without a certificate: the router asks for a certificate" in said
+
+
+def test_a_certificate_of_an_unknown_authority_is_refused(
+    client_of: ClientOf, tmp_path: Path
+) -> None:
+    make_certificates(tmp_path, "viewer")
+    ours = client_of("viewer")
+    theirs = client_with(tmp_path, "viewer", ours.router)
+    theirs = msgspec.structs.replace(theirs, tls_ca_certificate=ours.tls_ca_certificate)
+    assert "another authority than the router's has signed it" in refusal(theirs)
+
+
+def test_a_router_of_an_unknown_authority_is_not_trusted(
+    client_of: ClientOf, tmp_path: Path
+) -> None:
+    make_certificates(tmp_path, "viewer")
+    theirs = client_with(tmp_path, "viewer", client_of("viewer").router)
+    assert "the router's certificate is not to be trusted" in refusal(theirs)
+
+
+def test_an_expired_certificate_is_refused(client_of: ClientOf, scratch: Path) -> None:
+    with_lifetime(scratch, "viewer", -timedelta(days=9), -timedelta(days=1))
+    settings = client_with(scratch, "viewer", client_of("viewer").router)
+    said = refusal(settings)
+    assert "it has expired" in said
+    assert settings.tls_certificate in said
+
+
+def test_the_routers_own_certificate_does_not_make_a_client(client_of: ClientOf) -> None:
+    assert "it is not a client's certificate" in refusal(client_of("router"))
+
+
+def test_plain_tcp_is_refused(client_of: ClientOf) -> None:
+    plain = client_of("viewer").router.replace("tls/", "tcp/")
+    assert "no router at tcp/" in refusal(ZenohSettings(router=plain))
+
+
+def test_where_nobody_listens_certificates_are_not_blamed(client_of: ClientOf) -> None:
+    away = msgspec.structs.replace(client_of("viewer"), router="tls/localhost:1")
+    assert refusal(away).startswith("no router at tls/localhost:1 within")
+
+
+def test_a_link_ends_when_its_certificate_does_and_comes_back_with_a_new_one(
+    client_of: ClientOf, scratch: Path
+) -> None:
+    with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=4))
+    settings = client_with(scratch, "viewer", client_of("viewer").router)
+    with open_session(settings, RobotSettings(), StopFlag(), wait_s=4.0) as session:
+        wait_until(session.info.routers_zid)
+        wait_until(lambda: not session.info.routers_zid())
+        made = make_certificates(scratch, "--force", "viewer")
+        assert made.returncode == 0, made.stderr
+        wait_until(session.info.routers_zid)
