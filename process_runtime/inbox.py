@@ -7,6 +7,10 @@ from typing import Generic, TypeVar
 
 EventT = TypeVar("EventT")
 
+MAX_KIND_BYTES = 128 * 1024 * 1024
+"""Of the payloads that wait, for each kind of state and for events: counts bound honest traffic,
+this bounds the memory that large messages of a stranger's can take."""
+
 
 class Inbox(Generic[EventT]):
     """Bounded queue from many threads to one, in the order of arrival; a put never waits.
@@ -15,25 +19,32 @@ class Inbox(Generic[EventT]):
     session. So a full inbox gives way: of the *states* (scans, odometry) the oldest of the
     same kind is dropped, for the next repairs it. *Events* (assignments, liveliness, queries)
     are never dropped for a state; past their own bound the newest is refused, and the caller
-    can say so to whoever asks.
+    can say so to whoever asks. What has a `payload` also counts by its bytes.
     """
 
-    def __init__(self, keep_newest: Mapping[str, int], *, max_events: int = 4096) -> None:
+    def __init__(
+        self,
+        keep_newest: Mapping[str, int],
+        *,
+        max_events: int = 4096,
+        max_kind_bytes: int = MAX_KIND_BYTES,
+    ) -> None:
         """Set the bounds.
 
         Args:
             keep_newest: kinds of states, and how many of each are kept.
             max_events: events that may wait; more means that the loop hangs.
+            max_kind_bytes: bytes of payloads that may wait of each kind, and of events.
 
         Raises:
             ValueError: a bound is less than one.
         """
         if min([max_events, *keep_newest.values()]) < 1:
             raise ValueError("an inbox keeps at least one of each kind")
-        self._states = {kind: deque[tuple[int, EventT]]() for kind in keep_newest}
+        self._states = {kind: _Waiting[EventT]() for kind in keep_newest}
         self._bounds = dict(keep_newest)
-        self._events: deque[tuple[int, EventT]] = deque()
-        self._max_events = max_events
+        self._events = _Waiting[EventT]()
+        self._max_events, self._max_bytes = max_events, max_kind_bytes
         self._arrived = 0
         self._closed = False
         self._dropped: Counter[str] = Counter()
@@ -44,7 +55,8 @@ class Inbox(Generic[EventT]):
         with self._changed:
             if self._closed:
                 return False
-            if len(self._events) >= self._max_events:
+            full = len(self._events.queue) >= self._max_events
+            if full or self._events.bytes + _size(event) > self._max_bytes:
                 self._dropped["event"] += 1
                 return False
             self._append(self._events, event)
@@ -60,10 +72,17 @@ class Inbox(Generic[EventT]):
             waiting = self._states[kind]
             if self._closed:
                 return
-            if len(waiting) >= self._bounds[kind]:
+            while len(waiting.queue) >= self._bounds[kind] or (
+                waiting.queue and waiting.bytes + _size(state) > self._max_bytes
+            ):
                 waiting.popleft()
                 self._dropped[kind] += 1
             self._append(waiting, state)
+
+    def count_refused(self, kind: str) -> None:
+        """Count what was refused before it got here, as being too large."""
+        with self._changed:
+            self._dropped[f"{kind} too large"] += 1
 
     def get(self, timeout_s: float) -> EventT | None:
         """Take what arrived first, waiting at most so long; None if nothing came.
@@ -75,7 +94,7 @@ class Inbox(Generic[EventT]):
         with self._changed:
             self._changed.wait_for(lambda: self._closed or self._oldest() is not None, timeout_s)
             oldest = self._oldest()
-            return oldest.popleft()[1] if oldest is not None else None
+            return oldest.popleft() if oldest is not None else None
 
     def close(self) -> None:
         """Accept no more and wake the loop; may be called again."""
@@ -89,16 +108,37 @@ class Inbox(Generic[EventT]):
         return self._closed
 
     def dropped(self) -> dict[str, int]:
-        """How many of each kind of state were lost here, and of refused events as ``event``."""
+        """How many were lost here: by kind of state, refused events as ``event``."""
         with self._changed:
             return dict(self._dropped)
 
-    def _append(self, waiting: deque[tuple[int, EventT]], event: EventT) -> None:
-        waiting.append((self._arrived, event))
+    def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
+        waiting.append(self._arrived, event)
         self._arrived += 1
         self._changed.notify()
 
-    def _oldest(self) -> deque[tuple[int, EventT]] | None:
+    def _oldest(self) -> "_Waiting[EventT] | None":
         """The queue whose head arrived first; None if all are empty."""
-        filled = [waiting for waiting in (self._events, *self._states.values()) if waiting]
-        return min(filled, key=lambda waiting: waiting[0][0], default=None)
+        filled = [waiting for waiting in (self._events, *self._states.values()) if waiting.queue]
+        return min(filled, key=lambda waiting: waiting.queue[0][0], default=None)
+
+
+class _Waiting(Generic[EventT]):
+    """A queue of numbered events that knows how many bytes wait in it."""
+
+    def __init__(self) -> None:
+        self.queue: deque[tuple[int, EventT]] = deque()
+        self.bytes = 0
+
+    def append(self, number: int, event: EventT) -> None:
+        self.queue.append((number, event))
+        self.bytes += _size(event)
+
+    def popleft(self) -> EventT:
+        _, event = self.queue.popleft()
+        self.bytes -= _size(event)
+        return event
+
+
+def _size(event: object) -> int:
+    return len(getattr(event, "payload", b""))

@@ -12,6 +12,7 @@ import zenoh
 from process_runtime.inbox import Inbox
 from protocol.codec import decode, encode
 from protocol.errors import UnreachableError
+from protocol.limits import max_bytes_on
 from protocol.message import Message
 
 ENCODING = "application/msgpack"
@@ -96,7 +97,11 @@ def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> Non
     """Put what is published on `key` into the inbox, as states of a kind."""
 
     def on_sample(sample: zenoh.Sample) -> None:
-        inbox.put_newest(kind, Received(str(sample.key_expr), sample.payload.to_bytes()))
+        name = str(sample.key_expr)
+        if len(sample.payload) > max_bytes_on(name):
+            inbox.count_refused(kind)
+        else:
+            inbox.put_newest(kind, Received(name, sample.payload.to_bytes()))
 
     session.declare_subscriber(key, on_sample)
 
@@ -105,8 +110,14 @@ def serve(session: zenoh.Session, key: str, inbox: Events) -> None:
     """Put queries on `key` into the inbox; one that finds it full is refused at once."""
 
     def on_query(query: zenoh.Query) -> None:
-        payload = query.payload.to_bytes() if query.payload is not None else b""
-        asked = Asked(str(query.key_expr), payload, query)
+        name, payload = str(query.key_expr), b""
+        if query.payload is not None:
+            if len(query.payload) > max_bytes_on(name):
+                inbox.count_refused("query")
+                Asked(name, b"", query).refuse("too large")
+                return
+            payload = query.payload.to_bytes()
+        asked = Asked(name, payload, query)
         if not inbox.put(asked):
             asked.refuse("too busy; ask again")
 

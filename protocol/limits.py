@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, get_args
 
-from protocol.answers import Belief, Hypotheses, Status
-from protocol.steps import LaserReading, MapMessage, Scan, ScanHistory
+from protocol import keys
+from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, SearchReport, TrackReport, WorkerState, WorkOrder
 
 SMALL_BYTES = 64 * 1024
@@ -32,3 +33,25 @@ def max_bytes(expected: Any) -> int:
         expected: a message class, or a union of them.
     """
     return max(_BYTES.get(kind, SMALL_BYTES) for kind in get_args(expected) or (expected,))
+
+
+_ON_KEY: Mapping[str, Any] = MappingProxyType(
+    {
+        keys.ODOMETRY_READING: OdometryReading,
+        keys.LASER_READING: LaserReading,
+        keys.SCAN: Scan,
+        keys.ODOMETRY: OdometryReading,
+        keys.BELIEF: Belief,
+        keys.SET_POSE: SetPose,
+        keys.RELOCALIZE: Relocalize,
+        keys.KIDNAP: Kidnap,
+    }
+)
+
+
+def max_bytes_on(key: str) -> int:
+    """The most bytes that a message on a key, or the payload of a query there, may have.
+
+    What is larger is refused before it is copied, let alone decoded.
+    """
+    return max_bytes(_ON_KEY[key]) if key in _ON_KEY else LARGEST_BYTES

@@ -1,5 +1,6 @@
 import threading
 import time
+from dataclasses import dataclass
 
 import pytest
 from hypothesis import given
@@ -106,3 +107,28 @@ def test_bounds_below_one_and_unknown_kinds_are_mistakes() -> None:
         Inbox[str]({"scan": 0})
     with pytest.raises(KeyError):
         Inbox[str]({"scan": 1}).put_newest("scna", "x")
+
+
+@dataclass(frozen=True)
+class Heavy:
+    payload: bytes
+
+
+def test_large_states_give_way_to_newer_ones_by_their_bytes() -> None:
+    inbox: Inbox[Heavy] = Inbox({"report": 100}, max_kind_bytes=1000)
+    for number in range(10):
+        inbox.put_newest("report", Heavy(bytes([number]) * 400))
+    left = [heavy.payload[0] for heavy in iter(lambda: inbox.get(0.0), None)]
+    assert left == [8, 9]
+    assert inbox.dropped() == {"report": 8}
+    inbox.put_newest("report", Heavy(b"1" * 5000))  # alone it may be larger
+    assert inbox.get(0.0) is not None
+
+
+def test_large_events_are_refused_by_their_bytes() -> None:
+    inbox: Inbox[Heavy] = Inbox({"report": 100}, max_kind_bytes=1000)
+    assert [inbox.put(Heavy(bytes(400))) for _ in range(3)] == [True, True, False]
+    assert inbox.get(0.0) is not None
+    assert inbox.put(Heavy(bytes(400)))
+    inbox.count_refused("query")
+    assert inbox.dropped() == {"event": 1, "query too large": 1}
