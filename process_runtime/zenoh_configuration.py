@@ -14,11 +14,14 @@ import zenoh
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from protocol.errors import SettingsError
+from protocol.sizes import LARGEST_BYTES
 
 CONNECT_TRY_MS = 1000
 """`zenoh.open` looks for the router so long; signals are handled only between two tries."""
 
 _LEASE_MS = 2000
+_MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
+"""A larger one is dropped in pieces on its way in, and the link lives on. Zenoh's: a gigabyte."""
 _WAIT_BEFORE_CLOSE_US = 300_000
 _SOCKET_PATH_MAX_BYTES = 107
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
@@ -143,6 +146,7 @@ def _transport() -> Configuration:
     return {
         "shared_memory": {"enabled": False},
         "link": {
+            "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
             "tx": {
                 "lease": _LEASE_MS,
                 "keep_alive": 4,
@@ -150,7 +154,7 @@ def _transport() -> Configuration:
                     # A frozen process may hold the others up 0.3 s, not Zenoh's 5 s.
                     "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}}
                 },
-            }
+            },
         },
     }
 

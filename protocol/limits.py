@@ -6,17 +6,9 @@ from typing import Any, get_args
 
 from protocol import keys
 from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.sizes import LARGEST_BYTES, LIST_BYTES, SCAN_BYTES, SMALL_BYTES
 from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, SearchReport, TrackReport, WorkerState, WorkOrder
-
-SMALL_BYTES = 64 * 1024
-"""Poses, commands, answers to them: a few hundred bytes of honest content."""
-SCAN_BYTES = 256 * 1024
-"""20,000 beams, more than any laser has, in eight bytes each."""
-LIST_BYTES = 1024 * 1024
-"""Hypotheses of thousands of clusters, the roster of a thousand processes."""
-LARGEST_BYTES = 32 * 1024 * 1024
-"""A million particles; 300 scans of 20,000 beams; the map of a square kilometre, compressed."""
 
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)

@@ -9,8 +9,8 @@ from protocol.answers import Kidnap, Relocalize, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.limits import LARGEST_BYTES, SMALL_BYTES
 from protocol.message import Message
+from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import Assignment, Particles, Report, TrackJob, TrackReport, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, place, scan, searched, tracked
