@@ -126,6 +126,7 @@ def _run_child(
     code = 1
     try:
         die_with_parent(parent_pid)
+        _be_called(name)
         stop = stop_on_signals()
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         configure_logging(name, logging.getLevelName(logging.getLogger().level))
@@ -134,6 +135,13 @@ def _run_child(
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)  # the exit handlers and open files are the parent's
+
+
+def _be_called(name: str) -> None:
+    """Have `ps` and `top` show which child it is; they share one command line."""
+    comm = Path("/proc/self/comm")
+    if comm.exists():
+        comm.write_text(name, "utf-8")  # the kernel keeps 15 bytes
 
 
 def _end(slots: list[_Slot]) -> None:
