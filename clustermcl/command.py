@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from clustermcl.experiments_command import experiments
+from clustermcl.soak.command import soak
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import Settings
@@ -28,6 +29,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(experiments)
+app.command()(soak)
 
 SettingsFile = Annotated[
     Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")

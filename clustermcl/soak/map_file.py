@@ -1,0 +1,28 @@
+"""A map as files of ROS's map_server, for the bridge to read as a person's map."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, OCCUPIED
+
+_FREE_GREY, _UNKNOWN_GREY, _OCCUPIED_GREY = 254, 205, 0
+
+
+def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
+    """Write ``name.yaml`` and ``name.pgm`` into a folder; returns the first."""
+    grey = np.full(grid_map.cells.shape, _UNKNOWN_GREY, np.uint8)
+    grey[grid_map.cells == FREE] = _FREE_GREY
+    grey[grid_map.cells == OCCUPIED] = _OCCUPIED_GREY
+    Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # an image begins at the top
+    x, y, heading = grid_map.map_from_grid
+    path = folder / f"{name}.yaml"
+    path.write_text(
+        f"image: {name}.pgm\nresolution: {grid_map.cell_m!r}\n"
+        f"origin: [{x!r}, {y!r}, {heading!r}]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        encoding="utf-8",
+    )
+    return path

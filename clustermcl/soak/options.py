@@ -1,0 +1,27 @@
+"""What a person asked of a soak."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from clustermcl.soak.robot import ROOMS
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoakOptions:
+    """The options of the command."""
+
+    minutes: float
+    robots: int
+    rate_hz: float
+    """Scans a second of each robot."""
+    world: str
+    chaos: bool
+    fault_every_s: float
+    json_file: Path | None
+    logs: Path | None
+    """Folder to keep the processes' logs in."""
+
+    @property
+    def rooms(self) -> bool:
+        """Whether the world is that of the eight rooms, where the number of places is known."""
+        return self.world == ROOMS

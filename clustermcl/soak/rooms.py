@@ -1,0 +1,52 @@
+"""Eight rooms exactly alike: a belief that has eight places for ever, so that none may go missing.
+
+In a world that tells its places apart the number of places is luck; here every cluster that is
+lost on the way, or counted twice, shows.
+"""
+
+import numpy as np
+
+from robot_simulator.worlds.canvas import Canvas
+from robot_simulator.worlds.world import World
+
+COLUMNS, ROWS = 4, 2
+PLACES = COLUMNS * ROWS
+_WIDTH_M, _HEIGHT_M = 6.0, 5.0
+_GAP_M = 0.5
+_START = (1.0, 1.0, 0.0)
+"""In its room, from the lower left corner."""
+
+
+def eight_rooms(room: int = 0) -> World:
+    """The rooms; the robot starts in one of them and cannot leave it.
+
+    Args:
+        room: which; another one is another robot's.
+    """
+    plan = Canvas(COLUMNS * (_WIDTH_M + _GAP_M) + 1.0, ROWS * (_HEIGHT_M + _GAP_M) + 1.0)
+    corners = [_corner(number) for number in range(PLACES)]
+    for x, y in corners:
+        plan.floor(x, y, x + _WIDTH_M, y + _HEIGHT_M)
+    plan.add_walls()
+    for x, y in corners:
+        plan.block(x + 2.4, y + 1.6, x + 2.8, y + 2.0)  # a pillar
+        plan.block(x, y + 3.9, x + 1.5, y + _HEIGHT_M)  # a cabinet
+        plan.block(x + 4.2, y, x + 5.0, y + 0.5)  # a chest
+        plan.block(x + 5.5, y + 3.0, x + _WIDTH_M, y + 3.8)  # a shelf
+    grid_map = plan.grid_map()
+    x, y = corners[room % PLACES]
+    return World(
+        name="eight_rooms",
+        summary="eight rooms exactly alike: eight places stay possible for ever",
+        map=grid_map,
+        truth=grid_map,
+        start=(x + _START[0], y + _START[1], _START[2]),
+    )
+
+
+def _corner(number: int) -> tuple[float, float]:
+    """Lower left corner of a room [m], a whole number of cells from any other's."""
+    row, column = divmod(number, COLUMNS)
+    low = np.array([COLUMNS * (_WIDTH_M + _GAP_M), ROWS * (_HEIGHT_M + _GAP_M)]) / -2.0
+    x, y = low + np.array([column * (_WIDTH_M + _GAP_M), row * (_HEIGHT_M + _GAP_M)]) + _GAP_M / 2
+    return float(x), float(y)

@@ -1,0 +1,90 @@
+"""Which faults come when: a plain list, the same for the same seed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+
+class Kind(StrEnum):
+    """What is done to the processes."""
+
+    WORKER_KILLED = "worker killed"
+    WORKER_FROZEN = "worker frozen"
+    ALL_WORKERS_KILLED = "all workers killed"
+    COORDINATOR_KILLED = "coordinator killed"
+    COORDINATOR_FROZEN = "coordinator frozen"
+    BRIDGE_KILLED = "bridge killed"
+    ROBOT_FROZEN = "robot frozen"
+    ROUTER_KILLED = "router killed"
+    ROUTER_FROZEN = "router frozen"
+    SLOW_NETWORK = "slow network"
+    MALFORMED_MESSAGES = "malformed messages"
+    WRONG_READINGS = "wrong readings"
+
+
+@dataclass(frozen=True)
+class _Rule:
+    copies: int
+    """In a deck of faults."""
+    lasts_s: tuple[float, float] = (0.0, 0.0)
+    """Shortest and longest."""
+
+
+_RULES = {
+    Kind.WORKER_KILLED: _Rule(4),
+    Kind.WORKER_FROZEN: _Rule(2, (0.5, 5.0)),
+    Kind.ALL_WORKERS_KILLED: _Rule(1),
+    Kind.COORDINATOR_KILLED: _Rule(2),
+    Kind.COORDINATOR_FROZEN: _Rule(1, (0.5, 4.0)),
+    Kind.BRIDGE_KILLED: _Rule(1),
+    Kind.ROBOT_FROZEN: _Rule(1, (1.5, 4.0)),
+    Kind.ROUTER_KILLED: _Rule(1),
+    Kind.ROUTER_FROZEN: _Rule(1, (0.5, 1.5)),
+    Kind.SLOW_NETWORK: _Rule(1, (3.0, 6.0)),
+    Kind.MALFORMED_MESSAGES: _Rule(1),
+    Kind.WRONG_READINGS: _Rule(1),
+}
+_NEAREST, _FARTHEST = 0.4, 1.6
+"""From one fault to the next, in mean distances: some overlap in their consequences."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault to come."""
+
+    at_s: float
+    """After the start of the soak."""
+    kind: Kind
+    lasts_s: float
+    """0: it is done in a moment."""
+    choice: float
+    """In [0, 1): which of those it could hit; known only when the time has come."""
+
+
+def planned(seed: int, *, first_s: float, last_s: float, every_s: float) -> tuple[Fault, ...]:
+    """All faults of a soak. Kinds come as from a shuffled deck of cards: soon all have been.
+
+    Args:
+        seed: of everything.
+        first_s: no fault is earlier.
+        last_s: nor later.
+        every_s: mean distance of two faults.
+    """
+    rng = np.random.default_rng([seed, 0xFA017])
+    deck = _deck(rng)
+    faults, at_s = [], first_s
+    while at_s <= last_s:
+        kind = next(deck)
+        low, high = _RULES[kind].lasts_s
+        faults.append(Fault(at_s, kind, float(rng.uniform(low, high)), float(rng.random())))
+        at_s += every_s * float(rng.uniform(_NEAREST, _FARTHEST))
+    return tuple(faults)
+
+
+def _deck(rng: np.random.Generator) -> Iterator[Kind]:
+    """Kinds without an end."""
+    cards = [kind for kind, rule in _RULES.items() for _ in range(rule.copies)]
+    while True:
+        yield from (cards[index] for index in rng.permutation(len(cards)))
