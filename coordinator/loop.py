@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Iterable
 
+import msgspec
 import zenoh
 from zenoh import handlers
 
@@ -14,7 +15,9 @@ from coordinator.coordinator import (
     PublishBelief,
     SendOrder,
 )
+from coordinator.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.roster import Change, Roster
+from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
@@ -32,9 +35,10 @@ from process_runtime.wire import (
     watch_link,
 )
 from protocol import keys
-from protocol.answers import CommandDone, Relocalize, SetPose
+from protocol.answers import CommandDone, Relocalize, SetPose, Status
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
+from protocol.health import Health
 from protocol.message import Message
 from protocol.steps import OdometryReading, Scan, ScanHistory
 from protocol.work import OrderAnswer, Report
@@ -51,8 +55,10 @@ class CoordinatorLoop:
 
     def __init__(self, coordinator: Coordinator, session: zenoh.Session) -> None:
         self._coordinator, self._session = coordinator, session
-        self._inbox: Events = Inbox({"scan": 256, "odometry": 1, "report": 4096})
+        self._inbox: Events = Inbox({"scan": 256, "odometry": 1, "report": 4096, "health": 1024})
         self._causes = CauseCounter()
+        self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
+        self._board = HealthBoard()
         self._roster = Roster()
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
@@ -63,6 +69,8 @@ class CoordinatorLoop:
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
         subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
         subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
+        for key in (keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH):
+            subscribe(self._session, key, self._inbox, "health")
         for key in (keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE):
             serve(self._session, key, self._inbox)
         watch_link(self._session, self._inbox)
@@ -88,17 +96,17 @@ class CoordinatorLoop:
                 case Link():
                     return self._on_link(event, now_ns)
         except MalformedMessageError as error:
-            cause = f"malformed {error.expected}"
-            self._causes.warn(_log, cause, error, time.monotonic())
+            self._causes.warn(_log, error.cause, error, time.monotonic())
         return self._coordinator.tick(now_ns)
 
     def _on_message(self, event: Received, now_ns: int) -> list[Instruction]:
         match event.key:
             case keys.SCAN:
                 scan = decode(event.payload, Scan)
-                scan.ranges.array()  # refuses a blob that does not fill its shape
+                self._health.happened("scans")
                 return self._coordinator.scan(scan, now_ns)
             case keys.ODOMETRY:
+                self._health.happened("odometry")
                 self._coordinator.odometry(decode(event.payload, OdometryReading), now_ns)
                 return []
             case keys.SCAN_HISTORY:
@@ -108,10 +116,28 @@ class CoordinatorLoop:
                 answer = decode(event.payload, OrderAnswer)
                 self._coordinator.order_answered(keys.worker_name(key), answer)
                 return []
+            case key if key.endswith("/health"):
+                self._on_health(key, decode(event.payload, Health), now_ns)
+                return []
             case _:
                 report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
+                self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
                 return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
+
+    def _on_health(self, key: str, health: Health, now_ns: int) -> None:
+        if key != keys.BRIDGE_HEALTH:
+            health = msgspec.structs.replace(health, sender=keys.worker_name(key))
+        if not self._board.heard(key, health, now_ns):
+            problem = f"{key}, besides {MAX_PROCESSES} others"
+            self._causes.warn(_log, "too many processes", problem, time.monotonic())
+
+    def _status(self, now_ns: int) -> Status:
+        status = self._coordinator.status(now_ns, self._health.dropped())
+        own = msgspec.structs.replace(
+            self._health.health(), sender=status.sender, dropped=status.counters
+        )
+        return msgspec.structs.replace(status, processes=(own, *self._board.all(now_ns)))
 
     def _on_link(self, event: Link, now_ns: int) -> list[Instruction]:
         was_linked = self._roster.linked
@@ -134,14 +160,14 @@ class CoordinatorLoop:
         return [do for change in changes for do in what[change.what](change.worker, now_ns)]
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
+        self._health.happened("questions")
         match asked.key:
             case keys.POSE:
                 asked.answer(self._coordinator.pose(now_ns))
             case keys.HYPOTHESES:
                 asked.answer(self._coordinator.hypotheses(now_ns))
             case keys.STATUS:
-                dropped = {f"dropped {k}": n for k, n in self._inbox.dropped().items()}
-                asked.answer(self._coordinator.status(now_ns, {**self._causes.total, **dropped}))
+                asked.answer(self._status(now_ns))
             case _:
                 return self._on_command(asked, now_ns)
         return []
@@ -182,6 +208,7 @@ class CoordinatorLoop:
                 case FetchScans(first, last):
                     self._ask(keys.scan_history(first, last))
                 case PublishBelief(belief, pose):
+                    self._health.happened("beliefs")
                     self._belief.put(belief)
                     self._pose.put(pose)
 

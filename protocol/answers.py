@@ -4,6 +4,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from protocol.health import Health
 from protocol.message import Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
@@ -89,6 +90,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     uptime_s: float
     term: int = 0
     """The coordinator's term."""
+    processes: tuple[Health, ...] = ()
+    """How each process is, the coordinator first; silent ones are left out after 30 s."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):

@@ -13,6 +13,7 @@ SCAN_HISTORY = "scans"
 MAP = "map"
 TRUTH = "truth"
 BRIDGE_ALIVE = "bridge/alive"
+BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
 
 BELIEF = "belief"
@@ -26,6 +27,7 @@ CHECKPOINT = "checkpoint"
 
 ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"
+ALL_WORKERS_HEALTH = "worker/*/health"
 
 
 def scan_history(first: int, last: int | None) -> str:
@@ -52,6 +54,11 @@ def worker_state(name: str) -> str:
 def worker_report(name: str) -> str:
     """Where a worker publishes what its jobs made of a step."""
     return f"worker/{name}/report"
+
+
+def worker_health(name: str) -> str:
+    """Where a worker says how it is."""
+    return f"worker/{name}/health"
 
 
 def worker_name(key: str) -> str:

@@ -46,4 +46,6 @@ def max_bytes_on(key: str) -> int:
 
     What is larger is refused before it is copied, let alone decoded.
     """
-    return max_bytes(_ON_KEY[key]) if key in _ON_KEY else LARGEST_BYTES
+    if key in _ON_KEY:
+        return max_bytes(_ON_KEY[key])
+    return SMALL_BYTES if key.endswith("/health") else LARGEST_BYTES

@@ -13,6 +13,7 @@ import numpy as np
 
 from protocol.answers import Kidnap, Relocalize, SetPose
 from protocol.errors import MalformedMessageError
+from protocol.health import Health
 from protocol.message import Covariance, PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
@@ -32,6 +33,8 @@ from protocol.work import (
 MAX_STEP = 2**53
 """Steps, epochs and numbers of orders stay below: 28 million years at 10 Hz."""
 MAX_ID_CHARACTERS = 128
+MAX_WORDS = 500
+"""Of one health message; processes have some twenty."""
 MAX_SIGMA_M = 1e4
 
 
@@ -108,6 +111,16 @@ def _(message: SearchReport) -> str | None:
         or _finite_problem("log_evidence", message.log_evidence)
         or _first(_place_problem(place) for place in message.places)
     )
+
+
+@problem_of.register
+def _(message: Health) -> str | None:
+    counts = (message.done, message.rates_per_s, message.ages_s, message.dropped)
+    words = [word for mapping in counts for word in mapping]
+    if len(words) > MAX_WORDS or max(map(len, (message.sender, *words))) > MAX_ID_CHARACTERS:
+        return f"{len(words)} words, or one of more than {MAX_ID_CHARACTERS} characters"
+    values = [message.uptime_s, *(value for mapping in counts for value in mapping.values())]
+    return None if all(map(math.isfinite, values)) else "a number that is not finite"
 
 
 @problem_of.register
