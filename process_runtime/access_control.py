@@ -57,8 +57,8 @@ def rights_of(role: str, worker: str = "*") -> Rights:
     """
     if role == WORKER:
         return Rights(
-            publishes=(keys.worker_report(worker),),
-            reads=(keys.SCAN,),
+            publishes=(keys.worker_report(worker), keys.worker_health(worker)),
+            reads=(keys.SCAN, keys.CHECKPOINT),
             serves=(keys.worker_order(worker), keys.worker_state(worker)),
             asks=(keys.MAP, keys.SCAN_HISTORY),
             announces=(keys.worker_alive(worker),),
@@ -67,7 +67,7 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(keys.POSE, keys.BELIEF),
+    reads=(keys.POSE, keys.BELIEF, keys.TRUTH),
     asks=(keys.POSE, keys.HYPOTHESES, keys.STATUS),
 )
 
@@ -78,7 +78,7 @@ _ROLES = {
         asks=(keys.POSE,),
     ),
     "bridge": Rights(
-        publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH),
+        publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
         reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.BELIEF),
         serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP),
         asks=(keys.STATUS,),
@@ -86,8 +86,11 @@ _ROLES = {
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
     ),
     "coordinator": Rights(
-        publishes=(keys.BELIEF, keys.POSE),
-        reads=(keys.SCAN, keys.ODOMETRY, keys.ALL_REPORTS),
+        publishes=(keys.BELIEF, keys.POSE, keys.CHECKPOINT),
+        reads=(
+            *(keys.SCAN, keys.ODOMETRY, keys.ALL_REPORTS, keys.CHECKPOINT),
+            *(keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH),
+        ),
         serves=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE),
         asks=(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
         announces=(keys.COORDINATOR_ALIVE,),

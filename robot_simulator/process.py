@@ -15,7 +15,7 @@ from protocol.errors import MalformedMessageError
 from protocol.steps import Scan, TruePose
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
-from sensor_bridge.loop import Extension
+from sensor_bridge.extension import Extension
 from sensor_bridge.process import serve_robot
 
 _log = logging.getLogger(__name__)
@@ -83,12 +83,16 @@ class _Kidnapper:
         self._last_id = ""
 
     def asked(self, asked: Asked) -> None:
-        """Answer one query."""
+        """Answer one query.
+
+        Raises:
+            MalformedMessageError: for the bridge's loop to count; the query is answered.
+        """
         try:
             command = decode(asked.payload, Kidnap)
         except MalformedMessageError as error:
             asked.refuse(str(error))
-            return
+            raise
         if command.command_id != self._last_id:
             self._last_id = command.command_id
             x, y, heading = self._source.kidnap(command.map_from_robot)

@@ -13,7 +13,7 @@ from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world, world_names
 from robot_simulator.worlds.world import World, world_from_map
-from sensor_bridge.loop import Reading
+from sensor_bridge.extension import Reading
 from sensor_bridge.step_maker import StepMaker
 
 PREFIX = "sim:"

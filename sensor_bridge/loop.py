@@ -2,15 +2,14 @@
 
 import logging
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Protocol
+from collections import Counter
 
 import msgspec
 import zenoh
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
+from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.settings import BridgeSettings
@@ -30,40 +29,16 @@ from process_runtime.wire import (
 from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError
+from protocol.errors import ClusterMclError, MalformedMessageError, printable
 from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
+from sensor_bridge.extension import Extension, Reading, Source
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
 
-Reading = OdometryReading | LaserReading
 POLL_S = 0.1
 
 _log = logging.getLogger(__name__)
-
-
-class Source(Protocol):
-    """Where readings come from when no robot publishes them."""
-
-    steps: int | None
-    """How many steps it makes; None: it does not end by itself."""
-
-    def next_reading(self) -> Reading | None:
-        """The next reading in the order of time; None at the end."""
-
-
-def _nothing(_scan: Scan) -> None:
-    pass
-
-
-@dataclass(frozen=True)
-class Extension:
-    """What a source of its own kind adds to a bridge; all is called by the bridge's one loop."""
-
-    on_step: Callable[[Scan], None] = _nothing
-    """Told of every step as soon as it is out, once."""
-    serves: Mapping[str, Callable[[Asked], None]] = field(default_factory=dict)
-    """Keys besides the bridge's own, and who answers there."""
 
 
 class BridgeLoop:
@@ -86,9 +61,12 @@ class BridgeLoop:
         self._history = StepHistory(settings.history_steps)
         self._causes = CauseCounter()
         self._inbox: Events = Inbox({"odometry": 256, "laser": 16, "belief": 1})
+        self._health = HealthReporter(name, "bridge", self._causes, self._inbox)
+        self._health_key = Publisher(session, keys.BRIDGE_HEALTH)
         self._scans = Publisher(session, keys.SCAN)
         self._odometry = Publisher(session, keys.ODOMETRY)
         self._maker: StepMaker | None = None
+        self._refused: Counter[str] = Counter()
         self._coordinator_there = False
         self._next: Reading | None = None
         self._steps_left = source.steps if source else None
@@ -107,6 +85,7 @@ class BridgeLoop:
         with self._session.liveliness().declare_token(keys.BRIDGE_ALIVE):
             while not stop.is_set():
                 self._handle(self._inbox.get(self._send_due()))
+                self._health.publish_if_due(self._health_key)
 
     # --- readings
 
@@ -134,10 +113,21 @@ class BridgeLoop:
         if self._maker is None:
             self._maker = self._new_maker()
         scan = self._maker.take(reading)
+        self._health.happened("odometry" if isinstance(reading, OdometryReading) else "scans")
+        if self._maker.dropped != self._refused:
+            self._count_refused(self._maker.dropped, reading.stamp_ns)
         if isinstance(reading, OdometryReading) and not self._pacing.paced:
             self._put_odometry(self._maker)
         if scan is not None:
             self._send(scan)
+
+    def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
+        """Count, and say once a minute, what the step maker could not use."""
+        for cause, times in (dropped - self._refused).items():
+            for _ in range(times):
+                what = f"reading refused: {cause.replace('_', ' ')}"
+                self._causes.warn(_log, what, f"stamp {stamp_ns} ns", time.monotonic())
+        self._refused = dropped.copy()
 
     def _put_odometry(self, maker: StepMaker) -> None:
         """Pass the newest odometry on, in the frame of the steps."""
@@ -162,6 +152,7 @@ class BridgeLoop:
             scan = msgspec.structs.replace(scan, last=self._steps_left == 0)
         self._history.add(scan)
         self._scans.put(scan)
+        self._health.happened("steps")
         self._pacing.step_sent(scan.step, time.monotonic_ns())
         self._extension.on_step(scan)
 
@@ -196,7 +187,7 @@ class BridgeLoop:
                 case Received(key=keys.LASER_READING):
                     self._take(decode(event.payload, LaserReading))
         except MalformedMessageError as error:
-            self._causes.warn(_log, f"malformed {error.expected}", error, time.monotonic())
+            self._causes.warn(_log, error.cause, error, time.monotonic())
 
     def _answer(self, asked: Asked) -> None:
         if asked.key == keys.MAP:
@@ -210,7 +201,10 @@ class BridgeLoop:
             first = int(str(parameters.get("first", "")))
             last = int(str(parameters.get("last", str(2**62))))
         except ValueError:
-            asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
+            problem = "ask for scans?first=STEP or scans?first=STEP;last=STEP"
+            asked.refuse(problem)
+            said = printable(str(parameters))
+            self._causes.warn(_log, "malformed question for scans", said, time.monotonic())
             return
         scans = tuple(self._history.between(first, last))
         asked.answer(ScanHistory(sender=self._name, scans=scans))

@@ -15,7 +15,8 @@ from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
 from protocol.steps import LaserReading, OdometryReading
-from sensor_bridge.loop import BridgeLoop, Extension, Source
+from sensor_bridge.extension import Extension, Source
+from sensor_bridge.loop import BridgeLoop
 from sensor_bridge.recording import open_recording
 from sensor_bridge.step_maker import steps_of
 

@@ -1,0 +1,34 @@
+"""What a bridge takes its readings from, and what such a source may add to it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from process_runtime.wire import Asked
+from protocol.steps import LaserReading, OdometryReading, Scan
+
+Reading = OdometryReading | LaserReading
+
+
+class Source(Protocol):
+    """Where readings come from when no robot publishes them."""
+
+    steps: int | None
+    """How many steps it makes; None: it does not end by itself."""
+
+    def next_reading(self) -> Reading | None:
+        """The next reading in the order of time; None at the end."""
+
+
+def _nothing(_scan: Scan) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Extension:
+    """What a source of its own kind adds to a bridge; all is called by the bridge's one loop."""
+
+    on_step: Callable[[Scan], None] = _nothing
+    """Told of every step as soon as it is out, once."""
+    serves: Mapping[str, Callable[[Asked], None]] = field(default_factory=dict)
+    """Keys besides the bridge's own, and who answers there."""
