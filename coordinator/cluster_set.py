@@ -55,6 +55,20 @@ class ClusterSet:
         return len(self._clusters)
 
     @property
+    def next_cluster(self) -> int:
+        """The number that the next newcomer gets."""
+        return self._next_cluster
+
+    def all(self) -> tuple[Cluster, ...]:
+        """All of them, in the order in which they are summed."""
+        return tuple(self._clusters.values())
+
+    def restore(self, clusters: Iterable[Cluster], next_cluster: int) -> None:
+        """Be as another set was."""
+        self._clusters = {cluster.cluster: cluster for cluster in clusters}
+        self._next_cluster = next_cluster
+
+    @property
     def job_ids(self) -> tuple[str, ...]:
         """The jobs that track the clusters."""
         return tuple(cluster.job_id for cluster in self._clusters.values())

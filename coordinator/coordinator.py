@@ -5,52 +5,43 @@ story is a unit test.
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
-import numpy as np
+import msgspec
 
+from coordinator.checkpoint import STATE_VERSION, CoordinatorState, OfferState, from_bytes
 from coordinator.cluster_set import Candidate
 from coordinator.ensemble import Ensemble, Outcome
+from coordinator.given_places import candidate, diagonal
+from coordinator.inquiry import Told
+from coordinator.instructions import FetchScans, Instruction, PublishBelief, SendOrder
+from coordinator.last_pose import LastPose
 from coordinator.placement import Placement
 from coordinator.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
-from particle_filter.random_streams import Purpose, generator
+from coordinator.succession import Succession
+from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
-from protocol.answers import Belief, Hypotheses, PoseAnswer, SetPose, Status
+from protocol.answers import (
+    Belief,
+    CommandDone,
+    Hypotheses,
+    PoseAnswer,
+    Relocalize,
+    SetPose,
+    Status,
+)
 from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
 from protocol.steps import OdometryReading, Scan
-from protocol.work import OrderAnswer, Particles, Report, TrackReport, WorkOrder
+from protocol.work import Checkpoint, OrderAnswer, Report, TrackJob, TrackReport
 
-SET_POSE_PARTICLES = 1_000
-
-
-@dataclass(frozen=True)
-class SendOrder:
-    """Ask a worker to follow an order."""
-
-    worker: str
-    order: WorkOrder
-
-
-@dataclass(frozen=True)
-class PublishBelief:
-    """Tell everybody what is believed."""
-
-    belief: Belief
-    pose: PoseAnswer
-
-
-@dataclass(frozen=True)
-class FetchScans:
-    """Ask the bridge for steps whose scans were lost on their way."""
-
-    first: int
-    last: int
-
-
-Instruction = SendOrder | PublishBelief | FetchScans
+KEPT_COMMANDS = 100
+"""A command that is asked once more is answered as before, if it is one of the last."""
+HANDED_ON_COMMANDS = 20
+NEVER_LATER = 16
+"""More steps than this lost before the first scan that is heard, and nobody looks for them."""
 
 
 class Coordinator:
@@ -63,7 +54,23 @@ class Coordinator:
         settings: CoordinatorSettings,
         version: str,
         now_ns: int,
+        *,
+        term: int = 0,
+        known: Checkpoint | None = None,
+        last_poses: Mapping[str, LastPose] = MappingProxyType({}),
     ) -> None:
+        """Know nothing yet.
+
+        Args:
+            sender: name of the process.
+            filter_settings: the filter's numbers.
+            settings: the coordinator's.
+            version: of the software.
+            now_ns: by the clock of all events.
+            term: see `Succession`; raised above all that workers know.
+            known: a checkpoint that was heard before the workers are asked.
+            last_poses: where the robot was at the end of an earlier life, by the map's digest.
+        """
         self._sender, self._settings, self._version = sender, settings, version
         self._filter_settings = filter_settings
         self._started_ns = now_ns
@@ -72,10 +79,30 @@ class Coordinator:
         self._collector = StepCollector(settings)
         self._pose = PoseTracker(sender, settings.stale_after_s)
         self._outcome: Outcome | None = None
-        self._begun, self._linked = False, True
+        self._linked, self._last_poses = True, last_poses
+        self._succession = Succession(sender, term, known, now_ns)
+        self._early_reports: list[tuple[Report, str]] = []
+        self._commands_done: dict[str, str] = {}
         self._applied_scan: Scan | None = None
         self._counters: Counter[str] = Counter()
         self._steps_applied = self._reports_missing = self._set_poses = 0
+        self._changed = False
+        """Whether others have to be told before anything that is decided leaves this process."""
+
+    @property
+    def outranked_by(self) -> int | None:
+        """A higher term that somebody knows of: another coordinator acts, this one must not."""
+        return self._succession.outranked_by
+
+    @property
+    def map_digest(self) -> str:
+        """Of the map in which the robot is looked for; empty before the first scan."""
+        return self._placement.map_digest
+
+    @property
+    def begun(self) -> bool:
+        """Whether it knows enough to answer."""
+        return self._succession.begun
 
     # --- events
 
@@ -88,13 +115,21 @@ class Coordinator:
             return []
         if not self._collector.take_scan(scan, now_ns):
             self._counters["scan repeated or late"] += 1
-            return []
-        if not self._begun:
-            self._placement.begin(self._ensemble.begin_at(scan.step))
-            self._begun = True
+            return self._said_again(scan, now_ns)
         self._pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
+        if not self.begun:
+            return self.tick(now_ns)
+        self._begin_search(scan)
         lost = self._collector.lost_before(scan)
         return ([FetchScans(*lost)] if lost else []) + self.tick(now_ns)
+
+    def history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
+        """Steps of the past; a coordinator without any begins with the newest of them."""
+        if self.begun and not self._ensemble.searches:
+            newest = scans[-1].step if scans else -1
+            self._collector.begin_after(newest - 1 if scans else -1)
+            scans = scans[-1:]
+        return [do for scan in scans for do in self.scan(scan, now_ns)]
 
     def odometry(self, reading: OdometryReading, now_ns: int) -> None:
         """The robot moved."""
@@ -102,26 +137,51 @@ class Coordinator:
 
     def report(self, report: Report, worker: str, now_ns: int) -> list[Instruction]:
         """A worker's job took a step; of a job that another worker has, it has nothing to say."""
+        if not self.begun:
+            self._early_reports.append((report, worker))
+            return self.tick(now_ns)
+        self._take(report, worker)
+        return self.tick(now_ns)
+
+    def _take(self, report: Report, worker: str) -> None:
         if self._placement.is_of_another(report.job_id, report.epoch, worker):
             self._counters["report of another worker's job"] += 1
-            return []
+            return
         if not self._placement.is_current(report.job_id, report.epoch):
             self._counters["report of an old epoch"] += 1
-            return []
+            return
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
         self._placement.reported(report.job_id, snapshot)
         if not self._collector.take_report(report):
             self._counters["report late"] += 1
-        return self.tick(now_ns)
 
     def worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token appeared."""
-        self._placement.joined(name)
+        self._placement.joined(name, self._succession.joined(name, now_ns))
+        self._changed = True  # a newcomer has heard no checkpoint yet
         return self.tick(now_ns)
+
+    def worker_told(self, name: str, told: Told, now_ns: int) -> list[Instruction]:
+        """A worker says what it does, and what the last coordinator had decided."""
+        if not self._placement.has(name):
+            return []
+        self._succession.answered(name, told)
+        if not self.begun:
+            return self.tick(now_ns)
+        newest = told.checkpoint
+        if newest and newest.founded and not self._succession.founded:
+            return self._resume(newest, now_ns) + self.tick(now_ns)
+        return self._hear_out(name, told, now_ns) + self.tick(now_ns)
+
+    def checkpoint_heard(self, checkpoint: Checkpoint) -> None:
+        """Some coordinator, perhaps this one, published its checkpoint."""
+        self._succession.hear(checkpoint)
 
     def worker_left(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token is gone."""
         self._placement.left(name)
+        self._succession.left(name)
+        self._changed = True
         return self.tick(now_ns)
 
     def worker_returned(self, name: str, now_ns: int) -> list[Instruction]:
@@ -142,45 +202,64 @@ class Coordinator:
     def order_answered(self, worker: str, answer: OrderAnswer) -> None:
         """A worker took an order, or says why not."""
         if answer.problem:
-            self._counters[f"order refused: {answer.problem}"] += 1
+            self._counters["order refused"] += 1  # the worker's log says why
+        self._succession.hear_term(answer.term)
         self._placement.answered(worker, answer)
 
-    def set_pose(self, command: SetPose, now_ns: int) -> list[Instruction]:
-        """A person says where the robot is.
+    def command(
+        self, command: SetPose | Relocalize, now_ns: int
+    ) -> tuple[CommandDone, list[Instruction]]:
+        """A person says where the robot is, or to search everywhere; done once for each id."""
+        known, instructions = command.command_id in self._commands_done, []
+        if not known:
+            problem = ""
+            try:
+                instructions = self._carried_out(command, now_ns)
+            except ValueError as error:
+                problem = str(error)
+            self._commands_done[command.command_id] = problem
+            while len(self._commands_done) > KEPT_COMMANDS:
+                del self._commands_done[next(iter(self._commands_done))]
+            instructions += self.tick(now_ns)
+        problem = self._commands_done[command.command_id]
+        return CommandDone(sender=self._sender, problem=problem), instructions
 
-        Raises:
-            ValueError: no scan has been seen yet, so there is nothing to start from.
-        """
+    def _carried_out(self, command: SetPose | Relocalize, now_ns: int) -> list[Instruction]:
         scan = self._start_scan()
-        outcome = self._ensemble.set_pose(self._given(command, scan))
-        return self._follow(outcome, scan, now_ns) + self.tick(now_ns)
-
-    def relocalize(self, now_ns: int) -> list[Instruction]:
-        """Forget everything and search.
-
-        Raises:
-            ValueError: no scan has been seen yet, so the search runs anyway.
-        """
-        scan = self._start_scan()
-        return self._follow(self._ensemble.relocalize(scan.step), scan, now_ns) + self.tick(now_ns)
+        if isinstance(command, SetPose):
+            outcome = self._ensemble.set_pose(self._given(command, scan))
+        else:
+            outcome = self._ensemble.relocalize(scan.step)
+        self._succession.founded = True
+        return self._follow(outcome, scan, now_ns)
 
     def tick(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due and tell workers what is news to them."""
-        instructions: list[Instruction] = []
-        if not self._linked:
-            return instructions
+        if not self._linked or self.outranked_by is not None:
+            return []
+        instructions: list[Instruction] = list(self._succession.questions(now_ns))
+        if not self.begun:
+            if not self._succession.may_begin(now_ns):
+                return instructions
+            instructions += self._begin(now_ns)
         while ready := self._collector.ready(
             self._ensemble.expected, self._placement.placed_ns, now_ns
         ):
             instructions += self._apply(ready, now_ns)
         orders = self._placement.orders(now_ns)
-        return [SendOrder(worker, order) for worker, order in orders] + instructions
+        if self._changed or orders:
+            first: list[Instruction] = [self._succession.hand_on(self._state(now_ns), now_ns)]
+            self._changed = False
+        else:
+            first = list(self._succession.sign_of_life(now_ns))
+        return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 
     # --- answers
 
     def pose(self, now_ns: int) -> PoseAnswer:
         """Where the robot is now."""
-        return self._pose.answer(now_ns, len(self._placement.workers))
+        answer = self._pose.answer(now_ns, len(self._placement.workers))
+        return msgspec.structs.replace(answer, term=self._succession.term)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
         """All places with their probabilities."""
@@ -207,6 +286,7 @@ class Coordinator:
             workers=self._placement.workers,
             counters=dict(sorted((self._counters + Counter(counters)).items())),
             uptime_s=(now_ns - self._started_ns) / 1e9,
+            term=self._succession.term,
         )
 
     # --- within
@@ -220,7 +300,8 @@ class Coordinator:
 
     def _follow(self, outcome: Outcome, scan: Scan, now_ns: int) -> list[Instruction]:
         """Hand out the jobs of an outcome and publish its belief."""
-        self._outcome = outcome
+        self._outcome, self._changed = outcome, True
+        self._succession.founded |= len(self._ensemble.clusters) > 0
         self._placement.end(outcome.end)
         self._placement.begin(outcome.begin)
         self._pose.believed(outcome, scan.odom_from_robot)
@@ -237,7 +318,15 @@ class Coordinator:
             searching=outcome.searching,
             missing=outcome.missing,
             last=scan.last,
+            term=self._succession.term,
         )
+
+    def _said_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
+        """A step that comes again waits for its belief, which may have been lost."""
+        applied = self._applied_scan
+        if not scan.paced or applied is None or scan.step != applied.step or not self._outcome:
+            return []
+        return [PublishBelief(self._belief(self._outcome, applied), self.pose(now_ns))]
 
     def _start_scan(self) -> Scan:
         """The scan at whose time a command takes effect: the last applied one."""
@@ -248,26 +337,143 @@ class Coordinator:
     def _given(self, command: SetPose, scan: Scan) -> Candidate:
         """A Gaussian cloud round the pose that a person gives."""
         self._set_poses += 1
-        rng = generator(
-            self._filter_settings.seed,
+        return candidate(
+            self._filter_settings.belief.set_pose_probability,
+            command.map_from_robot,
+            diagonal(command.position_sigma_m, command.heading_sigma_rad),
+            seed=self._filter_settings.seed,
             purpose=Purpose.GIVEN_POSE,
             entity=self._set_poses,
             step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
         )
-        sigma = np.array(
-            [command.position_sigma_m, command.position_sigma_m, command.heading_sigma_rad]
+
+    # --- succession
+
+    def _begin(self, now_ns: int) -> list[Instruction]:
+        """All has been heard: carry on from another's state, or begin anew."""
+        self._succession.begun = self._changed = True
+        self._placement.rule(self._succession.term)
+        newest = self._succession.newest
+        instructions = self._resume(newest, now_ns) if newest else []
+        if not instructions:
+            waiting = self._collector.oldest_scan
+            if waiting is not None:
+                self._begin_search(waiting)
+            else:
+                instructions.append(FetchScans(0, None))
+            for worker in self._succession.told:
+                self._placement.held(worker, (), now_ns)
+        for report, worker in self._early_reports:
+            self._take(report, worker)
+        self._early_reports.clear()
+        return instructions
+
+    def _begin_search(self, scan: Scan) -> None:
+        """The first search begins with this scan, or those that were lost just before it."""
+        if self._ensemble.searches:
+            return
+        before = self._collector.before
+        lost = 0 if before is None else scan.step - before - 1
+        first = scan.step - (lost if lost <= NEVER_LATER else 0)
+        self._collector.begin_after(first - 1)
+        self._placement.begin(self._ensemble.begin_at(first, self._offer(scan)))
+        self._changed = True
+
+    def _offer(self, scan: Scan) -> OfferState | None:
+        """Where the robot was at the end of an earlier life, as one place that is possible."""
+        last = self._last_poses.get(scan.map_digest)
+        probability = self._settings.last_pose_probability
+        return last.offered_at(scan, probability) if last and probability > 0.0 else None
+
+    def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
+        """Carry on from another's state; nothing is done if it cannot be used."""
+        try:
+            state = from_bytes(checkpoint.state)
+        except ValueError:
+            self._counters["checkpoint that cannot be read"] += 1
+            return []
+        digest, newest = self._placement.map_digest, self._collector.newest_scan
+        if not state.ensemble.searches or (digest and digest != state.map_digest):
+            self._counters["checkpoint of another map"] += bool(state.ensemble.searches)
+            return []
+        if newest and state.applied and newest.step < state.applied.step:
+            self._counters["checkpoint of another numbering"] += 1
+            return []
+        self._succession.founded = checkpoint.founded
+        self._restore(state, now_ns)
+        for worker, told in self._succession.told.items():
+            self._hear_out(worker, told, now_ns)
+        search = state.ensemble.search
+        first = search.first_step if search else 0
+        if state.applied is not None:
+            first = state.applied.step + 1
+        return [FetchScans(first, None), *self._believe_again(state, now_ns)]
+
+    def _restore(self, state: CoordinatorState, now_ns: int) -> None:
+        self._ensemble.restore(state.ensemble)
+        self._placement.map_digest = state.map_digest
+        self._placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state))
+        applied = state.applied
+        self._collector.resume(applied.step if applied else None, state.steps_lost)
+        self._steps_applied, self._set_poses = state.steps_applied, state.set_poses
+        self._reports_missing = state.reports_missing
+        self._counters.update(state.counters)
+        self._commands_done |= state.commands_done
+        self._changed = True
+        if applied is not None:
+            self._pose.resume(applied.stamp_ns, applied.odom_from_robot, state.age_s, now_ns)
+
+    def _believe_again(self, state: CoordinatorState, now_ns: int) -> list[Instruction]:
+        """Publish what was believed last; the one before may not have come to it."""
+        if state.applied is None:
+            return []
+        self._applied_scan = state.applied
+        self._outcome = self._ensemble.again(state.applied.step, state.missing)
+        self._pose.believed(self._outcome, state.applied.odom_from_robot)
+        return [PublishBelief(self._belief(self._outcome, state.applied), self.pose(now_ns))]
+
+    def _hear_out(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
+        """Take what a worker holds, and what it has reported while nobody was there."""
+        self._placement.held(worker, told.holds, now_ns)
+        for report in told.reports:
+            self._take(report, worker)
+        return []
+
+    def _rebuilt(self, job_id: str, state: CoordinatorState) -> TrackJob:
+        """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
+        assert state.applied is not None  # there are clusters only after a step
+        cluster = next(c for c in state.ensemble.clusters if c.job_id == job_id)
+        again = candidate(
+            1.0,
+            cluster.mean,
+            cluster.covariance,
+            seed=self._filter_settings.seed,
+            purpose=Purpose.REBUILT,
+            entity=cluster.cluster,
+            step=state.applied.step,
+            odom_from_robot=state.applied.odom_from_robot,
         )
-        spread = rng.standard_normal((SET_POSE_PARTICLES, 3)) * sigma
-        mean: PoseTuple = command.map_from_robot
-        place, turn = command.position_sigma_m**2, command.heading_sigma_rad**2
-        return Candidate(
-            probability=self._filter_settings.belief.set_pose_probability,
-            mean=mean,
-            covariance=(place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn),
-            sample=Particles(
-                step=scan.step,
-                odom_from_robot=scan.odom_from_robot,
-                map_from_robot=ArrayBlob.of(np.array(mean) + spread, "float64"),
-                log_weights=ArrayBlob.of(np.zeros(SET_POSE_PARTICLES), "float64"),
-            ),
+        return TrackJob(cluster=cluster.cluster, start=again.sample, exact=False)
+
+    def _state(self, now_ns: int) -> CoordinatorState:
+        return CoordinatorState(
+            version=STATE_VERSION,
+            map_digest=self._placement.map_digest,
+            ensemble=self._ensemble.state(),
+            jobs=self._placement.state(),
+            applied=_without_beams(self._applied_scan),
+            missing=self._outcome.missing if self._outcome else (),
+            age_s=self._pose.age_s(now_ns),
+            steps_applied=self._steps_applied,
+            steps_lost=self._collector.steps_lost,
+            reports_missing=self._reports_missing,
+            set_poses=self._set_poses,
+            counters=dict(self._counters),
+            commands_done=dict(list(self._commands_done.items())[-HANDED_ON_COMMANDS:]),
         )
+
+
+def _without_beams(scan: Scan | None) -> Scan | None:
+    empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
+    return scan and msgspec.structs.replace(scan, ranges=empty)

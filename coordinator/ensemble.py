@@ -9,8 +9,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from coordinator.checkpoint import EnsembleState, OfferState
 from coordinator.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.fit_monitor import FitMonitor
+from coordinator.offer import with_offer
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
@@ -44,7 +46,9 @@ class Ensemble:
         self._fit = FitMonitor(settings.belief)
         self._search: SearchPool | None = None
         self._pool: Pool | None = None
-        self._searches = 0
+        self._offer: OfferState | None = None
+        self.searches = 0
+        """How many have begun."""
         self._next_search_step = 0
         self._begin: dict[str, Job] = {}
         self._end: list[str] = []
@@ -54,8 +58,14 @@ class Ensemble:
         """Jobs whose report on the next step is waited for."""
         return (*self.clusters.job_ids, *(self._search.job_ids if self._search else ()))
 
-    def begin_at(self, step: int) -> dict[str, Job]:
-        """What must see the scan of `step` itself: the first search. Call once, before it."""
+    def begin_at(self, step: int, offer: OfferState | None = None) -> dict[str, Job]:
+        """What must see the scan of `step` itself: the first search. Call once, before it.
+
+        Args:
+            step: the first one.
+            offer: a place that is possible from earlier knowledge.
+        """
+        self._offer = offer
         self._start_search(step)
         begin, self._begin = self._begin, {}
         return begin
@@ -91,6 +101,7 @@ class Ensemble:
         if not len(self.clusters):
             candidate = Candidate(1.0, candidate.mean, candidate.covariance, candidate.sample)
         self._admit([candidate], step, protected_until=-1)
+        self._offer = None
         self._fit.forget()
         return self._outcome(step, ())
 
@@ -98,9 +109,40 @@ class Ensemble:
         """Forget all clusters and search everywhere from the next step on."""
         self._end += self.clusters.clear()
         self._stop_search(step)
+        self._offer = None
         self._fit.forget()
         self._start_search(step + 1)
         return self._outcome(step, ())
+
+    # --- handed on
+
+    def state(self) -> EnsembleState:
+        """All that decides; ask for it between steps."""
+        return EnsembleState(
+            clusters=self.clusters.all(),
+            next_cluster=self.clusters.next_cluster,
+            fit=self._fit.state(),
+            search=self._search.state(self._pool) if self._search else None,
+            searches=self.searches,
+            next_search_step=self._next_search_step,
+            offer=self._offer,
+        )
+
+    def restore(self, state: EnsembleState) -> None:
+        """Go on from where another was; of a search, the last reports must be given again."""
+        self.clusters.restore(state.clusters, state.next_cluster)
+        self._fit.restore(state.fit)
+        self._search = self._pool = None
+        if state.search is not None:
+            self._search, self._pool = SearchPool.restored(state.search, self.settings.search)
+        self.searches, self._next_search_step = state.searches, state.next_search_step
+        self._offer = state.offer
+
+    def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
+        """What the last step came to, without the jobs that it began or ended."""
+        return self._outcome(step, missing)
+
+    # --- clusters
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
         """A cluster that has fallen apart becomes several, which share its probability."""
@@ -119,11 +161,11 @@ class Ensemble:
     # --- the search
 
     def _start_search(self, first_step: int) -> None:
-        search = SearchPool(self._searches, first_step, self.settings.search)
+        search = SearchPool(self.searches, first_step, self.settings.search)
         for shard, job_id in enumerate(search.job_ids):
-            job = SearchJob(search=self._searches, shard=shard, first_step=first_step)
+            job = SearchJob(search=self.searches, shard=shard, first_step=first_step)
             self._begin[job_id] = job
-        self._searches += 1
+        self.searches += 1
         self._search, self._pool = search, None
 
     def _stop_search(self, step: int) -> None:
@@ -138,12 +180,13 @@ class Ensemble:
         for report in reports:
             if isinstance(report, SearchReport) and report.job_id in self._search.job_ids:
                 self._search.take(report)
-        self._pool = self._search.pooled() or self._pool
-        if self._pool and self._search.finished(self._pool, self.settings.belief.clusters):
+        fresh = self._search.pooled()
+        self._pool = fresh or self._pool
+        if fresh and self._search.finished(fresh, self.settings.belief.clusters):
             if len(self.clusters):
-                self._admit_newcomers(self._pool, step)
+                self._admit_newcomers(fresh, step)
             else:
-                self._admit_first(self._pool, self._search, step)
+                self._admit_first(fresh, self._search, step)
             self._stop_search(step)
 
     def _admit_first(self, pool: Pool, search: SearchPool, step: int) -> None:
@@ -158,9 +201,12 @@ class Ensemble:
         least = math.exp(-self.settings.belief.evidence_bound * steps)
         shares = [max(place.share, kept[0].share * least) for place in kept]
         total = math.fsum(shares)
-        self._admit(
-            [_candidate(p, share / total) for p, share in zip(kept, shares, strict=True)], step
-        )
+        first = [_candidate(p, share / total) for p, share in zip(kept, shares, strict=True)]
+        if self._offer is not None and kept:
+            odom_from_robot = kept[0].sample.odom_from_robot
+            first = with_offer(first, self._offer, odom_from_robot, self.settings)
+        self._offer = None
+        self._admit(first, step)
 
     def _admit_newcomers(self, pool: Pool, step: int) -> None:
         """The best places of a restart that no cluster holds enter with a small probability."""

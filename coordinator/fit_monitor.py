@@ -2,6 +2,7 @@
 
 import math
 
+from coordinator.checkpoint import FitState
 from particle_filter.settings import BeliefSettings
 
 
@@ -20,6 +21,14 @@ class FitMonitor:
         """Start over: nothing is known of what fits."""
         self._usual = self._recent = math.nan
         self.lost = False
+
+    def state(self) -> FitState:
+        """What is known, to be handed on."""
+        return FitState(self._usual, self._recent, self.lost)
+
+    def restore(self, state: FitState) -> None:
+        """Know what another has known."""
+        self._usual, self._recent, self.lost = state.usual, state.recent, state.lost
 
     def update(self, log_likelihood_per_beam: float) -> None:
         """Take the best fit of one step; NaN when no cluster reported."""

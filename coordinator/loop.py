@@ -6,16 +6,15 @@ from collections.abc import Iterable
 
 import msgspec
 import zenoh
-from zenoh import handlers
 
-from coordinator.coordinator import (
-    Coordinator,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    SendOrder,
-)
+from coordinator.coordinator import Coordinator
+from coordinator.doubt import Doubt
 from coordinator.health_board import MAX_PROCESSES, HealthBoard
+from coordinator.inquiry import told_by
+from coordinator.instructions import Instruction, PublishBelief
+from coordinator.last_pose import LastPose
+from coordinator.outgoing import Outgoing
+from coordinator.pose_keeper import PoseKeeper
 from coordinator.roster import Change, Roster
 from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
@@ -26,25 +25,23 @@ from process_runtime.wire import (
     Event,
     Events,
     Link,
-    Publisher,
     Received,
     Token,
+    alive,
     serve,
     subscribe,
     watch,
     watch_link,
 )
 from protocol import keys
-from protocol.answers import CommandDone, Relocalize, SetPose, Status
-from protocol.codec import decode, encode
+from protocol.answers import Belief, Relocalize, SetPose, Status
+from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
-from protocol.message import Message
 from protocol.steps import OdometryReading, Scan, ScanHistory
-from protocol.work import OrderAnswer, Report
+from protocol.work import Checkpoint, OrderAnswer, Report
 
-ORDER_TIMEOUT_S = 35.0
-"""A worker that fetches a large map before it answers takes long; orders are repeated sooner."""
+ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
 
 _log = logging.getLogger(__name__)
@@ -53,35 +50,49 @@ _log = logging.getLogger(__name__)
 class CoordinatorLoop:
     """One coordinator's life between its connection and its stop."""
 
-    def __init__(self, coordinator: Coordinator, session: zenoh.Session) -> None:
-        self._coordinator, self._session = coordinator, session
-        self._inbox: Events = Inbox({"scan": 256, "odometry": 1, "report": 4096, "health": 1024})
+    def __init__(
+        self, coordinator: Coordinator, session: zenoh.Session, keeper: PoseKeeper
+    ) -> None:
+        self._coordinator, self._session, self._keeper = coordinator, session, keeper
+        self._inbox: Events = Inbox(
+            {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
+        )
         self._causes = CauseCounter()
         self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
         self._board = HealthBoard()
         self._roster = Roster()
-        self._belief = Publisher(session, keys.BELIEF)
-        self._pose = Publisher(session, keys.POSE)
-        self._commands_done: dict[str, CommandDone] = {}
+        self._doubt = Doubt(time.monotonic_ns())
+        self._outgoing = Outgoing(session, self._inbox)
 
     def run(self, stop: StopFlag) -> None:
-        """Coordinate until told to stop."""
+        """Coordinate until told to stop, or until another coordinator acts."""
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
         subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
         subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
+        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint")
         for key in (keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH):
             subscribe(self._session, key, self._inbox, "health")
+        watch_link(self._session, self._inbox)
+        for key in alive(self._session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
+            self._inbox.put(Token(key, alive=True))
+        watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
+        while not (stop.is_set() or self._coordinator.begun):
+            self._turn()
         for key in (keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE):
             serve(self._session, key, self._inbox)
-        watch_link(self._session, self._inbox)
-        watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
-        with self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE):
+        token = self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE)
+        with self._keeper.running(), token:
             _log.info("coordinator ready")
-            while not stop.is_set():
-                event = self._inbox.get(TICK_S)
-                now_ns = time.monotonic_ns()
-                self._carry_out(self._handle(event, now_ns))
-                self._carry_out(self._change(self._roster.due(now_ns), now_ns))
+            while not (stop.is_set() or self._coordinator.outranked_by):
+                self._turn()
+
+    def _turn(self) -> None:
+        """Take what arrived first and do what comes of it."""
+        event = self._inbox.get(TICK_S)
+        now_ns = time.monotonic_ns()
+        self._doubt.turn(now_ns)
+        self._carry_out(self._handle(event, now_ns), now_ns)
+        self._carry_out(self._change(self._roster.due(now_ns), now_ns), now_ns)
 
     def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
         try:
@@ -108,22 +119,25 @@ class CoordinatorLoop:
             case keys.ODOMETRY:
                 self._health.happened("odometry")
                 self._coordinator.odometry(decode(event.payload, OdometryReading), now_ns)
-                return []
             case keys.SCAN_HISTORY:
                 scans = decode(event.payload, ScanHistory).scans
-                return [done for scan in scans for done in self._coordinator.scan(scan, now_ns)]
+                return self._coordinator.history(scans, now_ns)
+            case keys.CHECKPOINT:
+                self._coordinator.checkpoint_heard(decode(event.payload, Checkpoint))
+            case key if key.endswith("/state"):
+                told = told_by(event.payload)
+                return self._coordinator.worker_told(keys.worker_name(key), told, now_ns)
             case key if key.endswith("/order"):
                 answer = decode(event.payload, OrderAnswer)
                 self._coordinator.order_answered(keys.worker_name(key), answer)
-                return []
             case key if key.endswith("/health"):
                 self._on_health(key, decode(event.payload, Health), now_ns)
-                return []
             case _:
                 report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
                 return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
+        return []
 
     def _on_health(self, key: str, health: Health, now_ns: int) -> None:
         if key != keys.BRIDGE_HEALTH:
@@ -146,6 +160,7 @@ class CoordinatorLoop:
             return []
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
+            self._doubt.arise(now_ns)
             return self._coordinator.link_back(now_ns)
         self._coordinator.link_lost()
         return []
@@ -161,6 +176,9 @@ class CoordinatorLoop:
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
+        if self._doubt.lasts(now_ns):
+            asked.refuse("another coordinator may have taken over; ask again")
+            return []
         match asked.key:
             case keys.POSE:
                 asked.answer(self._coordinator.pose(now_ns))
@@ -181,48 +199,32 @@ class CoordinatorLoop:
         except MalformedMessageError as error:
             asked.refuse(str(error))
             raise
-        done = self._commands_done.get(command.command_id)
-        if done is not None:
-            asked.answer(done)
-            return []
-        instructions: list[Instruction] = []
-        done = CommandDone(sender="coordinator")
-        try:
-            if isinstance(command, SetPose):
-                instructions = self._coordinator.set_pose(command, now_ns)
-            else:
-                instructions = self._coordinator.relocalize(now_ns)
-        except ValueError as error:
-            done = CommandDone(sender="coordinator", problem=str(error))
-        self._commands_done[command.command_id] = done
-        while len(self._commands_done) > 100:
-            del self._commands_done[next(iter(self._commands_done))]
+        done, instructions = self._coordinator.command(command, now_ns)
+        self._carry_out(instructions, now_ns)  # others know of it before it is answered
         asked.answer(done)
-        return instructions
+        return []
 
-    def _carry_out(self, instructions: Iterable[Instruction]) -> None:
-        for instruction in instructions:
-            match instruction:
-                case SendOrder(worker, order):
-                    self._ask(keys.worker_order(worker), order)
-                case FetchScans(first, last):
-                    self._ask(keys.scan_history(first, last))
-                case PublishBelief(belief, pose):
-                    self._health.happened("beliefs")
-                    self._belief.put(belief)
-                    self._pose.put(pose)
+    def _carry_out(self, instructions: list[Instruction], now_ns: int) -> None:
+        if self._coordinator.outranked_by is not None:
+            return
+        cleared = self._doubt.cleared(instructions, now_ns)
+        self._outgoing.carry_out(cleared)
+        for instruction in cleared:
+            if isinstance(instruction, PublishBelief):
+                self._health.happened("beliefs")
+                self._keep(instruction.belief)
 
-    def _ask(self, selector: str, message: Message | None = None) -> None:
-        """Ask without waiting; the answer comes through the inbox."""
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
-                key = str(reply.ok.key_expr)
-                self._inbox.put(Received(key, reply.ok.payload.to_bytes()))
-
-        self._session.get(
-            selector,
-            handlers.Callback(on_reply, lambda: None),
-            payload=encode(message) if message is not None else None,
-            timeout=ORDER_TIMEOUT_S,
+    def _keep(self, belief: Belief) -> None:
+        """Remember where the robot is, where that is sure."""
+        if belief.state != "localized":
+            return
+        best = belief.hypotheses[0]
+        pose = LastPose(
+            map_digest=self._coordinator.map_digest,
+            stamp_ns=belief.stamp_ns,
+            odom_from_robot=belief.odom_from_robot,
+            map_from_robot=best.mean,
+            covariance=best.covariance,
+            probability=best.probability,
         )
+        self._keeper.offer(pose)

@@ -4,11 +4,12 @@ A job has an epoch that rises each time it changes hands, so that a slow or resu
 cannot vote: its reports carry the old one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import msgspec
 
+from coordinator.checkpoint import JobState
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, Particles, SearchJob, TrackJob, WorkOrder
 
@@ -36,6 +37,8 @@ class WorkerRecord:
     changed: bool = True
     known: set[tuple[str, int]] = field(default_factory=set)
     """(job id, epoch) that the worker has confirmed."""
+    silent_until_ns: int = 0
+    """It is being asked what it does, and gets no order before."""
 
 
 class Placement:
@@ -43,6 +46,7 @@ class Placement:
 
     def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
         self._sender = sender
+        self._term = 0
         self._settings: dict[str, object] = msgspec.to_builtins(settings)
         self._snapshot_every_steps = snapshot_every_steps
         self._workers: dict[str, WorkerRecord] = {}
@@ -59,6 +63,52 @@ class Placement:
             for name in sorted(self._workers)
         }
 
+    def has(self, worker: str) -> bool:
+        """Whether a worker is there."""
+        return worker in self._workers
+
+    def rule(self, term: int) -> None:
+        """Begin a term: its epochs stand above those of all terms before."""
+        self._term, self._epochs = term, max(term, self._epochs)
+
+    def state(self) -> tuple[JobState, ...]:
+        """All jobs as they are handed on: with particles where no worker is known to hold them."""
+        return tuple(
+            JobState(job_id, job.epoch, job.worker, None if self._is_held(job_id, job) else job.job)
+            for job_id, job in self._jobs.items()
+        )
+
+    def restore(self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob]) -> None:
+        """Take over another's jobs; workers that are not here have none of them.
+
+        Args:
+            jobs: as `state` told.
+            rebuilt: makes a job of a cluster whose particles only its worker holds.
+        """
+        self._jobs = {
+            job.job_id: PlacedJob(
+                job.job or rebuilt(job.job_id),
+                job.epoch,
+                job.worker if job.worker in self._workers else None,
+                reported=True,
+            )
+            for job in jobs
+        }
+        for record in self._workers.values():
+            record.changed, record.known = True, set()
+
+    def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
+        """A worker tells which jobs it has, and from where another could carry on."""
+        record = self._workers[worker]
+        record.changed, record.silent_until_ns = True, 0
+        for held in holds:
+            job = self._jobs.get(held.job_id)
+            if job is None or held.epoch < job.epoch:
+                continue
+            job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
+            job.job = held.job
+            record.known.add((held.job_id, held.epoch))
+
     def begin(self, jobs: dict[str, TrackJob | SearchJob]) -> None:
         """New jobs, to be placed."""
         self._jobs |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
@@ -70,11 +120,11 @@ class Placement:
             if ended is not None and ended.worker in self._workers:
                 self._workers[ended.worker].changed = True
 
-    def joined(self, worker: str) -> None:
+    def joined(self, worker: str, silent_until_ns: int = 0) -> None:
         """A worker appeared; one that was known has started anew and knows nothing."""
         if worker in self._workers:
             self.left(worker)
-        self._workers[worker] = WorkerRecord()
+        self._workers[worker] = WorkerRecord(silent_until_ns=silent_until_ns)
 
     def returned(self, worker: str) -> None:
         """A worker that could not be reached is back: its next answer tells what it still does."""
@@ -122,27 +172,35 @@ class Placement:
 
     def orders(self, now_ns: int) -> list[tuple[str, WorkOrder]]:
         """Place what has no worker, even out, and tell every worker what is news to it."""
-        if not self._workers:
+        told = [name for name, r in sorted(self._workers.items()) if r.silent_until_ns <= now_ns]
+        if not told:
             return []
-        self._place_all(now_ns)
-        self._even_out(now_ns)
+        self._place_all(told, now_ns)
+        self._even_out(told, now_ns)
         due = []
-        for name, record in sorted(self._workers.items()):
+        for name in told:
+            record = self._workers[name]
             unanswered = not record.answered and now_ns - record.sent_ns >= RESEND_AFTER_NS
             if record.changed or unanswered:
                 due.append((name, self._order(name, record, now_ns)))
         return due
 
-    def _place_all(self, now_ns: int) -> None:
+    def _is_held(self, job_id: str, job: PlacedJob) -> bool:
+        """Whether a worker is known to have a cluster's particles."""
+        record = self._workers.get(job.worker) if job.worker is not None else None
+        known = record is not None and (job_id, job.epoch) in record.known
+        return known and isinstance(job.job, TrackJob)
+
+    def _place_all(self, told: list[str], now_ns: int) -> None:
         for _, job in sorted(self._jobs.items()):
             if job.worker is None:
-                self._give(job, self._least_loaded(), now_ns)
+                self._give(job, self._least_loaded(told), now_ns)
 
-    def _even_out(self, now_ns: int) -> None:
+    def _even_out(self, told: list[str], now_ns: int) -> None:
         """Move a job from a worker that has two more than another; searches only before work."""
         for _ in range(len(self._jobs)):
-            load = self._load()
-            most, least = max(load, key=lambda n: (load[n], n)), self._least_loaded()
+            load = self._load(told)
+            most, least = max(load, key=lambda n: (load[n], n)), self._least_loaded(told)
             movable = [
                 job
                 for _, job in sorted(self._jobs.items())
@@ -153,15 +211,15 @@ class Placement:
             self._workers[most].changed = True
             self._give(movable[0], least, now_ns)
 
-    def _load(self) -> dict[str, int]:
-        load = dict.fromkeys(sorted(self._workers), 0)
+    def _load(self, told: list[str]) -> dict[str, int]:
+        load = dict.fromkeys(told, 0)
         for job in self._jobs.values():
-            if job.worker is not None:
+            if job.worker in load:
                 load[job.worker] += 1
         return load
 
-    def _least_loaded(self) -> str:
-        load = self._load()
+    def _least_loaded(self, told: list[str]) -> str:
+        load = self._load(told)
         return min(load, key=lambda name: (load[name], name))
 
     def _give(self, job: PlacedJob, worker: str, now_ns: int) -> None:
@@ -178,6 +236,7 @@ class Placement:
         return WorkOrder(
             sender=self._sender,
             order=record.order,
+            term=self._term,
             map_digest=self.map_digest,
             filter_settings=self._settings,
             snapshot_every_steps=self._snapshot_every_steps,

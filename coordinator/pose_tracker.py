@@ -39,6 +39,12 @@ class PoseTracker:
         """A step was applied; its hypotheses hold at the odometry of its scan."""
         self._outcome, self._odom_at_step = outcome, odom_from_robot
 
+    def resume(self, stamp_ns: int, odom_from_robot: PoseTuple, age_s: float, now_ns: int) -> None:
+        """Another coordinator has heard this, and nobody knows how long ago: it is stale."""
+        if self._arrived_ns is None:
+            self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+            self._arrived_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1
+
     def age_s(self, now_ns: int) -> float:
         """Since the newest data arrived [s]; -1 before any did."""
         return -1.0 if self._arrived_ns is None else (now_ns - self._arrived_ns) / 1e9

@@ -1,16 +1,31 @@
 """The coordinator process."""
 
+import argparse
+import logging
 import time
 from importlib.metadata import version
+from pathlib import Path
+
+import zenoh
 
 from coordinator.coordinator import Coordinator
+from coordinator.last_pose import default_state_folder, read_all
 from coordinator.loop import CoordinatorLoop
+from coordinator.pose_keeper import PoseKeeper
+from coordinator.standby import StandbyLoop
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.session import open_session
+from process_runtime.settings import Settings
 from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError
+from protocol.work import Checkpoint
+
+LIVE_SOURCE = "zenoh"
+"""A `bridge.source` that is a robot of its own, whose place outlives our processes."""
+
+_log = logging.getLogger(__name__)
 
 
 def main() -> None:
@@ -19,30 +34,81 @@ def main() -> None:
         "coordinator",
         run_coordinator,
         describe="Coordinator of Cluster-MCL: weighs clusters, places jobs, answers the pose.",
+        add_arguments=_add_arguments,
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--standby",
+        action="store_true",
+        help="wait while the robot has a coordinator, and take over when it dies",
     )
 
 
 def run_coordinator(invocation: Invocation) -> None:
-    """Coordinate until told to stop.
+    """Coordinate, or stand by, until told to stop.
 
     Raises:
-        AlreadyRunningError: the robot has a coordinator.
+        AlreadyRunningError: the robot has a coordinator, and this one was not told to stand by.
     """
+    settings, stop = invocation.settings, invocation.stop
+    may_wait = settings.coordinator.standby or invocation.arguments.standby
+    while not stop.is_set():
+        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+            known: Checkpoint | None = None
+            if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
+                if not may_wait:
+                    raise AlreadyRunningError(
+                        f"robot {settings.robot.name!r} has a coordinator already at "
+                        f"{settings.zenoh.router}: stop it, start this one with --standby, "
+                        f"or choose another robot.name"
+                    )
+                vigil = StandbyLoop(session, settings.coordinator.take_over_after_s)
+                if not vigil.run(stop):
+                    return
+                known = vigil.newest
+                _log.warning("the coordinator is dead: taking over")
+            lead(invocation, session, known)
+            may_wait = True  # another acts: whatever this one was told, it may only wait
+
+
+def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | None) -> None:
+    """Coordinate until told to stop, or until another coordinator acts."""
     settings = invocation.settings
-    with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
-        if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
-            raise AlreadyRunningError(
-                f"robot {settings.robot.name!r} has a coordinator already at "
-                f"{settings.zenoh.router}: stop it, or choose another robot.name"
-            )
-        coordinator = Coordinator(
-            invocation.process,
-            filter_settings(settings),
-            settings.coordinator,
-            version("clustermcl"),
-            time.monotonic_ns(),
+    folder = state_folder(settings)
+    robot = settings.robot.name
+    coordinator = Coordinator(
+        invocation.process,
+        filter_settings(settings),
+        settings.coordinator,
+        version("clustermcl"),
+        time.monotonic_ns(),
+        term=time.time_ns() // 1_000,
+        known=known,
+        last_poses=read_all(folder, robot) if folder else {},
+    )
+    keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
+    CoordinatorLoop(coordinator, session, keeper).run(invocation.stop)
+    if coordinator.outranked_by is not None:
+        _log.warning(
+            "another coordinator acts since term %d: stepping down", coordinator.outranked_by
         )
-        CoordinatorLoop(coordinator, session).run(invocation.stop)
+
+
+def state_folder(settings: Settings) -> Path | None:
+    """Where the last pose is kept; None for nowhere.
+
+    A recording or a simulation begins where it begins, whatever was before.
+    """
+    named = settings.coordinator.state_folder
+    if named == "off" or (not named and settings.bridge.source != LIVE_SOURCE):
+        return None
+    try:
+        return Path(named).expanduser() if named else default_state_folder()
+    except RuntimeError as error:  # a service without a home
+        _log.warning("the last pose is not kept: %s; set coordinator.state_folder", error)
+        return None
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:

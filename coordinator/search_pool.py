@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coordinator.checkpoint import PlaceState, SearchState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
@@ -13,6 +14,15 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+
+
+NOBODY = Particles(
+    step=0,
+    odom_from_robot=(0.0, 0.0, 0.0),
+    map_from_robot=ArrayBlob.of(np.empty((0, 3)), "float64"),
+    log_weights=ArrayBlob.of(np.empty(0), "float64"),
+)
+"""Stands for the particles of a place that another coordinator has pooled."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +41,6 @@ class Pool:
 
     step: int
     places: tuple[PooledPlace, ...]
-    log_likelihood_per_beam: float
 
 
 class SearchPool:
@@ -46,6 +55,24 @@ class SearchPool:
     def job_ids(self) -> tuple[str, ...]:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
+
+    def state(self, pool: Pool | None) -> SearchState:
+        """The search as it is handed on, with what it holds possible."""
+        return SearchState(
+            self.search,
+            self.first_step,
+            pool.step if pool else -1,
+            tuple(PlaceState(p.share, p.mean, p.covariance) for p in (pool.places if pool else ())),
+        )
+
+    @classmethod
+    def restored(
+        cls, state: SearchState, settings: SearchSettings
+    ) -> tuple["SearchPool", Pool | None]:
+        """The search that was handed on, and what it held possible, without particles."""
+        places = tuple(PooledPlace(p.share, p.mean, p.covariance, NOBODY) for p in state.places)
+        pool = Pool(state.pooled_step, places) if state.pooled_step >= 0 else None
+        return cls(state.search, state.first_step, settings), pool
 
     def take(self, report: SearchReport) -> None:
         """Keep one shard's report."""
@@ -88,17 +115,13 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     ]
     found.sort(key=lambda pair: -pair[0])
     if not found:
-        return Pool(step, (), _best_fit(reports))
+        return Pool(step, ())
     means = np.array([place.mean for _, place in found])
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
     groups = [np.flatnonzero(into == index) for index in np.unique(into)]
     joined = [_joined([found[member] for member in group]) for group in groups]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), _best_fit(reports))
-
-
-def _best_fit(reports: list[SearchReport]) -> float:
-    return max(report.log_likelihood_per_beam for report in reports)
+    return Pool(step, tuple(joined))
 
 
 def _joined(found: list[tuple[float, Place]]) -> PooledPlace:

@@ -41,10 +41,35 @@ class StepCollector:
         self._late: list[SearchReport] = []
         self.applied: int | None = None
         self.steps_lost = 0
+        self._base: int | None = None
+
+    def begin_after(self, step: int) -> None:
+        """The bridge had sent steps up to this one when the coordinator came."""
+        if self.applied is None:
+            self._base = step
+
+    def resume(self, applied: int | None, steps_lost: int) -> None:
+        """Another coordinator has applied the steps up to `applied`."""
+        self.applied, self.steps_lost = applied, steps_lost
+        self._late.clear()
+        for step in [step for step in self._open if applied is not None and step <= applied]:
+            del self._open[step]
+
+    @property
+    def oldest_scan(self) -> Scan | None:
+        """The oldest scan that waits to be applied."""
+        waiting = [opened.scan for opened in self._open.values() if opened.scan]
+        return min(waiting, key=lambda scan: scan.step, default=None)
+
+    @property
+    def newest_scan(self) -> Scan | None:
+        """The newest scan that waits to be applied."""
+        waiting = [opened.scan for opened in self._open.values() if opened.scan]
+        return max(waiting, key=lambda scan: scan.step, default=None)
 
     def take_scan(self, scan: Scan, now_ns: int) -> bool:
         """A scan arrived; False for one that is not news."""
-        if self.applied is not None and scan.step <= self.applied:
+        if self.before is not None and scan.step <= self.before:
             return False
         opened = self._open.setdefault(scan.step, OpenStep())
         if opened.scan is not None:
@@ -55,7 +80,7 @@ class StepCollector:
     def lost_before(self, scan: Scan) -> tuple[int, int] | None:
         """First and last of the steps just before `scan` whose scans have not come; else None."""
         known = [step for step, opened in self._open.items() if opened.scan and step < scan.step]
-        newest = max(known, default=self.applied)
+        newest = max(known, default=self.before)
         if newest is None or newest + 1 == scan.step:
             return None
         return newest + 1, scan.step - 1
@@ -91,13 +116,18 @@ class StepCollector:
         if step is None:
             return None
         opened = self._open[step]
-        follows = self.applied is None or step == self.applied + 1
+        follows = self.before is None or step == self.before + 1
         if not follows and now_ns < opened.arrived_ns + FETCH_NS:
             return None
         missing = [job_id for job_id in expected if job_id not in opened.reports]
         if missing and now_ns < self._deadline(opened, missing, placed_ns):
             return None
         return self._close(step)
+
+    @property
+    def before(self) -> int | None:
+        """The step after which the next one should be; None: any may be the first."""
+        return self._base if self.applied is None else self.applied
 
     def _deadline(
         self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
@@ -113,8 +143,8 @@ class StepCollector:
         assert opened.scan is not None  # `ready` chose a step that has one
         for older in [other for other in self._open if other < step]:
             del self._open[older]
-        if self.applied is not None:
-            self.steps_lost += step - self.applied - 1
+        if self.before is not None:
+            self.steps_lost += step - self.before - 1
         self.applied = step
         late, self._late = self._late, []
         return ReadyStep(opened.scan, (*late, *opened.reports.values()))

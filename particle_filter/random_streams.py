@@ -27,6 +27,10 @@ class Purpose(IntEnum):
     """The first particles of a cluster; the entity is the cluster."""
     GIVEN_POSE = 4
     """The cloud round a pose that a person gave; the entity counts those poses."""
+    LAST_POSE = 5
+    """The cloud round the pose of an earlier life; the entity is 0."""
+    REBUILT = 6
+    """The cloud of a cluster whose particles were lost; the entity is the cluster."""
 
 
 def generator(

@@ -69,7 +69,7 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When the coordinator stops waiting."""
+    """When the coordinator stops waiting, and who carries on after it."""
 
     step_deadline_s: Annotated[
         float, described("a step is applied at the latest so long after its scan", "s", gt=0)
@@ -83,6 +83,25 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     snapshot_every_steps: Annotated[
         int, described("a worker hands its state out every so many steps", "steps", gt=0)
     ] = 10
+    standby: Annotated[
+        bool, described("wait while the robot has a coordinator, and take over when it dies")
+    ] = False
+    take_over_after_s: Annotated[
+        float, described("a coordinator that gives no sign of life for so long is dead", "s", gt=0)
+    ] = 2.0
+    state_folder: Annotated[
+        str,
+        described(
+            "keeps the last pose of a live robot; empty: the user's state folder; off: nowhere"
+        ),
+    ] = ""
+    save_pose_every_s: Annotated[
+        float, described("the last pose is written at most so often", "s", gt=0)
+    ] = 5.0
+    last_pose_probability: Annotated[
+        float,
+        described("given to the last pose when a first search ends; 0: none", ge=0, le=0.5),
+    ] = 0.1
 
 
 class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -102,6 +121,15 @@ class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ] = "info"
 
 
+class MetricsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Figures for Prometheus, served by the coordinator."""
+
+    port: Annotated[int, described("port where /metrics is served; 0: nowhere", ge=0, le=65535)] = 0
+    host: Annotated[str, described("address of this machine on which that port is opened")] = (
+        "127.0.0.1"
+    )
+
+
 class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The whole settings file: sections in TOML, `--set section.key=value` on a command line."""
 
@@ -111,3 +139,4 @@ class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=
     coordinator: CoordinatorSettings = CoordinatorSettings()
     worker: WorkerSettings = WorkerSettings()
     log: LogSettings = LogSettings()
+    metrics: MetricsSettings = MetricsSettings()

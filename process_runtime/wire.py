@@ -144,7 +144,13 @@ def watch_link(session: zenoh.Session, inbox: Events) -> None:
 
 def is_alive(session: zenoh.Session, key: str, timeout_s: float) -> bool:
     """Whether a liveliness token is there."""
-    return any(reply.ok is not None for reply in session.liveliness().get(key, timeout=timeout_s))
+    return bool(alive(session, key, timeout_s))
+
+
+def alive(session: zenoh.Session, key: str, timeout_s: float) -> list[str]:
+    """The liveliness tokens that are there."""
+    replies = session.liveliness().get(key, timeout=timeout_s)
+    return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
 
 def ask(

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
-from protocol.work import Report, WorkOrder
+from protocol.work import Assignment, Report, WorkOrder
 from worker.jobs import RunningJob, running
+from worker.recent_reports import RecentReports
 
 RECENT_SCANS = 64
 """Scans kept at hand for jobs that begin a little behind."""
@@ -30,13 +31,26 @@ class JobTable:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
         self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
-        self._last_reports: dict[str, Report] = {}
+        self._reports = RecentReports()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
         return tuple(
             (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
         )
+
+    def is_news(self, order: WorkOrder) -> bool:
+        """Whether an order changes anything; one that does not is a question after a lost link."""
+        held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
+        return bool(order.begin) or set(order.keep) != held
+
+    def holds(self) -> tuple[Assignment, ...]:
+        """The jobs, each from where another worker could carry on."""
+        return tuple(job.handed_on() for _, job in sorted(self._jobs.items()))
+
+    def reports_since(self, step: int) -> list[Report]:
+        """What the jobs have reported of later steps; of searches also some before."""
+        return self._reports.since(step)
 
     def follow(self, order: WorkOrder, model: SensorModel, settings: FilterSettings) -> None:
         """Begin and end jobs, so that just those of the order are left.
@@ -61,7 +75,7 @@ class JobTable:
             for assignment in order.begin
         }
         self._jobs = kept | begun
-        self._last_reports = {j: r for j, r in self._last_reports.items() if j in self._jobs}
+        self._reports.keep_only(self._jobs)
 
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
         """The job if it has begun already: an order may come twice."""
@@ -77,6 +91,18 @@ class JobTable:
             return MissingScans(first, None)
         oldest = self._recent[0].step
         return MissingScans(first, oldest - 1) if first < oldest else None
+
+    def lost_before(self, scan: Scan) -> MissingScans | None:
+        """The steps just before `scan` whose scans never came, where a job could use them."""
+        newest = self._recent[-1].step if self._recent else scan.step
+        if not self._jobs or scan.step <= newest + 1:
+            return None
+        return MissingScans(newest + 1, scan.step - 1)
+
+    def said_last(self) -> list[Report]:
+        """The reports on the newest step once more, for one who may have lost them."""
+        newest = self._recent[-1].step if self._recent else -1
+        return self._reports.of_step(newest)
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
         """Bring every job up to the newest scan, with scans of the past where it needs them."""
@@ -94,12 +120,12 @@ class JobTable:
         if scan.step > newest:
             self._recent.append(scan)
             return self._advance(scan)
-        again = [r for r in self._last_reports.values() if r.step == scan.step]
-        return again + self._advance(scan)
+        return self.said_last() + self._advance(scan)
 
     def _advance(self, scan: Scan) -> list[Report]:
         reports = [
             job.advance(scan) for _, job in sorted(self._jobs.items()) if scan.step > job.step
         ]
-        self._last_reports |= {report.job_id: report for report in reports}
+        for report in reports:
+            self._reports.add(report)
         return reports

@@ -39,6 +39,9 @@ class RunningJob(Protocol):
     def advance(self, scan: Scan) -> Report:
         """Take the scan of a later step; steps in between are lost."""
 
+    def handed_on(self) -> Assignment:
+        """The same job, from where another worker would carry on with the same numbers."""
+
 
 def running(
     assignment: Assignment,
@@ -129,12 +132,20 @@ class Tracking:
             parts=self._parts(scan, rng),
         )
 
+    def handed_on(self) -> Assignment:
+        """The same job, from its particles as they are now."""
+        job = TrackJob(cluster=self._cluster, start=self._particles(), exact=True)
+        return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
+
     def _snapshot(self, scan: Scan) -> Particles | None:
         if self._snapshot_every == 0 or scan.step % self._snapshot_every != 0:
             return None
+        return self._particles()
+
+    def _particles(self) -> Particles:
         return Particles(
-            step=scan.step,
-            odom_from_robot=scan.odom_from_robot,
+            step=self.step,
+            odom_from_robot=pose_tuple(self._odom_from_robot),
             map_from_robot=ArrayBlob.of(self._cloud.map_from_robot, "float64"),
             log_weights=ArrayBlob.of(self._cloud.log_weights, "float64"),
         )
@@ -176,6 +187,10 @@ class Searching:
         )
         self._search = global_search.GlobalSearch(model, settings, start)
         self._odom_from_robot: Pose | None = None
+
+    def handed_on(self) -> Assignment:
+        """The same job: a search is carried on from its first scan."""
+        return self.assignment
 
     def _rng(self, step: int, use: int) -> np.random.Generator:
         part = self._job.shard * 4 + use

@@ -12,21 +12,39 @@ from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
+from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
 from process_runtime.wire import Asked, Events, Publisher, Received, ask, serve, subscribe
 from protocol import keys
-from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError, MapMismatchError
+from protocol.codec import decode, encode
+from protocol.errors import (
+    ClusterMclError,
+    MalformedMessageError,
+    MapMismatchError,
+    printable,
+)
 from protocol.steps import MapMessage, Scan, ScanHistory
-from protocol.work import OrderAnswer, Report, WorkOrder
+from protocol.work import (
+    Checkpoint,
+    OrderAnswer,
+    Report,
+    TakeOver,
+    WorkerState,
+    WorkOrder,
+)
+from worker.allegiance import Allegiance
 from worker.job_table import JobTable, MissingScans
 from worker.map_model import sensor_model
 
 MAP_TIMEOUT_S = 30.0
 HISTORY_TIMEOUT_S = 5.0
+LOST_SCANS_TIMEOUT_S = 0.5
+"""The bridge has just sent a scan, so it answers at once what it sent before, or never."""
 KEPT_SCANS = 64
+KEPT_CHECKPOINTS = 2
+"""One of each of two coordinators of which one takes over."""
 
 _log = logging.getLogger(__name__)
 
@@ -40,58 +58,100 @@ class WorkerLoop:
         self._name, self._session, self._cache_folder = name, session, cache_folder
         self._incarnation = incarnation
         self._table = JobTable(name)
-        self._inbox: Events = Inbox({"scan": KEPT_SCANS})
+        self._inbox: Events = Inbox({"scan": KEPT_SCANS, "checkpoint": KEPT_CHECKPOINTS})
         self._causes = CauseCounter()
         self._reports = Publisher(session, keys.worker_report(name), may_wait=True)
-        self._order = 0
+        self._health = HealthReporter(name, "worker", self._causes, self._inbox)
+        self._health_key = Publisher(session, keys.worker_health(name))
+        self._allegiance = Allegiance()
         self._map: GridMap | None = None
         self._model: SensorModel | None = None
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop."""
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
+        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint")
         serve(self._session, keys.worker_order(self._name), self._inbox)
         serve(self._session, keys.worker_state(self._name), self._inbox)
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             while not stop.is_set():
                 match self._inbox.get(0.1):
+                    case Received(key=keys.CHECKPOINT, payload=payload):
+                        self._on_checkpoint(payload)
                     case Received(payload=payload):
                         self._on_scan(payload)
                     case Asked() as asked:
                         self._on_query(asked)
+                self._health.publish_if_due(self._health_key)
 
     def _on_scan(self, payload: bytes) -> None:
         try:
             scan = decode(payload, Scan)
-            scan.ranges.array()  # refuses a blob that does not fill its shape
+            self._health.happened("scans")
         except MalformedMessageError as error:
-            self._causes.warn(_log, "malformed scan dropped", error, time.monotonic())
+            self._causes.warn(_log, error.cause, error, time.monotonic())
             return
+        if self._map is not None and scan.map_digest != self._map.digest:
+            detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
+            self._causes.warn(_log, "scan of another map", detail, time.monotonic())
+            return
+        lost = self._table.lost_before(scan)
+        for past in self._fetch(lost, LOST_SCANS_TIMEOUT_S) if lost else ():
+            self._publish(self._table.take(past))
         self._publish(self._table.take(scan))
+
+    def _on_checkpoint(self, payload: bytes) -> None:
+        try:
+            self._allegiance.keep(decode(payload, Checkpoint), payload)
+        except MalformedMessageError as error:
+            self._causes.warn(_log, "malformed checkpoint dropped", error, time.monotonic())
 
     def _on_query(self, asked: Asked) -> None:
         if asked.key.endswith("/state"):
-            asked.answer(self._answer())
+            self._tell_state(asked)
             return
         try:
             order = decode(asked.payload, WorkOrder)
+            again = [] if self._table.is_news(order) else self._table.said_last()
             self._follow(order)
         except (ClusterMclError, msgspec.ValidationError, ValueError) as error:
             self._causes.warn(_log, "order refused", error, time.monotonic())
             asked.answer(self._answer(problem=str(error)))
             return
         asked.answer(self._answer())
+        self._publish(again)
         self._catch_up()
 
+    def _tell_state(self, asked: Asked) -> None:
+        """Say what this worker does; to a new coordinator, all that it needs to carry on."""
+        if not asked.payload:
+            asked.answer(self._answer())
+            return
+        try:
+            self._allegiance.hear(decode(asked.payload, TakeOver).term)
+        except MalformedMessageError as error:
+            self._causes.warn(_log, "malformed question", error, time.monotonic())
+            asked.refuse(str(error))
+            return
+        state = WorkerState(
+            sender=self._name,
+            term=self._allegiance.term,
+            incarnation=self._incarnation,
+            holds=self._table.holds(),
+            checkpoint=self._allegiance.checkpoint,
+            reports=tuple(map(encode, self._table.reports_since(self._allegiance.step))),
+        )
+        asked.answer(state)
+
     def _follow(self, order: WorkOrder) -> None:
-        if order.order < self._order:
-            return  # overtaken by a later one
+        if not self._allegiance.check(order):
+            return
         settings = msgspec.convert(order.filter_settings, FilterSettings)
         if order.begin:
             self._prepare(order.map_digest, settings)
         if self._model is not None:
             self._table.follow(order, self._model, settings)
-        self._order = order.order
+        self._allegiance.order = order.order
 
     def _prepare(self, map_digest: str, settings: FilterSettings) -> None:
         """Have the map of that digest, as the settings' sensor sees it."""
@@ -105,13 +165,13 @@ class WorkerLoop:
 
     def _catch_up(self) -> None:
         missing = self._table.missing()
-        history = self._fetch(missing) if missing else ()
+        history = self._fetch(missing, HISTORY_TIMEOUT_S) if missing else ()
         self._publish(self._table.catch_up(history))
 
-    def _fetch(self, missing: MissingScans) -> tuple[Scan, ...]:
+    def _fetch(self, missing: MissingScans, timeout_s: float) -> tuple[Scan, ...]:
         selector = keys.scan_history(missing.first, missing.last)
         try:
-            return ask(self._session, selector, ScanHistory, timeout_s=HISTORY_TIMEOUT_S).scans
+            return ask(self._session, selector, ScanHistory, timeout_s=timeout_s).scans
         except ClusterMclError as error:
             self._causes.warn(_log, "no scan history", error, time.monotonic())
             return ()
@@ -119,11 +179,13 @@ class WorkerLoop:
     def _publish(self, reports: Iterable[Report]) -> None:
         for report in reports:
             self._reports.put(report)
+            self._health.happened("reports")
 
     def _answer(self, problem: str = "") -> OrderAnswer:
         return OrderAnswer(
             sender=self._name,
-            order=self._order,
+            order=self._allegiance.order,
+            term=self._allegiance.term,
             incarnation=self._incarnation,
             jobs=self._table.summary(),
             problem=problem,

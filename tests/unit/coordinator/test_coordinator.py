@@ -2,10 +2,12 @@
 
 import pytest
 
-from coordinator.coordinator import Coordinator, PublishBelief, SendOrder
+from coordinator.coordinator import Coordinator
+from coordinator.inquiry import Told
+from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
-from protocol.answers import Belief, SetPose
+from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.work import OrderAnswer, Report
 from tests.unit.coordinator.reports import scan, searched, tracked
@@ -29,11 +31,14 @@ class Story:
         for worker in workers:
             self.follow(self.coordinator.worker_joined(worker, 0))
 
-    def follow(self, instructions: list[SendOrder | PublishBelief]) -> None:
+    def follow(self, instructions: list[Instruction]) -> None:
         for instruction in instructions:
             match instruction:
                 case PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
+                case AskState(worker=worker):
+                    nothing = Told(term=0, holds=(), checkpoint=None, reports=())
+                    self.follow(self.coordinator.worker_told(worker, nothing, 0))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
@@ -138,15 +143,17 @@ def test_a_scan_of_another_map_is_refused_and_counted() -> None:
 def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
     story = Story("a").bootstrapped()
     command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
-    story.follow(story.coordinator.set_pose(command, SECOND))
+    story.follow(story.coordinator.command(command, SECOND)[1])
     assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
     assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((3.0, 4.0, 0.5))
     assert "c2" in story.epochs, "a worker tracks it"
 
 
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
-    with pytest.raises(ValueError, match="no scan has arrived"):
-        Story("a").coordinator.relocalize(0)
+    command = Relocalize(sender="client", command_id="1")
+    done, instructions = Story("a").coordinator.command(command, 0)
+    assert "no scan has arrived" in done.problem
+    assert not any(isinstance(one, PublishBelief) for one in instructions)
 
 
 def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:

@@ -223,3 +223,25 @@ def test_a_cloud_in_two_places_is_told_as_two_where_splitting_is_on(model: Senso
         table.follow(order(track("c0", apart, exact=True)), model, settings)
         (report,) = reports_of(table, range(1, 2))
         assert len(report.parts) == expected
+
+
+def test_scans_that_were_lost_before_one_are_asked_for(model: SensorModel) -> None:
+    table = JobTable("w")
+    assert table.lost_before(scan(7)) is None, "nothing has been seen yet"
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    table.take(scan(1))
+    assert table.lost_before(scan(2)) is None
+    lost = table.lost_before(scan(5))
+    assert lost is not None
+    assert (lost.first, lost.last) == (2, 4)
+
+
+def test_an_order_that_changes_nothing_is_a_question(model: SensorModel) -> None:
+    table = JobTable("w")
+    begin = order(track("c0", cloud()))
+    assert table.is_news(begin)
+    table.follow(begin, model, SETTINGS)
+    (report,) = table.take(scan(1))
+    assert not table.is_news(order(keep=(("c0", 1),)))
+    assert table.is_news(order(keep=()))
+    assert table.said_last() == [report]

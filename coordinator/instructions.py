@@ -1,0 +1,49 @@
+"""What the coordinator wants done; the rim carries it out."""
+
+from dataclasses import dataclass
+
+from protocol.answers import Belief, PoseAnswer
+from protocol.work import Checkpoint, TakeOver, WorkOrder
+
+
+@dataclass(frozen=True)
+class SendOrder:
+    """Ask a worker to follow an order."""
+
+    worker: str
+    order: WorkOrder
+
+
+@dataclass(frozen=True)
+class AskState:
+    """Ask a worker what it does and what it knows of the coordinator before."""
+
+    worker: str
+    question: TakeOver
+
+
+@dataclass(frozen=True)
+class PublishCheckpoint:
+    """Let others keep what a coordinator after this one would need."""
+
+    checkpoint: Checkpoint
+
+
+@dataclass(frozen=True)
+class PublishBelief:
+    """Tell everybody what is believed."""
+
+    belief: Belief
+    pose: PoseAnswer
+
+
+@dataclass(frozen=True)
+class FetchScans:
+    """Ask the bridge for steps whose scans were lost on their way."""
+
+    first: int
+    last: int | None
+    """None: up to the newest."""
+
+
+Instruction = SendOrder | AskState | PublishCheckpoint | PublishBelief | FetchScans

@@ -1,0 +1,72 @@
+"""A place that is possible from earlier knowledge: one hypothesis beside those that are found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from coordinator.checkpoint import OfferState
+from coordinator.cluster_set import Candidate
+from coordinator.given_places import candidate
+from particle_filter.poses import between, compose, heading_distance
+from particle_filter.random_streams import Purpose
+from particle_filter.settings import FilterSettings
+from protocol.message import PoseTuple
+
+
+def with_offer(
+    found: Sequence[Candidate],
+    offer: OfferState,
+    odom_from_robot: PoseTuple,
+    settings: FilterSettings,
+) -> list[Candidate]:
+    """Give the offered place its probability beside the places that a search has found.
+
+    A place that was found there anyway gets it; else the offered one takes the last place of K.
+
+    Args:
+        found: most probable first; their probabilities sum to one.
+        offer: the place as it was after an earlier step; it is tracked from there.
+        odom_from_robot: odometry now, which carries the offered place to where it would be.
+        settings: of the filter.
+    """
+    rules = settings.belief
+    moved = between(np.array(offer.odom_from_robot), np.array(odom_from_robot))
+    x, y, heading = (float(v) for v in compose(np.array(offer.map_from_robot), moved))
+    there = next(
+        (
+            index
+            for index, place in enumerate(found)
+            if math.dist(place.mean[:2], (x, y)) <= rules.merge_distance_m
+            and heading_distance(place.mean[2], heading) <= rules.merge_heading_rad
+        ),
+        None,
+    )
+    kept = list(found) if there is not None else list(found[: rules.clusters - 1])
+    total = math.fsum(place.probability for place in kept)
+    if not kept or total <= 0.0:
+        return [_offered((x, y, heading), offer, 1.0, settings)]
+    left = (1.0 - offer.probability) / total
+    scaled = [replace(place, probability=place.probability * left) for place in kept]
+    if there is None:
+        return [*scaled, _offered((x, y, heading), offer, offer.probability, settings)]
+    raised = scaled[there].probability + offer.probability
+    scaled[there] = replace(scaled[there], probability=raised)
+    return scaled
+
+
+def _offered(
+    mean: PoseTuple, offer: OfferState, probability: float, settings: FilterSettings
+) -> Candidate:
+    start = candidate(
+        probability,
+        offer.map_from_robot,
+        offer.covariance,
+        seed=settings.seed,
+        purpose=Purpose.LAST_POSE,
+        entity=0,
+        step=offer.step,
+        odom_from_robot=offer.odom_from_robot,
+    )
+    return replace(start, mean=mean)
