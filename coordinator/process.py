@@ -15,6 +15,7 @@ from coordinator.pose_keeper import PoseKeeper
 from coordinator.standby import StandbyLoop
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
+from process_runtime.metrics import metrics_served
 from process_runtime.session import open_session
 from process_runtime.settings import Settings
 from process_runtime.wire import is_alive
@@ -55,7 +56,10 @@ def run_coordinator(invocation: Invocation) -> None:
     settings, stop = invocation.settings, invocation.stop
     may_wait = settings.coordinator.standby or invocation.arguments.standby
     while not stop.is_set():
-        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+        with (
+            open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
+            metrics_served(settings.metrics, session),
+        ):
             known: Checkpoint | None = None
             if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
                 if not may_wait:
