@@ -30,6 +30,8 @@ SMALL = (
 END_WITHIN_S = 3.0
 CLEAN_CODES = {0, 130, 143, -signal.SIGINT, -signal.SIGTERM}
 """Of a process that ends itself, as a shell says it, and as `subprocess` says it."""
+OURS = "clustermcl"
+"""What is said without it was said by the interpreter before the first line of ours."""
 _LOST_AFTER_S = 20.0
 
 
@@ -70,6 +72,7 @@ def run_cycle(moment: Moment, cache: Path) -> Ended:
         moment: when and how it is ended.
         cache: for likelihood fields, so that they are made once.
     """
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it
     shared_before = shared_memory()
     with tempfile.TemporaryDirectory(prefix="mcl-") as folder:
         own = Path(folder) / "tmp"
@@ -88,7 +91,7 @@ def run_cycle(moment: Moment, cache: Path) -> Ended:
             )
         ended = _end(popen, moment)
         said = log.read_text(errors="replace")
-        if "Traceback" in said or "Timeout (" in said:
+        if ("Traceback" in said and OURS in said) or "Timeout (" in said:
             ended.problems.append(f"it said:\n{said}")
         if left := sorted(file.name for file in own.iterdir()):
             ended.problems.append(f"left in the temporary folder: {left}")

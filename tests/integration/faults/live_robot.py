@@ -1,0 +1,36 @@
+"""A system whose robot is not of the stack: it publishes readings as a real one's driver does."""
+
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from clustermcl.soak.map_file import write_map
+from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.supervisor import python_module
+from robot_simulator.source import simulated_world
+from tests.integration.faults.system import SMALL, System, system
+from tests.integration.processes import RunningProcess
+
+BRIDGE = "sensor_bridge"
+WORLD = "cross"
+
+
+@contextmanager
+def with_live_robot(
+    settings: Settings = SMALL, *, rate_hz: float = 20.0
+) -> Iterator[tuple[System, RunningProcess]]:
+    """The system, and the robot, which drives on whatever happens to the system."""
+    with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
+        map_file = write_map(simulated_world(f"sim:{WORLD}").map, Path(folder), "map")
+        bridge = BridgeSettings(map=str(map_file), source="zenoh")
+        with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
+            words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
+            command = python_module("clustermcl.soak.robot", *words, "--rate-hz", str(rate_hz))
+            robot = RunningProcess(command, Path(folder), "robot")
+            try:
+                yield tested, robot
+            finally:
+                robot.kill()

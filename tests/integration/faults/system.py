@@ -1,0 +1,145 @@
+"""A whole system under test, with somebody who hears all that it says and can hurt it."""
+
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import psutil
+import zenoh
+
+from clustermcl.client import Client
+from clustermcl.stack import WORKERS, Stack, meeting_in, running
+from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from process_runtime.session import open_session
+from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode
+from tests.integration.waiting import wait_until
+
+SIMULATOR = "robot_simulator"
+SMALL = Settings(
+    seed=3,
+    cluster=ClusterSettings(particles=300),
+    search=SearchSettings(
+        min_start_particles=8_000, max_start_particles=8_000, particles=2_000, max_steps=20
+    ),
+    belief=BeliefSettings(clusters=4, search_every_steps=100_000),
+    bridge=BridgeSettings(source="sim:cross", rate=2.0),
+    worker=WorkerSettings(count=4),
+)
+"""Four places that stay alike, one worker each, some five steps a second; no search meanwhile."""
+
+
+class System:
+    """Everything of one robot, in processes of its own; the test looks after them."""
+
+    def __init__(self, settings: Settings, stack: Stack, folder: Path, session: zenoh.Session):
+        self.settings, self.stack, self.folder = settings, stack, folder
+        self.session = session
+        self._names = set(stack.pids())
+        self.beliefs: list[Belief] = []
+        self._heard_ns: list[int] = []
+        session.declare_subscriber(keys.BELIEF, self._on_belief)
+
+    def _on_belief(self, sample: zenoh.Sample) -> None:
+        self._heard_ns.append(time.monotonic_ns())
+        self.beliefs.append(decode(sample.payload.to_bytes(), Belief))
+
+    @property
+    def client(self) -> Client:
+        """A client of its own, for one ``with``."""
+        zenoh_settings = msgspec.structs.replace(self.settings.zenoh, connect_timeout_s=20.0)
+        return Client(msgspec.structs.replace(self.settings, zenoh=zenoh_settings))
+
+    @property
+    def step(self) -> int:
+        """The last step believed; -1 before the first."""
+        return self.beliefs[-1].step if self.beliefs else -1
+
+    def since(self, step: int) -> list[Belief]:
+        """Beliefs of later steps."""
+        return [belief for belief in list(self.beliefs) if belief.step > step]
+
+    def gaps_s(self) -> list[float]:
+        """Times between beliefs [s]."""
+        heard = list(self._heard_ns)
+        return [(b - a) / 1e9 for a, b in pairwise(heard)]
+
+    def clusters(self) -> set[int]:
+        """Those of the last belief."""
+        return {h.cluster for h in self.beliefs[-1].hypotheses}
+
+    def tracks(self) -> bool:
+        """Whether clusters are tracked, as many as there are workers, and none is missing."""
+        if not self.beliefs:
+            return False
+        last = self.beliefs[-1]
+        return last.state != "searching" and not last.missing and not last.searching
+
+    def wait_until_it_tracks(self) -> None:
+        wait_until(self.tracks, 60.0)
+        step = self.step
+        wait_until(lambda: len(self.since(step)) >= 5 and self.tracks(), 30.0)
+
+    def wait_for_steps(self, count: int, deadline_s: float = 30.0) -> None:
+        """Until so many more steps are believed."""
+        step = self.step
+        wait_until(lambda: self.step >= step + count, deadline_s)
+
+    def pid(self, name: str) -> int:
+        return self.stack.pids()[name]
+
+    def worker_pids(self) -> list[int]:
+        """The worker processes, by their index."""
+        children = psutil.Process(self.pid(WORKERS)).children()
+        return [child.pid for child in sorted(children, key=lambda child: child.create_time())]
+
+    def hurt(self, name: str, number: int = signal.SIGKILL) -> None:
+        """Send a signal to a process of the stack; who dies is started again by `mend`."""
+        os.kill(self.pid(name), number)
+
+    def mend(self) -> None:
+        """Start again who has died, as `clustermcl up` does."""
+
+        def all_run() -> bool:
+            self.stack.ended()
+            return set(self.stack.pids()) == self._names
+
+        wait_until(all_run)
+
+    def log(self, name: str) -> str:
+        """What a process of the stack has logged."""
+        return (self.folder / f"{name}.log").read_text()
+
+
+@contextmanager
+def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> Iterator[System]:
+    """Start everything; all is ended on the way out.
+
+    Args:
+        settings: of all processes.
+        arguments: of the simulator.
+        endpoint: of the router; left out: a socket of its own.
+    """
+    with ExitStack() as resources:
+        folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-")))
+        cache = msgspec.structs.replace(settings.worker, cache_folder=str(folder / "cache"))
+        met = meeting_in(folder, msgspec.structs.replace(settings, worker=cache))
+        if endpoint:
+            zenoh_settings = msgspec.structs.replace(met.zenoh, router=endpoint)
+            met = msgspec.structs.replace(met, zenoh=zenoh_settings)
+        stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
+        resources.enter_context(running(stack))
+        stack.start_all()
+        session = resources.enter_context(
+            open_session(met.zenoh, met.robot, StopFlag(), wait_s=30.0)
+        )
+        yield System(met, stack, folder, session)

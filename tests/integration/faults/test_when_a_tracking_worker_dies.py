@@ -1,0 +1,38 @@
+"""DESIGN.md section 4: a tracking worker dies: its cluster goes on elsewhere, untouched.
+
+That its particles are bit-identical then, `test_same_beliefs` shows; here it is the time it takes.
+"""
+
+import os
+import signal
+import time
+
+import msgspec
+
+from process_runtime.settings import WorkerSettings
+from tests.integration.faults.system import SMALL, system
+from tests.integration.waiting import wait_until
+
+SIX_WORKERS = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=6))
+"""Four clusters: two stand by."""
+
+
+def test_its_cluster_is_on_a_standby_worker_within_a_second() -> None:
+    with system(SIX_WORKERS) as tested, tested.client as client:
+        tested.wait_until_it_tracks()
+        clusters, step = tested.clusters(), tested.step
+        workers = client.status().workers
+        assert sorted(map(len, workers.values())) == [0, 0, 1, 1, 1, 1]
+        name = next(name for name, jobs in workers.items() if jobs)
+        (job,) = workers[name]
+        os.kill(tested.worker_pids()[int(name.removeprefix("worker-"))], signal.SIGKILL)
+        killed_s = time.monotonic()
+
+        def is_elsewhere() -> bool:
+            return any(job in jobs for n, jobs in client.status().workers.items() if n != name)
+
+        wait_until(is_elsewhere)
+        assert time.monotonic() - killed_s < 1.0
+        wait_until(lambda: len(tested.since(step)) > 10)
+        assert not any(belief.missing for belief in tested.since(step)), "no update was lost"
+        assert tested.clusters() == clusters

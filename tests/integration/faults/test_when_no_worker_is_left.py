@@ -1,0 +1,44 @@
+"""DESIGN.md section 4: no worker is left: status and pose say so; one that appears takes over."""
+
+import os
+import signal
+
+import msgspec
+import pytest
+
+from clustermcl.stack import WORKERS
+from tests.integration.faults.system import SMALL, system
+from tests.integration.waiting import wait_until
+
+BELIEF = msgspec.structs.replace(SMALL.belief, transition_probability=0.0)
+SETTINGS = msgspec.structs.replace(SMALL, belief=BELIEF)
+"""Nothing but evidence moves probabilities."""
+
+
+def test_without_workers_status_and_pose_say_so_and_it_recovers_when_one_appears() -> None:
+    with system(SETTINGS) as tested:
+        tested.wait_until_it_tracks()
+        clusters = tested.clusters()
+        tested.hurt(WORKERS, signal.SIGSTOP)  # their parent, so that it starts no others
+        try:
+            for pid in tested.worker_pids():
+                os.kill(pid, signal.SIGKILL)
+            with tested.client as client:
+                wait_until(lambda: client.pose().workers == 0)
+                assert client.status().workers == {}
+                step = tested.step
+                wait_until(lambda: len(tested.since(step)) >= 4)
+                without = tested.since(step)[-2:]
+                assert all(len(belief.missing) == 4 for belief in without)
+                first, second = (
+                    {h.cluster: h.probability for h in belief.hypotheses} for belief in without
+                )
+                assert first == pytest.approx(second), "no evidence, no change"
+                assert client.pose().freshness == "fresh", "odometry carries the pose on"
+        finally:
+            tested.hurt(WORKERS, signal.SIGCONT)
+        with tested.client as client:
+            wait_until(lambda: client.pose().workers == 4)
+            step = tested.step
+            wait_until(lambda: len(tested.since(step)) > 5 and tested.tracks())
+        assert tested.clusters() == clusters, "each goes on from its last state"

@@ -1,0 +1,40 @@
+"""DESIGN.md sections 3 and 4: a restarted router costs the steps it lasted, and nothing else."""
+
+import time
+
+import pytest
+
+from clustermcl.stack import COORDINATOR, ROUTER, WORKERS
+from tests.integration.faults.system import SIMULATOR, System, system
+from tests.integration.waiting import wait_until
+
+
+def jobs_of(tested: System) -> dict[str, tuple[str, ...]]:
+    with tested.client as client:
+        return dict(client.status().workers)
+
+
+@pytest.mark.parametrize("lasts_s", [1.0, 3.0])
+def test_a_restarted_router_costs_the_steps_it_lasted_and_nothing_else(lasts_s: float) -> None:
+    with system() as tested:
+        tested.wait_until_it_tracks()
+        placed, clusters, pids = jobs_of(tested), tested.clusters(), dict(tested.stack.pids())
+        workers = tested.worker_pids()
+        tested.hurt(ROUTER)
+        time.sleep(lasts_s)  # the outage itself
+        last_before = tested.step
+        tested.mend()
+        mended_s = time.monotonic()
+        wait_until(lambda: tested.step > last_before)
+        assert time.monotonic() - mended_s < 2.0 + 0.5, "a second to connect, a deadline to decide"
+        tested.wait_for_steps(10)
+        assert tested.clusters() == clusters
+        assert jobs_of(tested) == placed, "no cluster was moved"
+        assert tested.worker_pids() == workers
+        for name in (COORDINATOR, WORKERS, SIMULATOR):
+            assert tested.pid(name) == pids[name], f"{name} went on"
+        # The simulated robot waits for a coordinator, so even the steps of the outage are there.
+        after = tested.since(last_before)
+        assert [belief.missing for belief in after] == [()] * len(after)
+        with tested.client as client:
+            assert client.status().steps_lost == 0
