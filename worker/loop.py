@@ -104,7 +104,7 @@ class WorkerLoop:
         try:
             self._allegiance.keep(decode(payload, Checkpoint), payload)
         except MalformedMessageError as error:
-            self._causes.warn(_log, "malformed checkpoint dropped", error, time.monotonic())
+            self._causes.warn(_log, error.cause, error, time.monotonic())
 
     def _on_query(self, asked: Asked) -> None:
         if asked.key.endswith("/state"):
@@ -115,7 +115,7 @@ class WorkerLoop:
             again = [] if self._table.is_news(order) else self._table.said_last()
             self._follow(order)
         except (ClusterMclError, msgspec.ValidationError, ValueError) as error:
-            self._causes.warn(_log, "order refused", error, time.monotonic())
+            self._causes.warn(_log, _cause_of_refusal(error), error, time.monotonic())
             asked.answer(self._answer(problem=str(error)))
             return
         asked.answer(self._answer())
@@ -130,7 +130,7 @@ class WorkerLoop:
         try:
             self._allegiance.hear(decode(asked.payload, TakeOver).term)
         except MalformedMessageError as error:
-            self._causes.warn(_log, "malformed question", error, time.monotonic())
+            self._causes.warn(_log, error.cause, error, time.monotonic())
             asked.refuse(str(error))
             return
         state = WorkerState(
@@ -145,6 +145,8 @@ class WorkerLoop:
 
     def _follow(self, order: WorkOrder) -> None:
         if not self._allegiance.check(order):
+            detail = f"order {order.order} after {self._allegiance.order}"
+            self._causes.warn(_log, "order overtaken", detail, time.monotonic())
             return
         settings = msgspec.convert(order.filter_settings, FilterSettings)
         if order.begin:
@@ -190,3 +192,14 @@ class WorkerLoop:
             jobs=self._table.summary(),
             problem=problem,
         )
+
+
+def _cause_of_refusal(error: Exception) -> str:
+    """What to count a refused order as: fixed words."""
+    match error:
+        case MalformedMessageError():
+            return error.cause
+        case MapMismatchError():
+            return "order for another map"
+        case _:
+            return "order refused"
