@@ -23,7 +23,7 @@ class RayMap:
     """A map made ready for ray casting."""
 
     jumps: JumpField
-    """(rows, cols) `ray_casting.jump_field` of its cells."""
+    """`ray_casting.jump_field` of its cells."""
     cell_m: float
     """Side of a cell [m]."""
     map_from_grid: Pose

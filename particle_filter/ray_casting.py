@@ -16,25 +16,33 @@ from particle_filter.kernel_arguments import plain, read_only
 from particle_filter.kernels import kernel
 
 JumpField: TypeAlias = NDArray[np.uint8]
-"""(rows, cols) chessboard distance to the nearest occupied cell [cells], at most 255."""
+"""(4, rows, cols) how far a ray may jump ahead from anywhere in a cell: see `jump_field`."""
+
+_LONGEST_JUMP = 255
 
 
 def jump_field(cells: Cells) -> JumpField:
-    """Chessboard distance of every cell to the nearest occupied one, computed once per map.
+    """The free square ahead of every cell, for rays of each quadrant; computed once per map.
 
-    A ray in a cell of distance k meets nothing while it moves by less than k cells along
-    either axis, so it jumps k - 1 cells at once and still hits exactly the right cell.
+    The cell is the square's corner, and the square lies in the direction in which the rays of the
+    quadrant run. It holds no occupied cell, so a ray leaves it before it meets anything, and what
+    it enters then is exactly the right cell. A square that looks ahead only is larger than one
+    around the cell, which a wall beside or behind the ray makes small: there are a third fewer
+    jumps.
 
     Args:
         cells: (rows, cols) grid map.
 
     Returns:
-        (rows, cols) 0 on occupied cells; 255 also stands for all that is farther.
-
-    References:
-        Rosenfeld and Pfaltz (1966): two passes are exact for the chessboard distance.
+        (4, rows, cols) sides of the squares [cells], at most 255, 0 on occupied cells; quadrant
+        2 * up + right, where right is dx >= 0 and up is dy >= 0.
     """
-    return _two_passes(read_only(cells))
+    fields = np.empty((4, *cells.shape), np.uint8)
+    for quadrant in range(4):
+        rows = slice(None, None, -1 if quadrant & 2 else 1)
+        cols = slice(None, None, -1 if quadrant & 1 else 1)
+        fields[quadrant] = _squares(read_only(cells[rows, cols]))[rows, cols]
+    return fields
 
 
 def cast_rays(
@@ -64,7 +72,7 @@ def cast_rays(
     References:
         Amanatides and Woo, A Fast Voxel Traversal Algorithm (1987).
     """
-    one_by_one = (cells != OCCUPIED).view(np.uint8)
+    one_by_one = np.broadcast_to((cells != OCCUPIED).view(np.uint8), (4, *cells.shape))
     poses = np.reshape(grid_from_laser, (1, 3))
     return cast_rays_from_poses(one_by_one, cell_m, poses, angles, max_range_m).reshape(-1)
 
@@ -79,7 +87,7 @@ def cast_rays_from_poses(
     """Distance to the first occupied cell's boundary, for every pose and beam.
 
     Args:
-        jumps: (rows, cols) `jump_field` of the map.
+        jumps: `jump_field` of the map.
         cell_m: side of a cell [m].
         grid_from_laser: (N, 3) poses of the laser in the grid's frame.
         angles: (B,) directions of the beams in the laser's frame [rad].
@@ -100,30 +108,20 @@ def cast_rays_from_poses(
 
 
 @kernel
-def _two_passes(cells: Cells) -> JumpField:
+def _squares(cells: Cells) -> NDArray[np.uint8]:
+    """Sides of the largest free squares that end in each cell; around the map all is free."""
     rows, cols = cells.shape
-    field = np.full((rows, cols), 255, dtype=np.uint8)
+    field = np.empty((rows, cols), np.uint8)
     for row in range(rows):
         for col in range(cols):
-            if cells[row, col] == OCCUPIED:
-                field[row, col] = 0
-                continue
-            nearest = 254
-            if col > 0:
-                nearest = min(nearest, field[row, col - 1])
+            least = _LONGEST_JUMP - 1
             if row > 0:
-                for near in range(max(col - 1, 0), min(col + 2, cols)):
-                    nearest = min(nearest, field[row - 1, near])
-            field[row, col] = nearest + 1
-    for row in range(rows - 1, -1, -1):
-        for col in range(cols - 1, -1, -1):
-            nearest = int(field[row, col]) - 1  # a byte cannot hold -1
-            if col < cols - 1:
-                nearest = min(nearest, field[row, col + 1])
-            if row < rows - 1:
-                for near in range(max(col - 1, 0), min(col + 2, cols)):
-                    nearest = min(nearest, field[row + 1, near])
-            field[row, col] = max(nearest + 1, 0)
+                least = min(least, int(field[row - 1, col]))
+            if col > 0:
+                least = min(least, int(field[row, col - 1]))
+            if row > 0 and col > 0:
+                least = min(least, int(field[row - 1, col - 1]))
+            field[row, col] = 0 if cells[row, col] == OCCUPIED else least + 1
     return field
 
 
@@ -152,7 +150,7 @@ def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cel
     """Follow one ray; kernels call it, and everything is in cells.
 
     Args:
-        jumps: (rows, cols) `jump_field` of the map.
+        jumps: `jump_field` of the map.
         x: start, columns from the grid's low corner.
         y: start, rows from the grid's low corner.
         dx: unit direction along the columns.
@@ -162,7 +160,7 @@ def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cel
     Returns:
         Cells to the boundary of the first occupied cell; infinite where nothing is hit.
     """
-    rows, cols = jumps.shape
+    rows, cols = jumps.shape[1], jumps.shape[2]
     t, t_exit = _span_in_grid(x, y, dx, dy, float(cols), float(rows))
     t_last = min(t_exit, max_cells)
     if t > t_last:
@@ -170,33 +168,30 @@ def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cel
     # Clamp before int(), which truncates towards zero: -0.3 is no place in column 0.
     col = int(min(max(floor(x + t * dx), 0.0), cols - 1.0))
     row = int(min(max(floor(y + t * dy), 0.0), rows - 1.0))
-    step_x, step_y = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    side_x, side_y = (1.0 if dx > 0.0 else 0.0), (1.0 if dy > 0.0 else 0.0)
+    right, up = dx >= 0.0, dy >= 0.0
+    ahead = jumps[(2 if up else 0) + (1 if right else 0)]
     per_x = 1.0 / dx if dx != 0.0 else np.inf
     per_y = 1.0 / dy if dy != 0.0 else np.inf
-    per_jump = 1.0 / max(abs(dx), abs(dy))
     while True:
-        clear = jumps[row, col]
-        if clear == 0:
+        side = int(ahead[row, col])
+        if side == 0:
             return t
-        if clear > 1:
-            t += (clear - 1) * per_jump
-            if t > t_last:
-                return np.inf
-            # Inside the grid but for rounding, so int() cannot be a whole cell off.
-            col = min(int(x + t * dx), cols - 1)
-            row = min(int(y + t * dy), rows - 1)
-            continue
-        t_x = (col + side_x - x) * per_x if dx != 0.0 else np.inf
-        t_y = (row + side_y - y) * per_y if dy != 0.0 else np.inf
+        t_x = ((col + side if right else col - side + 1) - x) * per_x
+        t_y = ((row + side if up else row - side + 1) - y) * per_y
+        # Into the next cell across the border that it leaves by; along that border it stays
+        # within the square, whatever rounding says.
         if t_x < t_y:
             t = t_x
-            col += step_x
+            col = col + side if right else col - side
+            if t > t_last or not 0 <= col < cols:
+                return np.inf
+            row = min(max(int(y + t * dy), row - side + 1, 0), row + side - 1, rows - 1)
         else:
             t = t_y
-            row += step_y
-        if t > t_last or col < 0 or row < 0 or col >= cols or row >= rows:
-            return np.inf
+            row = row + side if up else row - side
+            if t > t_last or not 0 <= row < rows:
+                return np.inf
+            col = min(max(int(x + t * dx), col - side + 1, 0), col + side - 1, cols - 1)
 
 
 @kernel

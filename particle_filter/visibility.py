@@ -5,7 +5,7 @@ amid many walls therefore often scores better than the true one. Following the r
 apart, at a hundred times the price, so it is done for a few particles of each cluster.
 """
 
-from math import cos, hypot, sin
+from math import cos, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,8 @@ def _hidden_codes(
     slack: float,
 ) -> NDArray[np.float64]:
     c, s, x0, y0 = in_cells
-    rows, cols = jumps.shape
+    rows, cols = jumps.shape[1], jumps.shape[2]
+    cos_sin = cos(slack), sin(slack)
     sums = np.zeros(len(poses))
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
@@ -89,9 +90,9 @@ def _hidden_codes(
             if code == 0:
                 continue
             dx, dy = col - from_col, row - from_row
-            length = hypot(dx, dy)
+            length = sqrt(dx * dx + dy * dy)
             if length > margin and _is_hidden(
-                jumps, from_col, from_row, dx / length, dy / length, length - margin, slack
+                jumps, from_col, from_row, dx / length, dy / length, length - margin, cos_sin
             ):
                 sums[i] += code
     return sums
@@ -99,12 +100,18 @@ def _hidden_codes(
 
 @kernel
 def _is_hidden(
-    jumps: JumpField, x: float, y: float, dx: float, dy: float, length: float, slack: float
+    jumps: JumpField,
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    length: float,
+    slack: tuple[float, float],
 ) -> bool:
     """Whether the ray, and one a little to either side of it, meets something before its end."""
-    if cast_ray(jumps, x, y, dx, dy, length) >= length:
-        return False
-    c, s = cos(slack), sin(slack)
-    left = cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, length)
-    right = cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, length)
-    return left < length and right < length
+    c, s = slack
+    return (
+        cast_ray(jumps, x, y, dx, dy, length) < length
+        and cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, length) < length
+        and cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, length) < length
+    )

@@ -16,7 +16,7 @@ from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 
-CACHE_VERSION = 1
+CACHE_VERSION = 2
 """Raise it when the same map and settings give another field."""
 
 _log = logging.getLogger(__name__)
@@ -98,7 +98,8 @@ def _read(entry: Path, grid_map: GridMap, settings: SensorSettings) -> SensorMod
     except ValueError as error:
         raise _BrokenEntryError(str(error)) from error
     rows, cols = grid_map.cells.shape
-    if codes.shape != (rows + 2, cols + 2) or not cells.shape == jumps.shape == (rows, cols):
+    shapes = codes.shape, cells.shape, jumps.shape
+    if shapes != ((rows + 2, cols + 2), (rows, cols), (4, rows, cols)):
         raise _BrokenEntryError(f"{entry.name} holds arrays of another map")
     field = LikelihoodField(
         codes=codes,

@@ -10,12 +10,20 @@ from particle_filter.settings import SensorSettings
 
 
 def jump_field(cells: Cells) -> NDArray[np.uint8]:
-    """Look from every occupied cell at all cells."""
-    rows, cols = np.indices(cells.shape)
-    nearest = np.full(cells.shape, 255)
-    for row, col in np.argwhere(cells == OCCUPIED):
-        nearest = np.minimum(nearest, np.maximum(abs(rows - row), abs(cols - col)))
-    return nearest.astype(np.uint8)
+    """Try larger and larger squares from every cell in every quadrant; maps under 20 cells."""
+    field = np.zeros((4, *cells.shape), np.uint8)
+    for quadrant, row, col in np.ndindex(field.shape):
+        for side in [*range(1, 20), 255]:
+            rows = (
+                slice(row, row + side) if quadrant & 2 else slice(max(row - side + 1, 0), row + 1)
+            )
+            cols = (
+                slice(col, col + side) if quadrant & 1 else slice(max(col - side + 1, 0), col + 1)
+            )
+            if (cells[rows, cols] == OCCUPIED).any():
+                break
+            field[quadrant, row, col] = side
+    return field
 
 
 def cast_ray(cells: Cells, cell_m: float, pose: Pose, angle: float, max_range_m: float) -> float:

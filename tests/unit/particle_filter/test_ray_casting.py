@@ -65,14 +65,14 @@ def test_a_ray_from_outside_enters_the_map() -> None:
 
 @relaxed
 @given(cells=grids)
-def test_the_jump_field_is_the_chessboard_distance(cells: Cells) -> None:
+def test_jumps_are_the_largest_free_squares_ahead(cells: Cells) -> None:
     np.testing.assert_array_equal(jump_field(cells), naive_rays.jump_field(cells))
 
 
-def test_a_distance_too_large_for_a_byte_saturates() -> None:
+def test_a_jump_too_long_for_a_byte_becomes_several() -> None:
     cells = np.zeros((3, 600), dtype=np.int8)
     cells[1, 0] = 1
-    assert jump_field(cells)[2, 250:260].tolist() == [250, 251, 252, 253, 254] + 5 * [255]
+    assert jump_field(cells)[0, 2, 252:258].tolist() == [252, 253, 254, 255, 255, 255]
     laser = np.array([599.5, 1.5, np.pi])
     assert cast_rays_from_poses(jump_field(cells), 1.0, laser[None], np.zeros(1), 1e3) == [[598.5]]
 
