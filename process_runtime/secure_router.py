@@ -25,7 +25,6 @@ from protocol.errors import SettingsError
 DEFAULT_ENDPOINT = "tls/0.0.0.0:7447"
 DEFAULT_CERTIFICATES = "/etc/clustermcl/certificates"
 
-_LARGEST_MESSAGE_BYTES = 64 * 1024 * 1024
 _WIDTH = 100
 
 
@@ -52,7 +51,6 @@ def secure_router_configuration(
     configuration["listen"] = {"endpoints": [endpoint]}
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
-        "rx": {"max_message_size": _LARGEST_MESSAGE_BYTES},
         "tls": {
             "root_ca_certificate": str(folder / "authority.pem"),
             "listen_certificate": str(folder / "router.pem"),

@@ -1,0 +1,141 @@
+"""The table of roles: every key in it, names checked, and the deployed file written from it."""
+
+import inspect
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from process_runtime.access_control import ROLES, WORKER, Rights, access_control, rights_of
+from process_runtime.secure_router import (
+    DEFAULT_CERTIFICATES,
+    DEFAULT_ENDPOINT,
+    as_commented_json5,
+    main,
+    secure_router_configuration,
+)
+from process_runtime.zenoh_configuration import as_zenoh
+from protocol import keys
+from protocol.errors import SettingsError
+
+DEPLOYED = Path(__file__).resolve().parents[2] / "deploy" / "router-secure.json5"
+READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"}
+
+
+def all_keys() -> list[str]:
+    """Every key of `protocol.keys`, a worker's with a name of one; selectors without parameters."""
+    found = [value for name, value in vars(keys).items() if name.isupper()]
+    for name, function in inspect.getmembers(keys, inspect.isfunction):
+        if function.__module__ == keys.__name__ and name not in ("scan_history", "worker_name"):
+            found.append(function("worker-0"))
+    return found
+
+
+def granted(right: str) -> list[str]:
+    """What any role has of a right."""
+    return [key for role in ROLES for key in getattr(rights_of(role, "worker-0"), right)]
+
+
+def test_there_are_as_many_keys_as_on_the_page_of_the_wire() -> None:
+    assert keys.SCAN in all_keys()
+    assert keys.worker_report("worker-0") in all_keys()
+    assert len(all_keys()) >= 20
+
+
+@pytest.mark.parametrize("key", all_keys())
+def test_every_key_is_some_roles_to_write_and_anothers_to_read(key: str) -> None:
+    ways = [
+        right
+        for right, other in READ_BY_OTHERS.items()
+        if any(zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(mine)) for mine in granted(right))
+        and any(zenoh.KeyExpr(theirs).includes(zenoh.KeyExpr(key)) for theirs in granted(other))
+    ]
+    assert ways, f"{key}: give some role a right to it in process_runtime/access_control.py"
+
+
+def test_a_viewer_has_nothing_to_say() -> None:
+    viewer = rights_of("viewer")
+    assert (viewer.publishes, viewer.serves, viewer.announces) == ((), (), ())
+    assert not [key for key in viewer.asks if key.startswith("command/")]
+
+
+def test_no_rule_mixes_what_may_be_written_with_what_may_be_read() -> None:
+    may_write: dict[str, set[str]] = {"put": set(), "declare_queryable": set()}
+    control = access_control([], ["worker"])
+    for rule in control["rules"]:
+        if rule["flows"] == ["ingress"]:
+            for message in may_write.keys() & set(rule["messages"]):
+                owner = rule["id"].split()[0]
+                may_write[message] |= {f"{owner} {key}" for key in rule["key_exprs"]}
+    expected = {"put": "publishes", "declare_queryable": "serves"}
+    for message, right in expected.items():
+        assert may_write[message] == {
+            f"{role} */{key}"
+            for role in ROLES
+            for key in getattr(rights_of(role, "worker-$*"), right)
+        }
+
+
+def test_the_rules_of_a_robot_name_that_robot_and_no_other() -> None:
+    control = access_control(["r-1", "r-2"], ["worker"])
+    for rule in control["rules"]:
+        name = rule["id"].split()[0]
+        robots = {key.split("/")[0] for key in rule["key_exprs"]}
+        robot = name.partition(".")[2]
+        assert robots == ({robot} if robot else {"r-1", "r-2"})
+    plain = {s["id"] for s in control["subjects"] if "." not in s["id"]}
+    assert plain == {"viewer", "operator"}
+
+
+def test_every_rule_is_some_policys_and_every_subject_has_a_name() -> None:
+    control = access_control([], ["worker-a", "worker-b"])
+    used = [rule for policy in control["policies"] for rule in policy["rules"]]
+    assert sorted(used) == sorted(rule["id"] for rule in control["rules"])
+    names = {name for subject in control["subjects"] for name in subject["cert_common_names"]}
+    assert names == {*ROLES, "worker-a", "worker-b"} - {WORKER}
+
+
+@pytest.mark.parametrize(
+    ("robots", "workers", "said"),
+    [
+        ([], ["worker", "worker-a"], "'worker' would cover the processes of 'worker-a'"),
+        ([], ["worker-a", "worker-a-b"], "'worker-a' would cover the processes of 'worker-a-b'"),
+        ([], ["hangar"], "worker 'hangar': call it worker or worker-NAME"),
+        (["r/1"], ["worker"], "'r/1' is no name"),
+        (["*"], ["worker"], "is no name"),
+    ],
+)
+def test_names_that_would_open_too_much_are_refused(
+    robots: list[str], workers: list[str], said: str
+) -> None:
+    with pytest.raises(SettingsError) as caught:
+        access_control(robots, workers)
+    assert said in str(caught.value)
+
+
+def test_the_deployed_file_is_what_the_program_writes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert capsys.readouterr().out == DEPLOYED.read_text()
+
+
+def test_zenoh_reads_in_the_file_what_was_meant(tmp_path: Path) -> None:
+    meant = secure_router_configuration(
+        DEFAULT_ENDPOINT, DEFAULT_CERTIFICATES, ["r-1"], ["worker-a"]
+    )
+    file = tmp_path / "router.json5"
+    file.write_text(as_commented_json5(meant, []))
+    assert str(zenoh.Config.from_file(str(file))) == str(as_zenoh(meant))
+
+
+def test_a_plain_endpoint_with_certificates_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--listen", "tcp/0.0.0.0:7447"]) == 2
+    assert "certificates need an endpoint tls/HOST:PORT" in capsys.readouterr().err
+
+
+def test_every_right_has_its_messages() -> None:
+    kinds = {right.name for right in fields(Rights)}
+    written = {
+        rule["id"].split()[1].rstrip(":") for rule in access_control([], ["worker"])["rules"]
+    }
+    assert written == kinds

@@ -1,0 +1,155 @@
+"""The certificate script, as an administrator runs it."""
+
+import shutil
+import stat
+import subprocess
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+
+from process_runtime.settings_file import load_settings
+from tests.integration.security.certificates import (
+    make_certificates,
+    require_openssl,
+    with_lifetime,
+)
+
+require_openssl()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with certificates of a router, a worker, and a viewer of one robot."""
+    folder = tmp_path_factory.mktemp("certificates")
+    hosts = ("--host", "router.example", "--host", "192.0.2.7")
+    ran = make_certificates(folder, *hosts, "router", "worker-3", "viewer.r-7")
+    assert (ran.returncode, ran.stderr) == (0, "")
+    return folder
+
+
+@pytest.fixture
+def folder(made: Path, tmp_path: Path) -> Path:
+    """A copy to change."""
+    return shutil.copytree(made, tmp_path / "certificates")
+
+
+def about(certificate: Path, *options: str) -> str:
+    command = ["openssl", "x509", "-in", str(certificate), "-noout", *options]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def serial(certificate: Path) -> str:
+    return about(certificate, "-serial")
+
+
+def test_private_keys_are_their_owners_alone(made: Path) -> None:
+    modes = {file.name: stat.S_IMODE(file.stat().st_mode) for file in made.glob("*.key")}
+    names = ("authority", "router", "worker-3", "viewer.r-7")
+    assert modes == {f"{name}.key": 0o600 for name in names}
+
+
+def test_every_certificate_is_the_authoritys_and_bears_its_name(made: Path) -> None:
+    for name in ("router", "worker-3", "viewer.r-7"):
+        command = ["openssl", "verify", "-CAfile", str(made / "authority.pem")]
+        ran = subprocess.run(
+            [*command, str(made / f"{name}.pem")], capture_output=True, check=False
+        )
+        assert ran.returncode == 0
+        assert about(made / f"{name}.pem", "-subject").strip().endswith(f"CN = {name}")
+
+
+def test_the_router_is_known_by_its_hosts_and_cannot_pose_as_a_client(made: Path) -> None:
+    text = about(made / "router.pem", "-ext", "subjectAltName,extendedKeyUsage")
+    for name in ("DNS:localhost", "IP Address:127.0.0.1", "DNS:router.example", "192.0.2.7"):
+        assert name in text
+    assert "TLS Web Server Authentication" in text
+    assert "Client" not in text
+    client = about(made / "worker-3.pem", "-ext", "extendedKeyUsage")
+    assert "TLS Web Client Authentication" in client
+    assert "Server" not in client
+
+
+def test_the_settings_of_a_client_load_and_name_its_robot(made: Path) -> None:
+    settings = load_settings(made / "viewer.r-7.toml", [])
+    assert settings.robot.name == "r-7"
+    assert settings.zenoh.router == "tls/router.example:7447"
+    assert Path(settings.zenoh.tls_private_key) == made / "viewer.r-7.key"
+    assert not (made / "router.toml").exists()
+
+
+def test_running_it_again_keeps_what_is_good(folder: Path) -> None:
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    ran = make_certificates(folder, "router", "worker-3", "viewer.r-7")
+    assert ran.stdout.count("kept, good until") == 3
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_what_ends_soon_is_made_anew_and_keeps_its_hosts(folder: Path) -> None:
+    old = serial(folder / "router.pem")
+    ran = make_certificates(folder, "--renew-before", "400", "--days", "500", "router")
+    assert "router: made" in ran.stdout
+    assert serial(folder / "router.pem") != old
+    assert "DNS:router.example" in about(folder / "router.pem", "-ext", "subjectAltName")
+
+
+def test_a_new_host_makes_the_routers_certificate_anew(folder: Path) -> None:
+    assert "made" in make_certificates(folder, "--host", "other.example", "router").stdout
+
+
+def test_a_key_that_does_not_fit_its_certificate_is_replaced(folder: Path) -> None:
+    shutil.copy(folder / "router.key", folder / "worker-3.key")
+    assert "worker-3: made" in make_certificates(folder, "worker-3").stdout
+
+
+def test_settings_that_were_changed_by_hand_stay(folder: Path) -> None:
+    file = folder / "worker-3.toml"
+    file.write_text("[worker]\ncount = 3\n")
+    make_certificates(folder, "--force", "worker-3")
+    assert file.read_text() == "[worker]\ncount = 3\n"
+
+
+def test_the_list_says_what_has_expired(folder: Path) -> None:
+    with_lifetime(folder, "worker-3", -timedelta(days=9), -timedelta(days=1))
+    lines = make_certificates(folder, "--list").stdout.splitlines()
+    told = dict(line.split(": ", 1) for line in lines)
+    assert told["worker-3"].endswith("(expired)")
+    assert told["router"].endswith("GMT")
+
+
+def test_without_the_authoritys_key_nothing_is_made(folder: Path) -> None:
+    (folder / "authority.key").unlink()
+    ran = make_certificates(folder, "worker-4")
+    assert ran.returncode == 2
+    assert "authority.key is missing" in ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "no NAME given"),
+        (["admin"], "'admin' is no role"),
+        (["worker--a"], "'worker--a' is no role"),
+        (["router.r-7"], "'router.r-7' is no role"),
+        (["bridge.r/7"], "'bridge.r/7' is no role"),
+        (["viewer." + "x" * 60], "at most 64 letters"),
+        (["--days", "0", "bridge"], "--days 0: give a number of days"),
+        (["--days", "soon", "bridge"], "--days soon: give a number of days"),
+        (["--days", "20", "bridge"], "give --renew-before with fewer days as well"),
+        (["--days"], "--days needs a value"),
+        (["--host", "a b", "router"], "--host a b: give a DNS name or an IP address"),
+        (["--strict", "bridge"], "unknown option --strict"),
+    ],
+)
+def test_a_wrong_argument_is_said_in_one_line(tmp_path: Path, words: list[str], said: str) -> None:
+    ran = make_certificates(tmp_path / "new", *words)
+    assert (ran.returncode, ran.stdout) == (2, "")
+    assert said in ran.stderr
+    assert ran.stderr.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_help_needs_no_folder(tmp_path: Path) -> None:
+    ran = make_certificates(tmp_path / "new", "--help")
+    assert ran.returncode == 0
+    assert "usage: certificates.sh" in ran.stdout

@@ -1,0 +1,167 @@
+"""What each role may do at a router with access control, each case tried for real.
+
+Zenoh drops in silence what is denied. So that a test need not wait for what does not come, the one
+who is entitled speaks afterwards: links keep their order, and what was let through is there first.
+"""
+
+import itertools
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import zenoh
+from zenoh import handlers
+
+from protocol import keys
+from tests.integration.security.certificates import require_openssl
+from tests.integration.security.conftest import NAMES, OpenAs
+from tests.integration.waiting import wait_until
+
+require_openssl()
+
+REPORT_A, REPORT_B = keys.worker_report("worker-a-0"), keys.worker_report("worker-b-0")
+ORDER_A = keys.worker_order("worker-a-0")
+STATE_A = keys.worker_state("worker-a-0")
+
+PUBLISHED = {  # key: who may publish it, who reads it
+    keys.ODOMETRY_READING: ("robot", "bridge"),
+    keys.LASER_READING: ("robot", "bridge"),
+    keys.SCAN: ("bridge", "worker-a"),
+    keys.ODOMETRY: ("bridge", "coordinator"),
+    keys.TRUTH: ("bridge", "viewer"),
+    keys.BELIEF: ("coordinator", "bridge"),
+    keys.POSE: ("coordinator", "robot"),
+    keys.CHECKPOINT: ("coordinator", "worker-a"),
+    REPORT_A: ("worker-a", "coordinator"),
+    REPORT_B: ("worker-b", "coordinator"),
+    keys.worker_health("worker-b-0"): ("worker-b", "coordinator"),
+    keys.BRIDGE_HEALTH: ("bridge", "coordinator"),
+}
+
+SERVED = {  # key: who serves it, who may ask for it
+    keys.MAP: ("bridge", {"worker-a", "worker-b"}),
+    keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator"}),
+    keys.KIDNAP: ("bridge", {"operator"}),
+    keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),
+    keys.HYPOTHESES: ("coordinator", {"viewer", "operator"}),
+    keys.STATUS: ("coordinator", {"viewer", "operator", "bridge"}),
+    keys.SET_POSE: ("coordinator", {"operator"}),
+    keys.RELOCALIZE: ("coordinator", {"operator"}),
+    ORDER_A: ("worker-a", {"coordinator"}),
+    STATE_A: ("worker-a", {"coordinator"}),
+}
+
+ANNOUNCED = {  # key: whose liveliness token it is, who watches it
+    keys.BRIDGE_ALIVE: ("bridge", "bridge"),
+    keys.COORDINATOR_ALIVE: ("coordinator", "bridge"),
+    keys.worker_alive("worker-a-0"): ("worker-a", "coordinator"),
+    keys.worker_alive("worker-b-0"): ("worker-b", "coordinator"),
+}
+
+_ROUNDS = itertools.count()
+
+
+def pattern(key: str) -> str:
+    """As the coordinator subscribes: to all workers at once."""
+    return "/".join("*" if part.startswith("worker-") else part for part in key.split("/"))
+
+
+def heard_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> set[str]:
+    """Which of the speakers is heard on a key; the last of them must be entitled to speak."""
+    turn, heard = next(_ROUNDS), set()
+    subscriber = reader.declare_subscriber(pattern(key), handlers.FifoChannel(100))
+    try:
+        for speaker in speakers[:-1]:
+            speaker.put(key, f"{turn} {speaker.zid()}")
+            list(speaker.get("nothing", timeout=5.0))  # once answered, the router has seen the put
+
+        def last_is_heard() -> bool:
+            speakers[-1].put(key, f"{turn} {speakers[-1].zid()}")
+            for sample in iter(subscriber.try_recv, None):
+                said = sample.payload.to_string().split()
+                heard.update(said[1:] if said[0] == str(turn) else [])
+            return str(speakers[-1].zid()) in heard
+
+        wait_until(last_is_heard)  # the subscription takes a moment to reach the speaker
+    finally:
+        subscriber.undeclare()
+    return heard
+
+
+@contextmanager
+def serving(session: zenoh.Session, key: str) -> Iterator[None]:
+    """Answer queries on the key with the server's own id."""
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(key, str(session.zid()))
+
+    queryable = session.declare_queryable(key, answer, complete=True)
+    try:
+        yield
+    finally:
+        queryable.undeclare()
+
+
+def answers(session: zenoh.Session, key: str) -> set[str]:
+    """Who answers on the key."""
+    everybody, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
+    replies = session.get(key, timeout=5.0, target=everybody, consolidation=each_answer)
+    return {reply.ok.payload.to_string() for reply in replies if reply.ok is not None}
+
+
+@pytest.mark.parametrize("key", PUBLISHED)
+def test_only_its_owner_is_heard_on_a_key(key: str, as_role: OpenAs) -> None:
+    owner, reader = PUBLISHED[key]
+    others = [name for name in NAMES if name not in (owner, reader)]
+    speakers = [as_role(name) for name in (*others, owner)]
+    assert heard_by(as_role(reader), key, speakers) == {str(as_role(owner).zid())}
+
+
+@pytest.mark.parametrize("key", SERVED)
+def test_only_who_may_ask_gets_an_answer_and_only_its_owner_gives_it(
+    key: str, as_role: OpenAs
+) -> None:
+    owner, entitled = SERVED[key]
+    with serving(as_role(owner), key):
+        wait_until(lambda: answers(as_role(min(entitled)), key))
+        for impostor in set(NAMES) - {owner}:
+            for asker in sorted(entitled - {impostor})[:1]:
+                with serving(as_role(impostor), key):
+                    list(as_role(impostor).get("nothing", timeout=5.0))
+                    assert answers(as_role(asker), key) == {str(as_role(owner).zid())}
+        served = {name for name in NAMES if name != owner and answers(as_role(name), key)}
+    assert served == entitled
+
+
+@pytest.mark.parametrize("key", ANNOUNCED)
+def test_only_its_owner_announces_itself(key: str, as_role: OpenAs) -> None:
+    owner, watcher = ANNOUNCED[key]
+
+    def alive() -> bool:
+        replies = as_role(watcher).liveliness().get(pattern(key), timeout=5.0)
+        return any(reply.ok is not None and str(reply.ok.key_expr) == key for reply in replies)
+
+    for impostor in set(NAMES) - {owner, watcher}:
+        with as_role(impostor).liveliness().declare_token(key):
+            list(as_role(impostor).get("nothing", timeout=5.0))
+            assert not alive()
+    with as_role(owner).liveliness().declare_token(key):
+        wait_until(alive)
+
+
+def test_a_viewer_sees_no_scans_however_it_asks(as_role: OpenAs) -> None:
+    viewer, worker = as_role("viewer"), as_role("worker-a")
+    greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", "scan")]
+    list(viewer.get("nothing", timeout=5.0))
+    assert heard_by(worker, keys.SCAN, [as_role("bridge")])
+    list(viewer.get("nothing", timeout=5.0))
+    assert [subscriber.try_recv() for subscriber in greedy] == [None, None]
+    for subscriber in greedy:
+        subscriber.undeclare()
+
+
+def test_nobody_reads_the_routers_own_pages(as_role: OpenAs) -> None:
+    operator = as_role("operator")
+    (router,) = operator.info.routers_zid()
+    assert list(operator.get(f"@/{router}/**", timeout=5.0)) == []
