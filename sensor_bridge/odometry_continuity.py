@@ -36,7 +36,7 @@ class OdometryContinuity:
         is two jumps, and the second undoes the first.
         """
         last, self._last = self._last, (stamp_ns, odom_from_robot)
-        if last is None or not _is_jump(*last, stamp_ns, odom_from_robot):
+        if last is None or not is_jump(*last, stamp_ns, odom_from_robot):
             return False
         ours = np.array(self.continuous(last[1]))
         correction = compose(ours, inverse(np.array(odom_from_robot)))
@@ -52,7 +52,8 @@ class OdometryContinuity:
         return x, y, heading
 
 
-def _is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
+def is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
+    """Whether no robot can have come from one pose to the other in that time."""
     elapsed_s = (after_ns - before_ns) / 1e9
     if elapsed_s < -_MAX_BACK_S:
         elapsed_s = 0.0  # the clock was set back; how long it took, it does not tell

@@ -11,17 +11,18 @@ from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
+from sensor_bridge.extension import Reading
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.recording import Recording
-
-Reading = OdometryReading | LaserReading
+from sensor_bridge.strays import Strays
 
 STAMP_STEPS_BACK = "stamp_steps_back"
 CLOCK_RESTARTED = "clock_restarted"
 NO_ODOMETRY = "no_odometry"
 ODOMETRY_JUMPED = "odometry_jumped"
+STRAYED = "strayed_in_time_or_place"
 
 MAX_STEP_BACK_NS = 1_000_000_000
 """Readings may come so much late [ns]; stamps of real recordings step back by up to 0.9 s."""
@@ -68,6 +69,7 @@ class StepMaker:
         self._ready: deque[Scan] = deque()
         self._newest_ns: int | None = None
         self._late_in_a_row = 0
+        self._strays = Strays()
         self._odometry: tuple[int, PoseTuple] | None = None
 
     @property
@@ -77,14 +79,17 @@ class StepMaker:
 
     def take(self, reading: Reading) -> Scan | None:
         """Take the next reading; the next step, if there is one."""
-        if isinstance(reading, OdometryReading):
-            self._take_odometry(reading)
+        if problem := _problem(reading):
+            self.dropped[problem] += 1
         else:
-            self._take_laser(reading)
+            usual, strays = self._strays.sifted(reading, self._newest_ns)
+            self.dropped.update({STRAYED: len(strays)} if strays else {})
+            self._use(usual)
         return self._ready.popleft() if self._ready else None
 
     def finish(self) -> Scan | None:
         """No reading follows: what still waits makes do. Call it until it answers None."""
+        self._use(self._strays.released())
         self._release(at_most_waiting=0)
         return self._ready.popleft() if self._ready else None
 
@@ -92,10 +97,14 @@ class StepMaker:
         """Let the next usable scan become a step, however little the robot has moved."""
         self._gate.open_next()
 
+    def _use(self, readings: Iterable[Reading]) -> None:
+        for reading in readings:
+            if isinstance(reading, OdometryReading):
+                self._take_odometry(reading)
+            else:
+                self._take_laser(reading)
+
     def _take_odometry(self, reading: OdometryReading) -> None:
-        if problem := odometry_problem(reading):
-            self.dropped[problem] += 1
-            return
         pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
         if self._in_time(reading.stamp_ns):
             self._buffer.add(reading.stamp_ns, pose)
@@ -103,9 +112,6 @@ class StepMaker:
             self._release()
 
     def _take_laser(self, reading: LaserReading) -> None:
-        if problem := laser_problem(reading):
-            self.dropped[problem] += 1
-            return
         pose = None
         if reading.odom_from_robot is not None:
             pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
@@ -209,6 +215,12 @@ def steps_of(
         causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
         problem = f"none of its {recording.laser_count} scans can be used ({causes})"
         raise RecordingError(recording.path, problem)
+
+
+def _problem(reading: Reading) -> str | None:
+    if isinstance(reading, OdometryReading):
+        return odometry_problem(reading)
+    return laser_problem(reading)
 
 
 def _steps(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:

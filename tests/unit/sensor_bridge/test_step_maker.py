@@ -222,6 +222,7 @@ def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
     maker = a_maker()
     maker.take(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
     maker.take(odometry_reading(0.1, ORIGIN))
+    maker.take(odometry_reading(0.2, ORIGIN))
     maker.take(odometry_reading(0.5, (1.0, 0.0, 0.0)))  # one metre straight ahead
     assert maker.odometry is not None
     assert maker.odometry[1] == pytest.approx((50.0, 1.0, math.pi / 2))
@@ -231,10 +232,54 @@ def test_one_wild_pose_leaves_no_trace() -> None:
     maker = a_maker()
     for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
         maker.take(odometry_reading(i / 10, (x, 0.0, 0.0)))
-    assert maker.dropped == {"odometry_jumped": 2}
-    assert maker.odometry is not None
-    # The motion over both jumps is unknown and taken for none.
-    assert maker.odometry[1] == pytest.approx((0.2, 0.0, 0.0))
+    assert maker.dropped == {"strayed_in_time_or_place": 1}
+    assert maker.odometry == (seconds(0.4), (0.4, 0.0, 0.0))
+
+
+def quiet_drive() -> list[Reading]:
+    quiet: list[Reading] = []
+    for i in range(40):
+        quiet.append(odometry_reading(i / 10, (i / 10, 0.0, 0.0)))
+        quiet.append(laser_reading(i / 10 + 0.01, None if i % 2 else (i / 10, 0.0, 0.0)))
+    return quiet
+
+
+STRAYS = [
+    odometry_reading(1e6),
+    laser_reading(1e6),
+    laser_reading(1e6, ORIGIN),
+    odometry_reading(1.0, (500.0, 0.0, 0.0)),
+    laser_reading(1.0, (0.0, -100.0, 0.0)),
+    odometry_reading(-1e6, (500.0, 0.0, 0.0)),
+    laser_reading(-1e6),
+]
+
+
+@given(at=st.integers(2, 78), which=st.lists(st.sampled_from(STRAYS), max_size=2))
+def test_readings_far_off_in_time_or_place_leave_no_trace(at: int, which: list[Reading]) -> None:
+    quiet = quiet_drive()
+    maker = a_maker()
+    disturbed = made_of(*quiet[:at], *which, *quiet[at:], maker=maker)
+    assert disturbed == made_of(*quiet)
+    assert maker.dropped.total() == len(which)
+
+
+def test_a_clock_that_was_set_ahead_is_followed_at_once_and_nothing_is_lost() -> None:
+    readings = driving(*(i / 10 for i in range(40)))
+    set_ahead = [
+        msgspec.structs.replace(late, stamp_ns=late.stamp_ns + seconds(3600.0))
+        for late in readings[10:]
+    ]
+    maker = a_maker()
+    steps = made_of(*readings[:10], *set_ahead, maker=maker)
+    undisturbed = [step.odom_from_robot for step in made_of(*readings)]
+    assert [step.odom_from_robot for step in steps] == undisturbed
+    assert maker.dropped == {}
+
+
+def test_readings_minutes_apart_are_no_strays() -> None:
+    readings = [laser_reading(i * 60.0, (i * 1.0, 0.0, 0.0)) for i in range(9)]
+    assert len(made_of(*readings)) == 9
 
 
 @pytest.mark.parametrize(
@@ -252,6 +297,7 @@ def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, ju
     maker = a_maker()
     maker.take(odometry_reading(0.0))
     maker.take(odometry_reading(elapsed_s, pose))
+    maker.finish()
     assert maker.dropped["odometry_jumped"] == jumps
 
 
