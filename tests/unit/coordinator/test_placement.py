@@ -60,7 +60,7 @@ def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot()
     orders = made.orders(0)
     follow(made, orders)
     epoch = orders[0][1].begin[0].epoch
-    made.reported("c0", cloud_at((1.0, 2.0, 0.0), step=10))
+    made.reported("c0", cloud_at((1.0, 2.0, 0.0), step=10), in_time=True)
     made.left("a")
     ((name, order),) = made.orders(SECOND)
     assert name == "b"
@@ -103,7 +103,7 @@ def test_a_search_that_has_reported_stays_where_it_is() -> None:
     made.begin({f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(3)})
     follow(made, made.orders(0))
     for n in range(3):
-        made.reported(f"s0.{n}", None)
+        made.reported(f"s0.{n}", None, in_time=True)
     made.joined("b")
     assert begun(made.orders(SECOND)) == {}
 

@@ -1,0 +1,161 @@
+"""A coordinator that dies at any moment changes no belief."""
+
+import hypothesis
+import pytest
+from hypothesis import strategies as st
+
+from particle_filter.sensor_model import SensorModel
+from protocol.answers import Belief, SetPose
+from tests.unit.coordinator.living import Living, symmetric_room
+
+STEPS = 26
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+@pytest.fixture(scope="module")
+def undisturbed(model: SensorModel) -> Living:
+    return lived(model)
+
+
+def lived(model: SensorModel, *, steps: int = STEPS) -> Living:
+    living = Living(model)
+    for step in range(steps):
+        living.drive(step)
+    return living
+
+
+def essence(belief: Belief) -> tuple[object, ...]:
+    """All of a belief but the term."""
+    return (belief.state, belief.hypotheses, belief.searching, belief.missing)
+
+
+def assert_same(living: Living, undisturbed: Living) -> None:
+    for step in range(STEPS):
+        (expected,) = map(essence, undisturbed.beliefs[step])
+        believed = living.beliefs[step]
+        assert all(essence(belief) == expected for belief in believed), f"step {step}"
+    assert living.particles() == undisturbed.particles()
+
+
+def test_the_undisturbed_run_has_what_can_be_lost(undisturbed: Living) -> None:
+    beliefs = [undisturbed.beliefs[step][0] for step in range(STEPS)]
+    assert max(len(belief.hypotheses) for belief in beliefs) >= 3
+    assert beliefs[0].state == "searching"
+    assert any(belief.searching and belief.state != "searching" for belief in beliefs)
+    assert all(belief.missing == () for belief in beliefs)
+    assert len({h.cluster for belief in beliefs for h in belief.hypotheses}) > 5, "newcomers"
+
+
+@hypothesis.settings(deadline=None, max_examples=25)
+@hypothesis.given(
+    dies_at=st.integers(1, STEPS - 2), after=st.integers(0, 12), away=st.integers(0, 5)
+)
+def test_a_coordinator_that_dies_between_any_two_instructions_changes_no_belief(
+    model: SensorModel, undisturbed: Living, dies_at: int, after: int, away: int
+) -> None:
+    living = Living(model)
+    for step in range(STEPS):
+        if step == dies_at:
+            living.dies_in = after
+        if living.coordinator is None and step > dies_at + away:
+            living.revive()
+        living.drive(step)
+    living.dies_in = None
+    if living.coordinator is None:
+        living.revive()
+    assert_same(living, undisturbed)
+
+
+def test_a_worker_that_dies_leaves_its_clusters_to_others_particle_by_particle(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    living = Living(model)
+    for step in range(STEPS):
+        if step == 17:
+            living.kill_worker("w1")
+        living.drive(step)
+    assert_same(living, undisturbed)
+    assert all(len(values) == 1 for values in living.evidence().values()), "one truth each step"
+
+
+def test_without_any_worker_clusters_are_kept_and_go_on_as_soon_as_one_appears(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    living = Living(model)
+    for step in range(18):
+        living.drive(step)
+    for name in tuple(living.workers):
+        living.kill_worker(name)
+    living.start_worker("late")
+    for step in range(18, STEPS):
+        living.drive(step)
+    assert_same(living, undisturbed)
+
+
+def test_a_coordinator_that_dies_with_a_worker_loses_no_hypothesis(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    """The cluster's particles are gone with both; it goes on from its Gaussian."""
+    living = Living(model)
+    for step in range(18):
+        living.drive(step)
+    living.coordinator = None
+    living.kill_worker("w1")
+    living.revive()
+    (before,) = undisturbed.beliefs[17]
+    assert essence(living.beliefs[17][-1]) == essence(before)
+    living.drive(18)
+    (after,) = undisturbed.beliefs[18]
+    (believed,) = living.beliefs[18]
+    assert {h.cluster for h in believed.hypotheses} == {h.cluster for h in after.hypotheses}
+    assert believed.missing == ()
+
+
+def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
+    living = lived(model, steps=12)
+    old = living.coordinator
+    assert old is not None
+    living.revive()
+    jobs = {name: worker.table.summary() for name, worker in living.workers.items()}
+    woken = living.coordinator
+    living.coordinator = old
+    living.drive(12)
+    assert old.outranked_by is None, "nobody has told it yet"
+    assert set(living.beliefs) == set(range(13))
+    assert {b.term for b in living.beliefs[12]} == {1}, "of a lower term than was heard before"
+    living.kill_worker("w0")  # it gives the jobs to others, who refuse
+    assert old.outranked_by == 2
+    assert old.tick(10**12) == []
+    living.coordinator = woken
+    for name, worker in living.workers.items():
+        assert [job[:2] for job in worker.table.summary()] == [job[:2] for job in jobs[name]]
+
+
+def given(command_id: str, x_m: float) -> SetPose:
+    return SetPose(sender="client", command_id=command_id, map_from_robot=(x_m, 2.0, 0.5))
+
+
+def test_a_command_that_is_asked_again_after_a_restart_is_not_done_again(
+    model: SensorModel,
+) -> None:
+    living = lived(model, steps=14)
+    living.command(given("7", 2.0))
+    first = living.beliefs[13][-1]
+    assert first.hypotheses[0].mean == (2.0, 2.0, 0.5)
+    living.revive()
+    living.command(given("7", 2.0))
+    assert essence(living.beliefs[13][-1]) == essence(first)
+
+
+def test_chance_in_commands_goes_on_where_it_was(model: SensorModel) -> None:
+    one, two = lived(model, steps=14), lived(model, steps=14)
+    for living in (one, two):
+        living.command(given("7", 2.0))
+    two.revive()
+    for living in (one, two):
+        living.command(given("8", 3.0))
+    assert one.particles() == two.particles()

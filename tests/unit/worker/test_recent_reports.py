@@ -1,0 +1,46 @@
+from protocol.work import TrackReport
+from tests.unit.coordinator.reports import cloud_at, searched, tracked
+from worker.recent_reports import KEPT_SEARCH_STEPS, KEPT_STEPS, RecentReports
+
+HERE = (0.0, 0.0, 0.0)
+
+
+def test_reports_since_a_step_come_in_their_order() -> None:
+    recent = RecentReports()
+    for step in range(5):
+        for job in ("c1", "c0"):
+            recent.add(tracked(job, step, 0.5, HERE))
+    assert [(r.step, r.job_id) for r in recent.since(2)] == [
+        (3, "c0"), (3, "c1"), (4, "c0"), (4, "c1"),
+    ]  # fmt: skip
+
+
+def test_only_the_very_last_report_keeps_its_particles() -> None:
+    recent = RecentReports()
+    for step in (10, 20):
+        recent.add(tracked("c0", step, 0.5, HERE, snapshot=cloud_at(HERE, step)))
+    old, new = recent.since(0)
+    assert isinstance(old, TrackReport)
+    assert isinstance(new, TrackReport)
+    assert old.snapshot is None
+    assert new.snapshot is not None
+    assert recent.of_step(20) == [new]
+
+
+def test_what_is_kept_is_bounded_and_searches_more_tightly() -> None:
+    recent = RecentReports()
+    for step in range(2 * KEPT_STEPS):
+        recent.add(tracked("c0", step, 0.5, HERE))
+        recent.add(searched("s0.0", step, {HERE: 1.0}))
+    kept = recent.since(-1)
+    assert sum(r.job_id == "c0" for r in kept) == KEPT_STEPS
+    assert sum(r.job_id == "s0.0" for r in kept) == KEPT_SEARCH_STEPS
+    assert [r.job_id for r in recent.since(2 * KEPT_STEPS)] == ["s0.0"] * KEPT_SEARCH_STEPS
+
+
+def test_ended_jobs_are_forgotten() -> None:
+    recent = RecentReports()
+    for job in ("c0", "c1"):
+        recent.add(tracked(job, 1, 0.5, HERE))
+    recent.keep_only(["c1", "c2"])
+    assert [r.job_id for r in recent.since(0)] == ["c1"]
