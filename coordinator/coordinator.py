@@ -151,8 +151,9 @@ class Coordinator:
             self._counters["report of an old epoch"] += 1
             return
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
-        self._placement.reported(report.job_id, snapshot)
-        if not self._collector.take_report(report):
+        in_time = self._collector.take_report(report)
+        self._placement.reported(report.job_id, snapshot, in_time=in_time)
+        if not in_time:
             self._counters["report late"] += 1
 
     def worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
@@ -243,7 +244,7 @@ class Coordinator:
                 return instructions
             instructions += self._begin(now_ns)
         while ready := self._collector.ready(
-            self._ensemble.expected, self._placement.placed_ns, now_ns
+            self._placement.waited_for(self._ensemble.expected), self._placement.placed_ns, now_ns
         ):
             instructions += self._apply(ready, now_ns)
         orders = self._placement.orders(now_ns)
@@ -292,7 +293,9 @@ class Coordinator:
     # --- within
 
     def _apply(self, ready: ReadyStep, now_ns: int) -> list[Instruction]:
+        expected = self._ensemble.expected
         outcome = self._ensemble.advance(ready.scan.step, ready.reports)
+        self._placement.step_decided(expected, outcome.missing, now_ns)
         self._applied_scan = ready.scan
         self._steps_applied += 1
         self._reports_missing += len(outcome.missing)

@@ -36,7 +36,7 @@ from process_runtime.wire import (
 from protocol import keys
 from protocol.answers import Belief, Relocalize, SetPose, Status
 from protocol.codec import decode
-from protocol.errors import MalformedMessageError
+from protocol.errors import MalformedMessageError, MapMismatchError
 from protocol.health import Health
 from protocol.steps import OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
@@ -57,7 +57,7 @@ class CoordinatorLoop:
         self._inbox: Events = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
         )
-        self._causes = CauseCounter()
+        self._causes, self._another_map = CauseCounter(), CauseCounter()
         self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
         self._board = HealthBoard()
         self._roster = Roster()
@@ -115,6 +115,7 @@ class CoordinatorLoop:
             case keys.SCAN:
                 scan = decode(event.payload, Scan)
                 self._health.happened("scans")
+                self._warn_of_another_map(scan)
                 return self._coordinator.scan(scan, now_ns)
             case keys.ODOMETRY:
                 self._health.happened("odometry")
@@ -138,6 +139,13 @@ class CoordinatorLoop:
                 # Who speaks is told by the key, which access control guards; not by the message.
                 return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
         return []
+
+    def _warn_of_another_map(self, scan: Scan) -> None:
+        """Say which map is meant; the coordinator itself counts the scan and drops it."""
+        expected = self._coordinator.map_digest
+        if expected not in ("", scan.map_digest):
+            error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
+            self._another_map.warn(_log, "scan of another map dropped", error, time.monotonic())
 
     def _on_health(self, key: str, health: Health, now_ns: int) -> None:
         if key != keys.BRIDGE_HEALTH:

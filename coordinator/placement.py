@@ -10,10 +10,13 @@ from dataclasses import dataclass, field
 import msgspec
 
 from coordinator.checkpoint import JobState
+from coordinator.patience import Patience
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, Particles, SearchJob, TrackJob, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
+HAND_OVER_NS = 2_000_000_000
+"""A job that has just been given to a worker is waited for so long."""
 
 
 @dataclass
@@ -25,6 +28,8 @@ class PlacedJob:
     worker: str | None = None
     placed_ns: int = 0
     reported: bool = False
+    in_step: bool = False
+    """Its worker has reported a step in time: what has been handed over has arrived."""
 
 
 @dataclass
@@ -51,6 +56,7 @@ class Placement:
         self._snapshot_every_steps = snapshot_every_steps
         self._workers: dict[str, WorkerRecord] = {}
         self._jobs: dict[str, PlacedJob] = {}
+        self._patience = Patience()
         self._orders = 0
         self._epochs = 0
         self.map_digest = ""
@@ -133,6 +139,10 @@ class Placement:
     def left(self, worker: str) -> None:
         """A worker is gone: its jobs go to others, from their last state."""
         self._workers.pop(worker, None)
+        self._patience.forget(worker)
+        self._take_jobs(worker)
+
+    def _take_jobs(self, worker: str) -> None:
         for job in self._jobs.values():
             if job.worker == worker:
                 job.worker = None
@@ -148,14 +158,47 @@ class Placement:
         return job is not None and job.epoch == epoch and job.worker not in (None, worker)
 
     def placed_ns(self, job_id: str) -> int:
-        """When the job was given to its worker; 0 when nobody has it."""
+        """When the job was given to its worker; 0 when nobody has it, or it has arrived there."""
         job = self._jobs.get(job_id)
-        return job.placed_ns if job is not None and job.worker is not None else 0
+        return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
-    def reported(self, job_id: str, snapshot: Particles | None) -> None:
+    def waited_for(self, job_ids: Iterable[str]) -> list[str]:
+        """Those jobs whose reports hold a step up: of silent workers only the first time."""
+        return [
+            job_id
+            for job_id in job_ids
+            if (job := self._jobs.get(job_id)) is None
+            or job.worker is None
+            or self._patience.waits_for(job.worker)
+        ]
+
+    def step_decided(self, expected: Iterable[str], missing: Iterable[str], now_ns: int) -> None:
+        """A step was decided; workers that again have not reported in time lose their jobs.
+
+        A search has steps that take longer than a deadline, so its workers are spared.
+        """
+        searching = {j.worker for j in self._jobs.values() if isinstance(j.job, SearchJob)}
+        owed = {job_id: self._jobs[job_id] for job_id in expected if job_id in self._jobs}
+        late = {
+            job.worker
+            for job_id in missing
+            if (job := owed.pop(job_id, None))
+            and job.worker
+            and now_ns >= job.placed_ns + HAND_OVER_NS
+        }
+        reported = {job.worker for job in owed.values() if job.worker}
+        blamed = {worker for worker in late if worker not in searching}
+        for worker in self._patience.step_decided(reported, blamed, now_ns):
+            self._take_jobs(worker)
+            self._workers[worker].changed = True
+
+    def reported(self, job_id: str, snapshot: Particles | None, *, in_time: bool) -> None:
         """A job reported; a snapshot is where another worker would carry on."""
         job = self._jobs[job_id]
         job.reported = True
+        job.in_step |= in_time
+        if job.worker is not None:
+            self._patience.heard(job.worker, in_time=in_time)
         if snapshot is not None and isinstance(job.job, TrackJob):
             job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
 
@@ -175,8 +218,9 @@ class Placement:
         told = [name for name, r in sorted(self._workers.items()) if r.silent_until_ns <= now_ns]
         if not told:
             return []
-        self._place_all(told, now_ns)
-        self._even_out(told, now_ns)
+        able = [name for name in told if self._may_work(name, now_ns)] or told
+        self._place_all(able, now_ns)
+        self._even_out(able, now_ns)
         due = []
         for name in told:
             record = self._workers[name]
@@ -184,6 +228,10 @@ class Placement:
             if record.changed or unanswered:
                 due.append((name, self._order(name, record, now_ns)))
         return due
+
+    def _may_work(self, worker: str, now_ns: int) -> bool:
+        answers = self._workers[worker].answered
+        return self._patience.may_work(worker, now_ns, answers=answers)
 
     def _is_held(self, job_id: str, job: PlacedJob) -> bool:
         """Whether a worker is known to have a cluster's particles."""
@@ -225,6 +273,7 @@ class Placement:
     def _give(self, job: PlacedJob, worker: str, now_ns: int) -> None:
         self._epochs += 1
         job.epoch, job.worker, job.placed_ns = self._epochs, worker, now_ns
+        job.in_step = False
         self._workers[worker].changed = True
 
     def _order(self, name: str, record: WorkerRecord, now_ns: int) -> WorkOrder:

@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from coordinator.placement import HAND_OVER_NS
 from process_runtime.settings import CoordinatorSettings
 from protocol.steps import Scan
 from protocol.work import Report, SearchReport
 
-HAND_OVER_NS = 2_000_000_000
-"""A job that has just been given to a worker is waited for so long."""
 FETCH_NS = 300_000_000
 """A scan that was lost on its way is waited for so long, while the bridge is asked for it."""
 KEPT_AHEAD = 1_000

@@ -63,11 +63,11 @@ class MalformedMessageError(ProtocolError):
 
 
 class MapMismatchError(ProtocolError):
-    """A worker localizes in another map, so its poses cannot be compared with the others'."""
+    """Somebody localizes in another map: its poses cannot be compared with those of the others."""
 
     def __init__(self, *, worker: str, expected: str, found: str) -> None:
         self.worker, self.expected, self.found = worker, expected, found
-        super().__init__(f"worker {worker!r} has map {found:.12}, expected {expected:.12}")
+        super().__init__(f"{worker!r} has map {found:.12}, expected {expected:.12}")
 
 
 class UnreachableError(ClusterMclError):
