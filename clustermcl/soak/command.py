@@ -22,6 +22,9 @@ def soak(
     workers: Annotated[
         int, typer.Option(min=1, help="Worker processes of each: for 8 clusters, and 2 standby.")
     ] = 10,
+    coordinators: Annotated[
+        int, typer.Option(min=1, help="Of each; one acts, the others stand by.")
+    ] = 1,
     rate_hz: Annotated[
         float, typer.Option(min=0.1, help="Scans a second of each; every one is a step.")
     ] = 10.0,
@@ -31,6 +34,10 @@ def soak(
     fault_every_s: Annotated[
         float, typer.Option(min=1.0, help="Mean distance of two faults [s].")
     ] = 20.0,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAULT", help="With --chaos, only such as 'worker killed'; repeat."),
+    ] = None,
     world: Annotated[
         str, typer.Option(metavar="NAME", help="Simulated world; eight_rooms are all alike.")
     ] = "eight_rooms",
@@ -69,14 +76,20 @@ def soak(
     from clustermcl.soak.options import SoakOptions  # noqa: PLC0415 - see above
     from clustermcl.soak.progress import ConsoleProgress  # noqa: PLC0415 - see above
     from clustermcl.soak.report import as_object, print_outcome  # noqa: PLC0415 - see above
+    from clustermcl.soak.schedule import Kind  # noqa: PLC0415 - see above
 
+    if unknown := set(only or ()) - set(Kind):
+        known = ", ".join(Kind)
+        raise SettingsError(f"--only {unknown.pop()!r} is no fault; known are: {known}")
     options = SoakOptions(
         minutes=minutes,
         robots=robots,
+        coordinators=coordinators,
         rate_hz=rate_hz,
         world=world,
         chaos=chaos,
         fault_every_s=fault_every_s,
+        only=tuple(kind for kind in Kind if kind in (only or ())),
         json_file=json_file,
         logs=logs,
     )
@@ -88,6 +101,8 @@ def soak(
     settings = load_settings(settings_file, [*given, *(assignments or ())])
     stop = stop_on_signals(exit_after_s=_END_WITHIN_S)
     console = Console()
+    if not console.is_terminal:
+        console.width = 132
     progress = ConsoleProgress(console, minutes)
     try:
         outcome = run_soak(options, settings, stop, progress)

@@ -4,7 +4,9 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import partial
+from pathlib import Path
 
+import msgspec
 import psutil
 import zenoh
 
@@ -66,8 +68,11 @@ def run_soak(
         )
     before = shared_memory()
     with temporary_folder() as folder, temporary_files_in(folder) as left:
-        robots = robots_settings(meeting_in(folder, settings), options.robots)
-        fleet = Fleet(robots, folder, world=options.world, rate_hz=options.rate_hz)
+        robots = robots_settings(_kept_in(folder, settings), options.robots)
+        fleet = Fleet(
+            robots, folder, world=options.world, rate_hz=options.rate_hz,
+            coordinators=options.coordinators,
+        )  # fmt: skip
         soak = Soak(options, robots, fleet, stop, progress)
         try:
             fleet.start()
@@ -90,6 +95,12 @@ def run_soak(
     return soak.outcome(verdicts)
 
 
+def _kept_in(folder: Path, settings: Settings) -> Settings:
+    """The same settings, but nothing is left anywhere else, nor found there."""
+    coordinator = msgspec.structs.replace(settings.coordinator, state_folder=str(folder / "state"))
+    return meeting_in(folder, msgspec.structs.replace(settings, coordinator=coordinator))
+
+
 class Soak:
     """The processes, what is heard of them, and what is done to them."""
 
@@ -105,9 +116,7 @@ class Soak:
         self._stop, self._progress = stop, progress
         promised = Promised(
             places=PLACES if options.rooms else None,
-            delay_s=robots[0].coordinator.step_deadline_s
-            if options.chaos
-            else 1.0 / options.rate_hz,
+            delay_s=None if options.chaos else 1.0 / options.rate_hz,
             chaos=options.chaos,
         )
         self._observers = {one.robot.name: Observer(one, promised) for one in robots}
@@ -154,6 +163,7 @@ class Soak:
             together,
             self._verdicts,
             self._resources,
+            {name: observer.places.changes for name, observer in self._observers.items()},
         )
 
     def _wait_until_ready(self) -> None:
@@ -181,6 +191,7 @@ class Soak:
         sides = {
             name: RobotSide(
                 trackers=observer.recovery.trackers,
+                acting=observer.acting,
                 seen=observer.seen,
                 say=self._listeners[name].say,
                 ask=self._listeners[name].ask_anything,
@@ -200,6 +211,7 @@ class Soak:
             first_s=_FIRST_FAULT_S,
             last_s=self._options.minutes * 60.0 - _LAST_FAULT_S,
             every_s=self._options.fault_every_s,
+            only=self._options.only,
         )
 
     def _keep_on(self, plain: zenoh.Session) -> None:
@@ -244,16 +256,9 @@ class Soak:
         self.known.update(everybody)
 
     def _show(self) -> None:
-        now_ns = time.time_ns()
-        broken = sum(
-            verdict.kept is False
-            for observer in self._observers.values()
-            for verdict in observer.verdicts(now_ns)
-        )
-        belief = next(iter(self._observers.values())).belief
-        step = belief.step if belief else -1
-        elapsed_s = (now_ns - self._start_ns) / 1e9
-        self._progress.going_on(elapsed_s, step, len(self.faults), broken)
+        elapsed_s = (time.time_ns() - self._start_ns) / 1e9
+        first = next(iter(self._observers.values()))
+        self._progress.going_on(elapsed_s, first.summary, len(self.faults))
 
     def _judge(self) -> None:
         self._turn()

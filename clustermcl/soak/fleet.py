@@ -40,10 +40,17 @@ class Fleet:
         folder: for settings, maps, logs, and whatever the processes leave behind.
         world: the simulated robots' world.
         rate_hz: scans a second of each robot.
+        coordinators: of each robot; one acts, the others stand by.
     """
 
     def __init__(
-        self, settings: Sequence[Settings], folder: Path, *, world: str, rate_hz: float
+        self,
+        settings: Sequence[Settings],
+        folder: Path,
+        *,
+        world: str,
+        rate_hz: float,
+        coordinators: int,
     ) -> None:
         self._folder = folder
         self.exits: list[tuple[int, ChildExit]] = []
@@ -57,7 +64,7 @@ class Fleet:
             drive = ("--world", world, "--room", str(number), "--rate-hz", repr(rate_hz))
             children += [
                 self._child(f"{robot}/{WORKERS}", "worker", file),
-                self._child(f"{robot}/{COORDINATOR}", "coordinator", file),
+                *self._coordinators(robot, file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
                 self._child(f"{robot}/{ROBOT}", "clustermcl.soak.robot", file, *drive),
             ]
@@ -80,7 +87,7 @@ class Fleet:
             name = names.get(process.pid) or _worker_name(process, names)
             if name is not None:
                 robot, _, own = name.rpartition("/")
-                role = WORKER if own.startswith(f"{WORKER}-") else own
+                role = own.partition("-")[0]
                 found.append(Part(robot, role, name, process))
         return found
 
@@ -108,6 +115,14 @@ class Fleet:
         file.write_text(as_json5(configuration), "utf-8")
         command = python_module("process_runtime.router", "--config", str(file))
         return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
+
+    def _coordinators(self, robot: str, file: Path, count: int) -> list[ChildSpec]:
+        names = [COORDINATOR, *(f"{COORDINATOR}-{number}" for number in range(2, count + 1))]
+        waits = ("--standby",) if count > 1 else ()
+        return [
+            self._child(f"{robot}/{name}", "coordinator", file, "--name", name, *waits)
+            for name in names
+        ]
 
     def _child(self, name: str, module: str, file: Path, *arguments: str) -> ChildSpec:
         command = python_module(module, "--settings", str(file), *arguments)

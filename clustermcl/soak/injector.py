@@ -40,6 +40,8 @@ class RobotSide:
 
     trackers: Callable[[int], list[str]]
     """Names of the workers that track clusters now."""
+    acting: Callable[[], str]
+    """Name of the coordinator that acts."""
     seen: Mapping[str, bytes]
     """The newest good messages by key."""
     say: Callable[[str, bytes], None]
@@ -116,6 +118,9 @@ class Injector:
         if role == WORKER:
             busy = set(self._robots[robot].trackers(now_ns))
             candidates = [part for part in candidates if _short_name(part) in busy]
+        if role == COORDINATOR:
+            acting = self._robots[robot].acting()
+            candidates = [part for part in candidates if _short_name(part) == acting]
         candidates.sort(key=lambda part: part.name)
         # Digits of the choice that have not chosen the robot.
         share = fault.choice * len(self._robots) % 1.0

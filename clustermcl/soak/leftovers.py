@@ -20,11 +20,8 @@ _KILLED_NS = 3_000_000_000
 _TROUBLE = re.compile(r"Traceback|a bug ended|panicked at|Fatal Python error")
 _SHARED_MEMORY = Path("/dev/shm")
 _KILLS = {
-    Kind.ALL_WORKERS_KILLED: "workers",
-    Kind.COORDINATOR_KILLED: "coordinator",
-    Kind.BRIDGE_KILLED: "bridge",
-    Kind.ROUTER_KILLED: "router",
-}
+    Kind.ALL_WORKERS_KILLED, Kind.COORDINATOR_KILLED, Kind.BRIDGE_KILLED, Kind.ROUTER_KILLED,
+}  # fmt: skip
 
 
 def shared_memory() -> set[str]:
@@ -143,6 +140,6 @@ def exits_verdict(
 
 
 def _explains(fault: DoneFault, at_ns: int, name: str) -> bool:
-    robot, _, role = name.rpartition("/")
-    same = _KILLS.get(fault.kind) == role and fault.robot == robot
+    robot, _, own = name.rpartition("/")
+    same = fault.kind in _KILLS and (fault.robot, fault.target) == (robot, own)
     return same and fault.at_ns <= at_ns <= fault.at_ns + _KILLED_NS

@@ -22,6 +22,7 @@ Sent = tuple[str, bytes]
 
 PUBLISHED = (
     keys.ODOMETRY_READING, keys.LASER_READING, keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.POSE,
+    keys.CHECKPOINT, keys.BRIDGE_HEALTH, keys.worker_health("worker-0"),
     keys.worker_report("worker-0"), keys.worker_report("stranger"),
 )  # fmt: skip
 ASKED = (

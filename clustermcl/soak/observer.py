@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import msgpack
 
 from clustermcl.soak.availability import Availability, DoneFault
-from clustermcl.soak.belief_checks import Places, Probabilities, Steps, Truth
+from clustermcl.soak.belief_checks import Places, Probabilities
 from clustermcl.soak.delay_check import Delays
 from clustermcl.soak.listener import Arrived, Heard, StatusHeard, TokenHeard
 from clustermcl.soak.pose_checks import Ages, Answered, Question
 from clustermcl.soak.recovery_check import Recovery
 from clustermcl.soak.robot import TRUTH_KEY, TrueMotion
+from clustermcl.soak.step_check import Steps
+from clustermcl.soak.truth_check import Truth
 from clustermcl.soak.verdict import Break, Verdict
 from process_runtime.settings import Settings
 from protocol import keys
@@ -40,8 +42,8 @@ class Promised:
 
     places: int | None
     """Kept from the bootstrap on; None: the world decides how many there are."""
-    delay_s: float
-    """From scan to belief, for 99 % of the steps."""
+    delay_s: float | None
+    """From scan to belief, for 99 % of the steps; None: nothing is."""
     chaos: bool
 
 
@@ -94,6 +96,17 @@ class Observer:
                 self.status = status
             case Heard():
                 self._message(arrived)
+
+    def acting(self) -> str:
+        """Name of the coordinator that spoke last; empty before any did."""
+        return self.belief.sender if self.belief else ""
+
+    @property
+    def summary(self) -> str:
+        """How it goes, in a few words."""
+        if self.belief is None:
+            return "no belief"
+        return f"step {self.belief.step}, {len(self.belief.hypotheses)} places"
 
     def verdicts(self, now_ns: int) -> Sequence[Verdict]:
         """On every promise, in the order of the table."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from clustermcl.soak.robot import ROOMS
+from clustermcl.soak.schedule import Kind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -12,11 +13,15 @@ class SoakOptions:
 
     minutes: float
     robots: int
+    coordinators: int
+    """Of each robot; one acts, the others stand by."""
     rate_hz: float
     """Scans a second of each robot."""
     world: str
     chaos: bool
     fault_every_s: float
+    only: tuple[Kind, ...]
+    """Kinds of faults that are done; none named: all."""
     json_file: Path | None
     logs: Path | None
     """Folder to keep the processes' logs in."""

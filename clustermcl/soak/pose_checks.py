@@ -45,7 +45,10 @@ class Answered:
         counted = self._asked - len(self._unanswered) + len(broken)
         share = 1.0 - len(broken) / counted if counted else 0.0
         over_all = 1.0 - len(self._unanswered) / self._asked if self._asked else 0.0
-        breaks = [Break(question.asked_ns, "no answer") for question in broken[:KEPT_BREAKS]]
+        breaks = [
+            Break(q.asked_ns, f"no answer within {(q.closed_ns - q.asked_ns) / 1e9:.2f} s")
+            for q in broken[:KEPT_BREAKS]
+        ]
         return Verdict(
             promise="the pose is answered while a coordinator is up",
             target=f">= {ANSWERED_SHARE:.1%}",

@@ -18,7 +18,7 @@ class Progress(Protocol):
     def fault(self, fault: DoneFault, at_s: float) -> None:
         """A fault was done."""
 
-    def going_on(self, elapsed_s: float, step: int, faults: int, broken: int) -> None:
+    def going_on(self, elapsed_s: float, summary: str, faults: int) -> None:
         """The state of affairs, every second."""
 
 
@@ -44,12 +44,9 @@ class ConsoleProgress:
         lasts = f" for {lasts_s:.1f} s" if lasts_s else ""
         self._say(f"{at_s:7.1f} s  {fault.kind}{lasts}: {whom}")
 
-    def going_on(self, elapsed_s: float, step: int, faults: int, broken: int) -> None:
+    def going_on(self, elapsed_s: float, summary: str, faults: int) -> None:
         """The state of affairs, every second."""
-        text = (
-            f"{elapsed_s / 60:.1f} of {self._minutes:g} min, step {step}, {faults} faults, "
-            f"{broken} promises broken so far"
-        )
+        text = f"{elapsed_s / 60:.1f} of {self._minutes:g} min: {summary}, {faults} faults"
         if self._status is not None:
             self._status.update(text)
         elif elapsed_s - self._said_s >= _LINE_EVERY_S:

@@ -32,10 +32,11 @@ class Outcome:
         verdicts: Sequence[Verdict],
         robots: dict[str, Sequence[Verdict]],
         resources: Resources,
+        changes: dict[str, Sequence[Break]],
     ) -> None:
         self.options, self.start_ns, self.end_ns = options, start_ns, end_ns
         self.faults, self.verdicts, self.robots = faults, verdicts, robots
-        self.resources = resources
+        self.resources, self.changes = resources, changes
 
     @property
     def broken(self) -> bool:
@@ -91,6 +92,10 @@ def as_object(outcome: Outcome) -> JsonObject:
         "robots": {
             name: [_verdict_object(outcome, verdict) for verdict in verdicts]
             for name, verdicts in outcome.robots.items()
+        },
+        "changes_of_places": {
+            name: [_break_object(outcome, change) for change in changes]
+            for name, changes in outcome.changes.items()
         },
         "faults": [
             {

@@ -12,6 +12,8 @@ from clustermcl.soak.verdict import Verdict
 
 WARM_UP_S = 60.0
 """Of each process: caches fill, histories grow to their bound."""
+LEAST_SPAN_S = 600.0
+"""In all, after the warm-ups; what grows over shorter times need not grow for ever."""
 MEMORY_TARGET_MB_PER_H = 1.0
 FILES_TARGET_PER_H = 5.0
 _MB = 1e6
@@ -63,12 +65,15 @@ class Resources:
         self._dead = dead
 
     def slope(self, name: str, values: Callable[[Life], list[float]]) -> Slope | None:
-        """Growth over all processes of that name, each without its warm-up."""
+        """Growth over all processes of a name without their warm-ups; None: too short to tell."""
         kept = []
         for life in self.lives[name].values():
             times_s = np.array(life.times_s)
             warm = times_s >= life.created_s + WARM_UP_S
-            kept.append((times_s[warm], np.array(values(life))[warm]))
+            if warm.any():
+                kept.append((times_s[warm], np.array(values(life))[warm]))
+        if sum(float(np.ptp(times_s)) for times_s, _ in kept) < LEAST_SPAN_S:
+            return None
         return robust_slope(kept)
 
     def verdicts(self) -> list[Verdict]:
@@ -91,7 +96,9 @@ class Resources:
         }
         target_text = f"< {target:g} {unit} an hour"
         if not slopes:
-            return Verdict(promise=promise, target=target_text, measured="too short", kept=None)
+            return Verdict(
+                promise=promise, target=target_text, measured="under 10 minutes", kept=None
+            )
         judged = {name: _judged(slope, target) for name, slope in slopes.items()}
         shown = sorted(slopes, key=lambda n: (judged[n] is not False, -slopes[n].per_hour))
         worst = slopes[shown[0]]

@@ -1,6 +1,6 @@
 """Which faults come when: a plain list, the same for the same seed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -33,17 +33,17 @@ class _Rule:
 
 
 _RULES = {
-    Kind.WORKER_KILLED: _Rule(4),
-    Kind.WORKER_FROZEN: _Rule(2, (0.5, 5.0)),
+    Kind.WORKER_KILLED: _Rule(10),
+    Kind.WORKER_FROZEN: _Rule(4, (0.5, 5.0)),
     Kind.ALL_WORKERS_KILLED: _Rule(1),
-    Kind.COORDINATOR_KILLED: _Rule(2),
-    Kind.COORDINATOR_FROZEN: _Rule(1, (0.5, 4.0)),
+    Kind.COORDINATOR_KILLED: _Rule(3),
+    Kind.COORDINATOR_FROZEN: _Rule(2, (0.5, 4.0)),
     Kind.BRIDGE_KILLED: _Rule(1),
-    Kind.ROBOT_FROZEN: _Rule(1, (1.5, 4.0)),
+    Kind.ROBOT_FROZEN: _Rule(2, (1.5, 4.0)),
     Kind.ROUTER_KILLED: _Rule(1),
     Kind.ROUTER_FROZEN: _Rule(1, (0.5, 1.5)),
-    Kind.SLOW_NETWORK: _Rule(1, (3.0, 6.0)),
-    Kind.MALFORMED_MESSAGES: _Rule(1),
+    Kind.SLOW_NETWORK: _Rule(2, (3.0, 6.0)),
+    Kind.MALFORMED_MESSAGES: _Rule(2),
     Kind.WRONG_READINGS: _Rule(1),
 }
 _NEAREST, _FARTHEST = 0.4, 1.6
@@ -63,17 +63,20 @@ class Fault:
     """In [0, 1): which of those it could hit; known only when the time has come."""
 
 
-def planned(seed: int, *, first_s: float, last_s: float, every_s: float) -> tuple[Fault, ...]:
-    """All faults of a soak. Kinds come as from a shuffled deck of cards: soon all have been.
+def planned(
+    seed: int, *, first_s: float, last_s: float, every_s: float, only: Sequence[Kind] = ()
+) -> tuple[Fault, ...]:
+    """All faults of a soak. Kinds come as from shuffled decks of cards; the first has one of each.
 
     Args:
         seed: of everything.
         first_s: no fault is earlier.
         last_s: nor later.
         every_s: mean distance of two faults.
+        only: kinds that are done; none named: all.
     """
     rng = np.random.default_rng([seed, 0xFA017])
-    deck = _deck(rng)
+    deck = _deck(rng, only or tuple(_RULES))
     faults, at_s = [], first_s
     while at_s <= last_s:
         kind = next(deck)
@@ -83,8 +86,9 @@ def planned(seed: int, *, first_s: float, last_s: float, every_s: float) -> tupl
     return tuple(faults)
 
 
-def _deck(rng: np.random.Generator) -> Iterator[Kind]:
+def _deck(rng: np.random.Generator, kinds: Sequence[Kind]) -> Iterator[Kind]:
     """Kinds without an end."""
-    cards = [kind for kind, rule in _RULES.items() for _ in range(rule.copies)]
+    yield from (kinds[index] for index in rng.permutation(len(kinds)))
+    cards = [kind for kind in kinds for _ in range(_RULES[kind].copies)]
     while True:
         yield from (cards[index] for index in rng.permutation(len(cards)))
