@@ -4,7 +4,11 @@ import math
 from collections.abc import Iterable, Iterator
 
 from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from protocol.health import Health
 from protocol.message import Covariance, PoseTuple
+
+SILENT_AFTER_S = 3.0
+"""A process says each second how it is; three missed words are worth a remark."""
 
 
 def pose_text(pose: PoseTuple) -> str:
@@ -82,9 +86,25 @@ def status_lines(status: Status) -> Iterator[str]:
     yield from _indented(
         f"{name}: {' '.join(jobs) or 'idle'}" for name, jobs in status.workers.items()
     )
-    if status.counters:
-        yield "dropped or refused"
-        yield from _indented(f"{cause}: {count}" for cause, count in status.counters.items())
+    if status.processes:
+        yield "processes"
+        for process in status.processes:
+            yield from _indented(_process_lines(process))
+
+
+def _process_lines(process: Health) -> Iterator[str]:
+    """One process: version, age and memory; what it does; what it dropped or refused."""
+    memory = f", {process.memory_bytes / 1e6:.0f} MB" if process.memory_bytes else ""
+    silent = f", silent for {process.age_s:.0f} s" if process.age_s > SILENT_AFTER_S else ""
+    yield (
+        f"{process.sender} ({process.role}) {process.version}, "
+        f"up {process.uptime_s:.0f} s{memory}{silent}"
+    )
+    for what, rate in sorted(process.rates_per_s.items()):
+        age_s = process.ages_s.get(what, 0.0) + process.age_s
+        yield f"  {what}: {process.done.get(what, 0)}, {rate:.1f}/s, last {age_s:.1f} s ago"
+    for cause, count in sorted(process.dropped.items()):
+        yield f"  dropped or refused: {cause}: {count}"
 
 
 def _hypothesis_line(hypothesis: Hypothesis) -> str:
