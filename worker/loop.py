@@ -60,6 +60,7 @@ class WorkerLoop:
         self._table = JobTable(name)
         self._inbox: Events = Inbox({"scan": KEPT_SCANS, "checkpoint": KEPT_CHECKPOINTS})
         self._causes = CauseCounter()
+        self._scans_dropped = 0
         self._reports = Publisher(session, keys.worker_report(name), may_wait=True)
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
         self._health_key = Publisher(session, keys.worker_health(name))
@@ -96,9 +97,16 @@ class WorkerLoop:
             self._causes.warn(_log, "scan of another map", detail, time.monotonic())
             return
         lost = self._table.lost_before(scan)
-        for past in self._fetch(lost, LOST_SCANS_TIMEOUT_S) if lost else ():
-            self._publish(self._table.take(past))
+        if lost and not self._has_fallen_behind():
+            for past in self._fetch(lost, LOST_SCANS_TIMEOUT_S):
+                self._publish(self._table.take(past))
         self._publish(self._table.take(scan))
+
+    def _has_fallen_behind(self) -> bool:
+        """Whether scans were dropped here since the last look: who is too slow must skip some."""
+        dropped = self._inbox.dropped().get("scan", 0)
+        known, self._scans_dropped = self._scans_dropped, dropped
+        return dropped > known
 
     def _on_checkpoint(self, payload: bytes) -> None:
         try:
