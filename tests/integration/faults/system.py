@@ -19,9 +19,11 @@ from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSett
 from process_runtime.session import open_session
 from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
 from process_runtime.stop import StopFlag
+from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
+from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
 
 SIMULATOR = "robot_simulator"
@@ -45,6 +47,7 @@ class System:
         self.settings, self.stack, self.folder = settings, stack, folder
         self.session = session
         self._names = set(stack.pids())
+        self.started: list[RunningProcess] = []
         self.beliefs: list[Belief] = []
         self._heard_ns: list[int] = []
         session.declare_subscriber(keys.BELIEF, self._on_belief)
@@ -102,6 +105,13 @@ class System:
         children = psutil.Process(self.pid(WORKERS)).children()
         return [child.pid for child in sorted(children, key=lambda child: child.create_time())]
 
+    def start(self, module: str, *arguments: str) -> RunningProcess:
+        """Start one process more, with the settings of all; it ends with the system."""
+        words = ["--settings", str(self.folder / "settings.toml"), *arguments]
+        name = f"more-{len(self.started)}"
+        self.started.append(RunningProcess(python_module(module, *words), self.folder, name))
+        return self.started[-1]
+
     def hurt(self, name: str, number: int = signal.SIGKILL) -> None:
         """Send a signal to a process of the stack; who dies is started again by `mend`."""
         os.kill(self.pid(name), number)
@@ -142,4 +152,9 @@ def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> I
         session = resources.enter_context(
             open_session(met.zenoh, met.robot, StopFlag(), wait_s=30.0)
         )
-        yield System(met, stack, folder, session)
+        tested = System(met, stack, folder, session)
+        try:
+            yield tested
+        finally:
+            for process in tested.started:
+                process.kill()

@@ -1,0 +1,159 @@
+"""DESIGN.md section 4: the coordinator dies: a new one carries on with the same belief."""
+
+import os
+import signal
+import time
+from collections.abc import Sequence
+
+import msgspec
+import pytest
+
+from clustermcl.in_process import outcomes
+from clustermcl.stack import COORDINATOR
+from coordinator.ensemble import Outcome
+from coordinator.process import filter_settings
+from particle_filter.settings import BeliefSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
+from process_runtime.wire import ask
+from protocol import keys
+from protocol.answers import Belief
+from protocol.steps import ScanHistory
+from robot_simulator.source import simulated_world
+from tests.integration.faults.live_robot import WORLD, with_live_robot
+from tests.integration.faults.system import SMALL, System, system
+from tests.integration.system.listening import outcomes_of
+from tests.integration.waiting import wait_until
+from worker.map_model import sensor_model
+
+STEPS = 60
+PACED = msgspec.structs.replace(
+    SMALL,
+    belief=BeliefSettings(clusters=6, search_every_steps=12),
+    bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
+)
+"""As fast as the workers follow, with searches and newcomers all along."""
+PATIENT = msgspec.structs.replace(SMALL, coordinator=CoordinatorSettings(step_deadline_s=10.0))
+"""So that a busy machine costs no report: what is compared is what was decided."""
+
+
+def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
+    """Every belief that was heard, also one that was told twice, is what one process believes."""
+    expected = {outcome.step: outcome for outcome in alone}
+    for belief in beliefs:
+        assert belief.missing == (), f"step {belief.step}"
+        assert belief.hypotheses == expected[belief.step].hypotheses, f"step {belief.step}"
+        assert belief.state == expected[belief.step].state, f"step {belief.step}"
+        assert belief.searching == expected[belief.step].searching, f"step {belief.step}"
+
+
+def alone_of(tested: System, settings: Settings) -> list[Outcome]:
+    """What one process believes after the steps that the bridge has sent so far."""
+    history = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=5.0)
+    assert history.scans[0].step == 0
+    grid_map = simulated_world(f"sim:{WORLD}").map
+    model = sensor_model(grid_map, settings.sensor, cache_folder=None)
+    plain = filter_settings(settings)
+    return [outcome for _, outcome in outcomes(history.scans, model, plain)]
+
+
+def kill_and_mend(tested: System) -> None:
+    tested.hurt(COORDINATOR)
+    wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
+    tested.mend()
+
+
+def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_believed() -> None:
+    alone = outcomes_of(PACED, steps=STEPS)
+    with system(PACED, "--steps", str(STEPS)) as tested:
+        for step in (3, 20, 21, 44):
+            wait_until(lambda s=step: tested.step >= s, 60.0)  # type: ignore[misc] # a default
+            kill_and_mend(tested)
+        wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last, 60.0)
+        assert len({belief.term for belief in tested.beliefs}) >= 4, "it was several coordinators"
+        assert_same(tested.beliefs, alone)
+        with tested.client as client:
+            assert client.status().steps_lost == 0
+
+
+def test_a_robot_that_drives_on_is_followed_again_within_two_seconds() -> None:
+    """Steps that passed while nobody was there are applied from the workers' reports."""
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        before, workers = tested.step, tested.worker_pids()
+        tested.hurt(COORDINATOR)
+        wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
+        wait_until(lambda: tested.stack.ended() == [] and COORDINATOR in tested.stack.pids())
+        started_s = time.monotonic()
+        wait_until(lambda: len({belief.term for belief in tested.beliefs}) == 2)
+        assert time.monotonic() - started_s < 2.0
+        tested.wait_for_steps(10)
+        steps = [belief.step for belief in tested.since(before)]
+        assert sorted(set(steps)) == list(range(before + 1, steps[-1] + 1)), "none was left out"
+        assert tested.worker_pids() == workers
+        with tested.client as client:
+            assert client.status().steps_lost == 0
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+
+
+def test_a_second_coordinator_still_refuses_to_start_and_says_how_to_stand_by() -> None:
+    with system() as tested:
+        tested.wait_for_steps(1)
+        second = tested.start(COORDINATOR)
+        assert second.wait() == 2
+        assert "has a coordinator already" in second.err
+        assert "--standby" in second.err
+
+
+def test_one_that_stands_by_takes_over_at_once_and_believes_the_same() -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        standby = tested.start(COORDINATOR, "--standby")
+        standby.wait_for("standing by")
+        tested.wait_until_it_tracks()
+        terms = {belief.term for belief in tested.beliefs}
+        tested.hurt(COORDINATOR)
+        killed_s = time.monotonic()
+        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms)
+        assert time.monotonic() - killed_s < 2.0
+        tested.wait_for_steps(10)
+        with tested.client as client:
+            assert client.status().steps_lost == 0
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+        standby.send_signal(signal.SIGTERM)
+        assert standby.wait() == 0
+
+
+def test_one_that_was_frozen_steps_down_and_never_acts_beside_the_other() -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        standby = tested.start(COORDINATOR, "--standby")
+        standby.wait_for("standing by")
+        tested.wait_until_it_tracks()
+        frozen = tested.pid(COORDINATOR)
+        os.kill(frozen, signal.SIGSTOP)
+        stopped_s = time.monotonic()
+        standby.wait_for("taking over")
+        wait_until(lambda: time.monotonic() - stopped_s > 5.0)
+        os.kill(frozen, signal.SIGCONT)
+        wait_until(lambda: "stepping down" in tested.log(COORDINATOR))
+        wait_until(lambda: tested.log(COORDINATOR).count("standing by") == 1)
+        tested.wait_for_steps(10)
+        terms = [belief.term for belief in tested.beliefs]
+        assert terms == sorted(terms), "no belief of the old one after the first of the new one"
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+        standby.kill()  # and now it is its turn again
+        highest = max(terms)
+        wait_until(lambda: tested.beliefs[-1].term > highest)
+        tested.wait_for_steps(10)
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_the_workers_go_on_while_no_coordinator_is_there(number: int) -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        tested.hurt(COORDINATOR, number)
+        reports: list[str] = []
+        tested.session.declare_subscriber(
+            keys.ALL_REPORTS, lambda sample: reports.append(str(sample.key_expr))
+        )
+        wait_until(lambda: len(reports) > 20)
+        assert len(set(reports)) == 4, "of every worker"
