@@ -23,6 +23,8 @@ _LEASE_MS = 2000
 _MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
 """A larger one is dropped in pieces on its way in, and the link lives on. Zenoh's: a gigabyte."""
 _WAIT_BEFORE_CLOSE_US = 300_000
+_QUEUED_BATCHES = 16
+"""Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
 _SOCKET_PATH_MAX_BYTES = 107
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
@@ -151,6 +153,7 @@ def _transport() -> Configuration:
                 "lease": _LEASE_MS,
                 "keep_alive": 4,
                 "queue": {
+                    "size": {"data_high": _QUEUED_BATCHES},
                     # A frozen process may hold the others up 0.3 s, not Zenoh's 5 s.
                     "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}}
                 },
