@@ -70,6 +70,14 @@ class MapMismatchError(ProtocolError):
         super().__init__(f"{worker!r} has map {found:.12}, expected {expected:.12}")
 
 
+class OldTermError(ProtocolError):
+    """An order comes from a coordinator that another one has taken over from."""
+
+    def __init__(self, *, term: int, ruling: int) -> None:
+        self.term, self.ruling = term, ruling
+        super().__init__(f"order of term {term}, but term {ruling} rules")
+
+
 class UnreachableError(ClusterMclError):
     """No router, or nobody behind it, answered in time."""
 

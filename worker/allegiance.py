@@ -1,5 +1,6 @@
 """Whom a worker obeys: terms fence a coordinator that was taken over from."""
 
+from protocol.errors import OldTermError
 from protocol.work import Checkpoint, WorkOrder
 
 
@@ -30,9 +31,9 @@ class Allegiance:
         """Whether to follow an order; False for one that a later one has overtaken.
 
         Raises:
-            ValueError: it is of a coordinator that was taken over from.
+            OldTermError: it is of a coordinator that was taken over from.
         """
         if order.term < self.term:
-            raise ValueError(f"order of term {order.term}, but term {self.term} rules")
+            raise OldTermError(term=order.term, ruling=self.term)
         self.hear(order.term)
         return order.order >= self.order

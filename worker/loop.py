@@ -23,6 +23,7 @@ from protocol.errors import (
     ClusterMclError,
     MalformedMessageError,
     MapMismatchError,
+    OldTermError,
     printable,
 )
 from protocol.steps import MapMessage, Scan, ScanHistory
@@ -209,5 +210,7 @@ def _cause_of_refusal(error: Exception) -> str:
             return error.cause
         case MapMismatchError():
             return "order for another map"
+        case OldTermError():
+            return "order of an old term"
         case _:
             return "order refused"

@@ -34,6 +34,7 @@ from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
+from protocol.errors import OldTermError
 from protocol.steps import Scan
 from protocol.work import (
     Checkpoint,
@@ -109,7 +110,7 @@ class InMemoryWorker:
             if self.allegiance.check(order):
                 self.table.follow(order, self._model, SETTINGS)
                 self.allegiance.order = order.order
-        except ValueError as error:
+        except (OldTermError, ValueError) as error:
             problem = str(error)
         else:
             missing = self.table.missing()

@@ -1,5 +1,6 @@
 import pytest
 
+from protocol.errors import OldTermError
 from protocol.work import Checkpoint, WorkOrder
 from worker.allegiance import Allegiance
 
@@ -20,7 +21,7 @@ def checkpoint(term: int, serial: int, *, founded: bool = True) -> Checkpoint:
 def test_orders_of_a_lower_term_are_refused_with_both_terms() -> None:
     allegiance = Allegiance()
     assert allegiance.check(order(5, 1))
-    with pytest.raises(ValueError, match="term 4, but term 5"):
+    with pytest.raises(OldTermError, match="term 4, but term 5"):
         allegiance.check(order(4, 900))
 
 
@@ -37,7 +38,7 @@ def test_a_question_or_a_checkpoint_fences_lower_terms_too() -> None:
     asked.hear(7)
     told.keep(checkpoint(7, 0), b"seven")
     for allegiance in (asked, told):
-        with pytest.raises(ValueError, match="term 7 rules"):
+        with pytest.raises(OldTermError, match="term 7 rules"):
             allegiance.check(order(6, 1))
 
 

@@ -1,0 +1,153 @@
+"""Whatever a stranger may put on a key or ask there, but for what an honest process would say."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import msgpack
+import msgspec
+import numpy as np
+import zenoh
+
+from protocol import keys
+from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.arrays import ArrayBlob
+from protocol.codec import encode
+from protocol.health import Health
+from protocol.message import Message
+from protocol.steps import OdometryReading, Scan
+from protocol.work import Assignment, Checkpoint, SearchReport, TrackJob, TrackReport, WorkOrder
+from tests.unit.coordinator.reports import cloud_at, searched, tracked
+
+WORKER = "worker-0"
+ANOTHER_MAP = "of another map"
+ORIGIN = (0.0, 0.0, 0.0)
+NAN = math.nan
+
+PUBLISHED = (
+    keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.POSE, keys.CHECKPOINT, keys.TRUTH,
+    keys.BRIDGE_HEALTH, keys.ODOMETRY_READING, keys.LASER_READING,
+    keys.worker_report(WORKER), keys.worker_health(WORKER),
+)  # fmt: skip
+SERVED = (
+    keys.MAP, keys.SCAN_HISTORY, keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE,
+    keys.RELOCALIZE, keys.KIDNAP, keys.worker_order(WORKER), keys.worker_state(WORKER),
+)  # fmt: skip
+
+NO_MESSAGES = {
+    "nothing": b"",
+    "text": b"hello",
+    "noise": bytes(range(256)),
+    "a number": msgpack.packb(7),
+    "another message": msgpack.packb({"schema": "gossip/1", "sender": "x"}),
+    "a later version": msgpack.packb({"schema": "scan/9", "sender": "x"}),
+    "no fields": msgpack.packb({"schema": "scan/1", "sender": "x"}),
+    "deep": b"\x91" * 60_000,
+    "announced": b"\xdd\xff\xff\xff\xff",
+    "many": b"\xdc\x4e\x20" + b"\x90" * 20_000,
+    "a megabyte": bytes(1_000_000),
+    "control characters": msgpack.packb({"schema": "\x1b[2J\n\n", "sender": "\0"}),
+}
+
+
+@dataclass
+class Stranger:
+    """Somebody on the network.
+
+    Args:
+        session: a client like all others.
+        scans: what the bridge has published so far, by step; the stranger listens, too.
+    """
+
+    session: zenoh.Session
+    scans: Mapping[int, Scan]
+
+    def speak(self) -> None:
+        """Everything once."""
+        for key in PUBLISHED:
+            for data in NO_MESSAGES.values():
+                self.session.put(key, data)
+        for key, message in self._poison():
+            self.session.put(key, encode(message))
+
+    def ask(self) -> None:
+        """Everything once; answers are of no interest."""
+        commands = (keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP, keys.worker_order(WORKER))
+        for key in SERVED:
+            for data in NO_MESSAGES.values():
+                if data or key != keys.RELOCALIZE:
+                    self._get(key, data)
+        for key in commands:
+            for message in self._bad_commands():
+                self._get(key, encode(message))
+        for selector in ("scans?first=x", f"scans?first={'9' * 5000}", "scans?last=-1;first=-7"):
+            self._get(selector, b"")
+
+    def shout(self) -> None:
+        """A hundred megabytes on keys that all workers and the coordinator hear."""
+        for key in (keys.SCAN, keys.worker_report(WORKER)):
+            block = zenoh.CongestionControl.BLOCK
+            self.session.put(key, bytes(100_000_000), congestion_control=block)
+            self.session.put(key, bytes(33_000_000), congestion_control=block)
+
+    def _get(self, selector: str, data: bytes) -> None:
+        self.session.get(selector, lambda _reply: None, payload=data, timeout=0.5)
+
+    def _poison(self) -> Iterator[tuple[str, Message]]:
+        """Messages whose fields are right and whose numbers are not, or not any more."""
+        *_, scan = self.scans.values()
+        for change in (
+            {"step": -1}, {"step": 2**60}, {"stamp_ns": 2**63 - 1},
+            {"odom_from_robot": (NAN, 0.0, 0.0)},
+            {"map_digest": ANOTHER_MAP, "step": scan.step + 1},
+            {"ranges": ArrayBlob(dtype="float32", shape=(1_000_000, 1_000), data=b"1234")},
+            {"ranges": ArrayBlob(dtype="float32", shape=(0,) * 99, data=b"")},
+            {"ranges": ArrayBlob.of(np.full(60, NAN), "float32"), "step": scan.step + 1},
+            {"angle_step_rad": NAN}, {"robot_from_laser": (math.inf, 0.0, 0.0)},
+        ):  # fmt: skip
+            yield keys.SCAN, msgspec.structs.replace(scan, **change)
+        yield from (
+            (keys.SCAN, old) for old in reversed([*self.scans.values()][-4:])
+        )  # again, out of order
+        report = keys.worker_report(WORKER)
+        yield from ((report, bad) for bad in self._bad_reports(scan.step))
+        for pose in ((NAN, 0.0, 0.0), (1e300, 0.0, 0.0)):
+            yield keys.ODOMETRY, OdometryReading(sender="x", stamp_ns=0, odom_from_robot=pose)
+        checkpoint = Checkpoint(sender="x", term=-1, serial=0, step=0, founded=True, state=b"")
+        yield keys.CHECKPOINT, checkpoint
+        bloated = Health(
+            sender="x", role="x", version="", uptime_s=0.0, done={str(n): n for n in range(900)}
+        )
+        yield keys.worker_health(WORKER), bloated
+        yield keys.worker_health(WORKER), msgspec.structs.replace(bloated, done={}, uptime_s=NAN)
+
+    @staticmethod
+    def _bad_reports(step: int) -> Iterator[TrackReport | SearchReport]:
+        old = tracked("c0", step, 1e9, ORIGIN, epoch=0)
+        yield old  # of an epoch that is over
+        yield msgspec.structs.replace(old, job_id="c999999", epoch=10**6)
+        yield searched("s0.0", step, {ORIGIN: 1.0}, epoch=0, log_evidence=1e6)
+        for change in (
+            {"log_weight_sum": NAN}, {"log_weight_sum": math.inf}, {"particles": 0},
+            {"mean": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
+        ):  # fmt: skip
+            yield msgspec.structs.replace(old, **change)
+
+    @staticmethod
+    def _bad_commands() -> Iterator[Message]:
+        yield SetPose(sender="x", command_id="1", map_from_robot=(NAN, 0.0, 0.0))
+        yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, position_sigma_m=-1.0)
+        yield SetPose(sender="x", command_id="y" * 1000, map_from_robot=ORIGIN)
+        yield Relocalize(sender="x", command_id="")
+        yield Kidnap(sender="x", command_id="3", map_from_robot=(math.inf, 0.0, 0.0))
+        cloud = cloud_at(ORIGIN, 0)
+        poisoned = msgspec.structs.replace(
+            cloud, log_weights=ArrayBlob.of(np.full(2, NAN), "float64")
+        )
+        for term, digest, start in ((0, ANOTHER_MAP, cloud), (2**50, "x", poisoned)):
+            job = TrackJob(cluster=0, start=start, exact=True)
+            yield WorkOrder(
+                sender="x", term=term, order=1, map_digest=digest, filter_settings={},
+                snapshot_every_steps=1, keep=(),
+                begin=(Assignment(job_id="c0", epoch=0, job=job),),
+            )  # fmt: skip
