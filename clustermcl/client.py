@@ -151,16 +151,22 @@ class Client:
     def beliefs(self) -> Iterator[Belief]:
         """Every belief from now on, without an end; of a slow reader's, the oldest are dropped.
 
+        Those of a coordinator that was taken over from are left out.
+
         Raises:
             StoppedError: the client's stop flag is set.
         """
         inbox: Events = Inbox({"belief": _KEPT_BELIEFS})
         subscribe(self._session, keys.BELIEF, inbox, "belief")
+        term = 0
         while True:
             self._stop.check()
             event = inbox.get(_POLL_S)
             if isinstance(event, Received):
-                yield decode(event.payload, Belief)
+                belief = decode(event.payload, Belief)
+                if belief.term >= term:
+                    term = belief.term
+                    yield belief
 
     @property
     def _session(self) -> zenoh.Session:

@@ -181,7 +181,8 @@ class BridgeLoop:
                 case Token():
                     self._coordinator_there = event.alive
                 case Received(key=keys.BELIEF):
-                    self._pacing.believed(decode(event.payload, Belief).step)
+                    belief = decode(event.payload, Belief)
+                    self._pacing.believed(belief.step, belief.term)
                 case Received(key=keys.ODOMETRY_READING):
                     self._take(decode(event.payload, OdometryReading))
                 case Received(key=keys.LASER_READING):

@@ -11,6 +11,7 @@ class Pacing:
         self._first: tuple[int, int] | None = None
         self._awaited: int | None = None
         self._sent_ns = 0
+        self._term = 0
 
     @property
     def paced(self) -> bool:
@@ -22,8 +23,11 @@ class Pacing:
         if self.paced:
             self._awaited, self._sent_ns = step, now_ns
 
-    def believed(self, step: int) -> None:
-        """The belief of a step is out."""
+    def believed(self, step: int, term: int) -> None:
+        """The belief of a step is out; one of a lower term than was heard before counts nothing."""
+        if term < self._term:
+            return
+        self._term = term
         if self._awaited is not None and step >= self._awaited:
             self._awaited = None
 

@@ -19,6 +19,14 @@ StartProcess = Callable[[Sequence[str]], RunningProcess]
 OpenClient = Callable[[], zenoh.Session]
 
 
+@pytest.fixture(autouse=True, scope="session")
+def state_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Processes keep their last poses with the tests, not with the user who runs them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
+        yield
+
+
 @pytest.fixture
 def short_folder() -> Iterator[str]:
     """For sockets: their paths have at most 107 bytes, and pytest's folders are deep."""
