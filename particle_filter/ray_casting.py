@@ -25,10 +25,10 @@ def jump_field(cells: Cells) -> JumpField:
     """The free square ahead of every cell, for rays of each quadrant; computed once per map.
 
     The cell is the square's corner, and the square lies in the direction in which the rays of the
-    quadrant run. It holds no occupied cell, so a ray leaves it before it meets anything, and what
-    it enters then is exactly the right cell. A square that looks ahead only is larger than one
-    around the cell, which a wall beside or behind the ray makes small: there are a third fewer
-    jumps.
+    quadrant run, within the map. It holds no occupied cell, so a ray leaves it before it meets
+    anything, and what it enters then is exactly the right cell. A square that looks ahead only is
+    larger than one around the cell, which a wall beside or behind the ray makes small: there are
+    a third fewer jumps.
 
     Args:
         cells: (rows, cols) grid map.
@@ -109,19 +109,18 @@ def cast_rays_from_poses(
 
 @kernel
 def _squares(cells: Cells) -> NDArray[np.uint8]:
-    """Sides of the largest free squares that end in each cell; around the map all is free."""
+    """Sides of the largest free squares of the map that end in each cell."""
     rows, cols = cells.shape
     field = np.empty((rows, cols), np.uint8)
     for row in range(rows):
         for col in range(cols):
-            least = _LONGEST_JUMP - 1
-            if row > 0:
-                least = min(least, int(field[row - 1, col]))
-            if col > 0:
-                least = min(least, int(field[row, col - 1]))
-            if row > 0 and col > 0:
-                least = min(least, int(field[row - 1, col - 1]))
-            field[row, col] = 0 if cells[row, col] == OCCUPIED else least + 1
+            if cells[row, col] == OCCUPIED:
+                field[row, col] = 0
+            elif row == 0 or col == 0:
+                field[row, col] = 1
+            else:
+                least = min(field[row - 1, col], field[row, col - 1], field[row - 1, col - 1])
+                field[row, col] = min(int(least), _LONGEST_JUMP - 1) + 1
     return field
 
 
@@ -153,18 +152,20 @@ def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cel
         jumps: `jump_field` of the map.
         x: start, columns from the grid's low corner.
         y: start, rows from the grid's low corner.
-        dx: unit direction along the columns.
-        dy: unit direction along the rows.
+        dx: direction along the columns; lengths count in lengths of the direction.
+        dy: direction along the rows.
         max_cells: how far the ray is followed.
 
     Returns:
-        Cells to the boundary of the first occupied cell; infinite where nothing is hit.
+        Length to the boundary of the first occupied cell; infinite where nothing is hit.
     """
     rows, cols = jumps.shape[1], jumps.shape[2]
-    t, t_exit = _span_in_grid(x, y, dx, dy, float(cols), float(rows))
-    t_last = min(t_exit, max_cells)
-    if t > t_last:
-        return np.inf
+    t, t_last = 0.0, max_cells
+    if not (0.0 <= x < cols and 0.0 <= y < rows):
+        t, t_last = _span_in_grid(x, y, dx, dy, float(cols), float(rows))
+        t_last = min(t_last, max_cells)
+        if t > t_last:
+            return np.inf
     # Clamp before int(), which truncates towards zero: -0.3 is no place in column 0.
     col = int(min(max(floor(x + t * dx), 0.0), cols - 1.0))
     row = int(min(max(floor(y + t * dy), 0.0), rows - 1.0))
@@ -185,13 +186,13 @@ def cast_ray(jumps: JumpField, x: float, y: float, dx: float, dy: float, max_cel
             col = col + side if right else col - side
             if t > t_last or not 0 <= col < cols:
                 return np.inf
-            row = min(max(int(y + t * dy), row - side + 1, 0), row + side - 1, rows - 1)
+            row = min(max(int(y + t * dy), row - side + 1), row + side - 1)
         else:
             t = t_y
             row = row + side if up else row - side
             if t > t_last or not 0 <= row < rows:
                 return np.inf
-            col = min(max(int(x + t * dx), col - side + 1, 0), col + side - 1, cols - 1)
+            col = min(max(int(x + t * dx), col - side + 1), col + side - 1)
 
 
 @kernel

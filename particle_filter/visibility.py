@@ -90,10 +90,8 @@ def _hidden_codes(
             if code == 0:
                 continue
             dx, dy = col - from_col, row - from_row
-            length = sqrt(dx * dx + dy * dy)
-            if length > margin and _is_hidden(
-                jumps, from_col, from_row, dx / length, dy / length, length - margin, cos_sin
-            ):
+            share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
+            if share > 0.0 and _is_hidden(jumps, from_col, from_row, dx, dy, share, cos_sin):
                 sums[i] += code
     return sums
 
@@ -105,13 +103,13 @@ def _is_hidden(
     y: float,
     dx: float,
     dy: float,
-    length: float,
+    share: float,
     slack: tuple[float, float],
 ) -> bool:
-    """Whether the ray, and one a little to either side of it, meets something before its end."""
+    """Whether a share of the ray, and of one a little to either side of it, meets something."""
     c, s = slack
     return (
-        cast_ray(jumps, x, y, dx, dy, length) < length
-        and cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, length) < length
-        and cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, length) < length
+        cast_ray(jumps, x, y, dx, dy, share) < share
+        and cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, share) < share
+        and cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, share) < share
     )

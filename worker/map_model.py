@@ -16,7 +16,7 @@ from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 
-CACHE_VERSION = 2
+CACHE_VERSION = 3
 """Raise it when the same map and settings give another field."""
 
 _log = logging.getLogger(__name__)

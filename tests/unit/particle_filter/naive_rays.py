@@ -10,17 +10,14 @@ from particle_filter.settings import SensorSettings
 
 
 def jump_field(cells: Cells) -> NDArray[np.uint8]:
-    """Try larger and larger squares from every cell in every quadrant; maps under 20 cells."""
+    """Try larger and larger squares from every cell in every quadrant."""
     field = np.zeros((4, *cells.shape), np.uint8)
     for quadrant, row, col in np.ndindex(field.shape):
-        for side in [*range(1, 20), 255]:
-            rows = (
-                slice(row, row + side) if quadrant & 2 else slice(max(row - side + 1, 0), row + 1)
-            )
-            cols = (
-                slice(col, col + side) if quadrant & 1 else slice(max(col - side + 1, 0), col + 1)
-            )
-            if (cells[rows, cols] == OCCUPIED).any():
+        for side in range(1, 256):
+            low_row = row if quadrant & 2 else row - side + 1
+            low_col = col if quadrant & 1 else col - side + 1
+            square = cells[max(low_row, 0) : low_row + side, max(low_col, 0) : low_col + side]
+            if square.shape != (side, side) or (square == OCCUPIED).any():
                 break
             field[quadrant, row, col] = side
     return field

@@ -70,10 +70,10 @@ def test_jumps_are_the_largest_free_squares_ahead(cells: Cells) -> None:
 
 
 def test_a_jump_too_long_for_a_byte_becomes_several() -> None:
-    cells = np.zeros((3, 600), dtype=np.int8)
-    cells[1, 0] = 1
-    assert jump_field(cells)[0, 2, 252:258].tolist() == [252, 253, 254, 255, 255, 255]
-    laser = np.array([599.5, 1.5, np.pi])
+    cells = np.zeros((300, 600), dtype=np.int8)
+    cells[290, 0] = 1
+    assert jump_field(cells)[0, 289, 250:258].tolist() == [251, 252, 253, 254, 255, 255, 255, 255]
+    laser = np.array([599.5, 290.5, np.pi])
     assert cast_rays_from_poses(jump_field(cells), 1.0, laser[None], np.zeros(1), 1e3) == [[598.5]]
 
 
