@@ -2,15 +2,17 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.kld_sampling import sufficient_particles
-from particle_filter.log_weights import effective_sample_size, log_sum, normalised
+from particle_filter.log_weights import effective_size, log_sum, normalised, scaled
 from particle_filter.motion import move
-from particle_filter.resampling import resample
+from particle_filter.resampling import resample, resample_weights
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import ClusterSettings, MotionSettings
 
@@ -29,14 +31,23 @@ class Cloud:
         """A cloud whose particles count alike."""
         return cls(map_from_robot, np.zeros(len(map_from_robot)))
 
-    @property
+    @cached_property
+    def _scaled(self) -> NDArray[np.float64]:
+        return scaled(self.log_weights)
+
+    @cached_property
+    def weights(self) -> NDArray[np.float64]:
+        """(N,) the weights themselves, summing to one."""
+        return np.asarray(self._scaled / self._scaled.sum())
+
+    @cached_property
     def effective_sample_size(self) -> float:
         """How many even particles would tell as much."""
-        return effective_sample_size(self.log_weights)
+        return effective_size(self._scaled)
 
     def gaussian(self) -> tuple[Pose, Poses]:
         """Mean pose and (3, 3) covariance, heading on the circle (section 4, last paragraph)."""
-        return fit_gaussian(self.map_from_robot, normalised(self.log_weights))
+        return fit_gaussian(self.map_from_robot, self.weights)
 
 
 @dataclass(frozen=True)
@@ -62,7 +73,7 @@ def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator)
         count = sufficient_particles(
             cloud.map_from_robot, settings.kld_error, settings.min_particles, settings.particles
         )
-    chosen = resample(cloud.log_weights, count, settings.resampling, rng)
+    chosen = resample_weights(cloud.weights, count, settings.resampling, rng)
     return Cloud.even(cloud.map_from_robot[chosen])
 
 
@@ -121,7 +132,7 @@ def hidden_log_likelihood(cloud: Cloud, beams: Beams, model: SensorModel) -> flo
     count, tolerance = model.settings.visibility_particles, model.settings.hidden_tolerance
     if count == 0 or beams.count == 0:
         return 0.0
-    shares = np.cumsum(normalised(cloud.log_weights))
+    shares = np.cumsum(cloud.weights)
     middles = (np.arange(count) + 0.5) / count
     chosen = np.searchsorted(shares, middles).clip(max=len(shares) - 1)
     mean = float(np.mean(model.hidden(cloud.map_from_robot[chosen], beams)))

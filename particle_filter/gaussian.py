@@ -30,10 +30,15 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
         raise ValueError(f"weights that sum to {total} fit no Gaussian")
     shares = weights / total
     # Deviations from one particle keep digits where coordinates are large.
-    x, y = poses[:, 0] - poses[0, 0], poses[:, 1] - poses[0, 1]
+    deviations = np.empty((3, len(poses)))
+    x, y, turn = deviations
+    np.subtract(poses[:, 0], poses[0, 0], out=x)
+    np.subtract(poses[:, 1], poses[0, 1], out=y)
     heading = circular_mean(poses[:, 2], shares)
     mean_x, mean_y = weighted_sum(x, shares), weighted_sum(y, shares)
-    deviations = np.stack([x - mean_x, y - mean_y, wrap_angle(poses[:, 2] - heading)])
+    x -= mean_x
+    y -= mean_y
+    turn[:] = wrap_angle(poses[:, 2] - heading)
     covariance = weighted_products(deviations, shares)
     mean = np.array([poses[0, 0] + mean_x, poses[0, 1] + mean_y, heading])
     return mean, 0.5 * (covariance + covariance.T)

@@ -4,6 +4,8 @@ The product of 180 densities underflows; its logarithm does not. Minus infinity 
 zero; plus infinity and NaN are no weights.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -36,11 +38,17 @@ def normalised(log_weights: LogWeights) -> NDArray[np.float64]:
         ValueError: all weights are zero, there are none, or one is NaN or infinite: there is
             no distribution to return, and a uniform one would be an invention.
     """
+    weights = scaled(log_weights)
+    return np.asarray(weights / weights.sum())
+
+
+def scaled(log_weights: LogWeights) -> NDArray[np.float64]:
+    """The weights themselves, the largest of them one; arguments and errors as `normalised`."""
     largest = _largest(log_weights)
     if largest == -np.inf:
         raise ValueError("no weight is above zero")
-    weights = np.exp(log_weights - largest)
-    return np.asarray(weights / weights.sum())
+    weights = log_weights - largest
+    return np.exp(weights, out=weights)
 
 
 def effective_sample_size(log_weights: LogWeights) -> float:
@@ -54,15 +62,18 @@ def effective_sample_size(log_weights: LogWeights) -> float:
     References:
         Kong, Liu and Wong, "Sequential imputations and Bayesian missing data problems" (1994).
     """
-    largest = _largest(log_weights)
-    if largest == -np.inf:
+    if _largest(log_weights) == -np.inf:
         return 0.0
-    weights = np.exp(log_weights - largest)
+    return effective_size(scaled(log_weights))
+
+
+def effective_size(weights: NDArray[np.float64]) -> float:
+    """As `effective_sample_size`, of weights with any positive sum."""
     return float(weights.sum()) ** 2 / weighted_sum(weights, weights)
 
 
 def _largest(log_weights: LogWeights) -> float:
-    largest = float(np.max(log_weights, initial=-np.inf))
-    if np.isnan(largest) or largest == np.inf:
+    largest = float(log_weights.max()) if len(log_weights) else -math.inf
+    if math.isnan(largest) or largest == math.inf:
         raise ValueError(f"a log-weight is {largest}")
     return largest

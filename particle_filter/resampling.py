@@ -40,9 +40,15 @@ def resample(
         ValueError: no weight is above zero, one is NaN or infinite, `count` is not positive,
             or the scheme is unknown.
     """
+    return resample_weights(normalised(log_weights), count, scheme, rng)
+
+
+def resample_weights(
+    weights: Weights, count: int, scheme: Scheme, rng: np.random.Generator
+) -> Indices:
+    """As `resample`, of weights that sum to one."""
     if count < 1:
         raise ValueError(f"count must be positive, not {count}")
-    weights = normalised(log_weights)
     match scheme:
         case "systematic":
             return _pick(weights, np.arange(count, dtype=np.float64) + rng.random())
