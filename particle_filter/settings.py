@@ -175,7 +175,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 500
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
-    ] = 0.002
+    ] = 0.0001
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -199,7 +199,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.1
     lost_newcomer_probability: Annotated[
         float, described("probability given to newcomers when the robot is lost", gt=0, le=1)
-    ] = 0.5
+    ] = 0.3
     lost_fit_drop: Annotated[
         float, described("lost when scans fit so much worse than usual", "nat/beam", gt=0)
     ] = 0.8

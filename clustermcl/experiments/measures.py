@@ -45,6 +45,8 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Share of the updates whose estimate was wrong and had a probability of 0.9 or more."""
     tracked_share: float | None
     """Share of the updates after the bootstrap on which the truth was tracked."""
+    kept_share: float | None
+    """The same from the first 5 right estimates in a row on: whether tracking is kept."""
     truth_probability: float | None
     """Mean over the same updates of the probability of all right places together."""
 
@@ -132,6 +134,7 @@ def measures_of(
         rmse_m=verdict.rmse_m,
         confidently_wrong_share=verdict.confidently_wrong_fraction,
         tracked_share=verdict.truth_tracked_fraction,
+        kept_share=kept_share(facts),
         truth_probability=verdict.truth_probability_mean,
         right_share=share([step.right for step in facts]) or 0.0,
         right_at_50=right_at(facts, 50),
@@ -185,6 +188,12 @@ def first_right(facts: Sequence[StepFacts], in_a_row: int = IN_A_ROW) -> int | N
         if streak == in_a_row:
             return facts[index - in_a_row + 1].update
     return None
+
+
+def kept_share(facts: Sequence[StepFacts]) -> float | None:
+    """Share of the updates since the first 5 right ones in a row on which the truth is tracked."""
+    begin = first_right(facts)
+    return share([step.tracked for step in facts if step.update >= begin]) if begin else None
 
 
 def first_alarm(facts: Sequence[StepFacts]) -> int | None:

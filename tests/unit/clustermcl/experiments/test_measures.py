@@ -100,6 +100,13 @@ def test_shares_count_from_the_end_of_the_first_search() -> None:
     assert made.localized_wrong_share == pytest.approx(0.2)
 
 
+def test_tracking_is_judged_from_when_it_first_held() -> None:
+    assert measures_of(right_or_wrong("swwwrrrrraw"), no_verdict()).kept_share == pytest.approx(
+        6 / 7
+    )
+    assert measures_of(right_or_wrong("swwwrrrr"), no_verdict()).kept_share is None
+
+
 def test_what_happens_after_a_kidnapping_is_counted_from_it() -> None:
     run = right_or_wrong("rrrrrr" + "WWWaa" + "wrrrrrr")
     made = measures_of(run, no_verdict(), kidnapped_at_update=6, right_before_kidnap=False)
