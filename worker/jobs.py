@@ -4,6 +4,7 @@ Each job is told of scans in the order of their steps and answers with a report.
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -223,8 +224,9 @@ class Searching:
         )
 
 
+@lru_cache(maxsize=1)
 def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
-    """The beams of a scan that are scored."""
+    """The beams of a scan that are scored; all jobs of a process share those of the last scan."""
     return beams_of(
         scan.ranges.array(),
         scan.range_max_m,
