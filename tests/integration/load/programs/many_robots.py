@@ -1,0 +1,162 @@
+"""Many robots behind one router: each finds itself, none sees another's data.
+
+``python -m tests.integration.load.programs.many_robots --robots 20`` prints a line a robot.
+"""
+
+import argparse
+import json
+import math
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import zenoh
+
+from clustermcl.soak.fleet import Fleet, robots_settings
+from clustermcl.soak.robot import TRUTH_KEY, TrueMotion
+from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
+from process_runtime.settings import (
+    BridgeSettings,
+    Settings,
+    WorkerSettings,
+    ZenohSettings,
+)
+from process_runtime.zenoh_configuration import as_zenoh, client_configuration
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, Scan
+
+WORLD = "hall"
+RATE_HZ = 10.0
+"""Scans a second; with the usual motion gate some two of them become steps."""
+SETTINGS = Settings(
+    seed=100,
+    cluster=ClusterSettings(particles=300),
+    search=SearchSettings(min_start_particles=20_000, max_start_particles=20_000, particles=4_000),
+    belief=BeliefSettings(clusters=4),
+    bridge=BridgeSettings(source="zenoh"),
+    worker=WorkerSettings(count=2),
+)
+LOCALIZED_M, LOCALIZED_STEPS = 1.0, 5
+"""So near the truth for so many steps in a row."""
+
+
+@dataclass
+class Robot:
+    """What was heard below one robot's name."""
+
+    laser_stamps_ns: set[int] = field(default_factory=set)
+    truth: dict[int, PoseTuple] = field(default_factory=dict)
+    told_stamps_ns: list[int] = field(default_factory=list)
+    """Of the steps and beliefs that its system made of its readings."""
+    errors_m: list[float] = field(default_factory=list)
+    """Of the most probable place, belief by belief."""
+    localized_after_s: float = math.inf
+    messages: int = 0
+
+    def strangers(self) -> int:
+        """Steps and beliefs that are not made of a reading of this robot."""
+        return sum(stamp_ns not in self.laser_stamps_ns for stamp_ns in self.told_stamps_ns)
+
+
+class Everything:
+    """Hears all that is said on the router, whichever robot it is about."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.robots: dict[str, Robot] = {}
+        self.began_s = time.monotonic()
+        session.declare_subscriber("**", self._on_sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        name, _, key = str(sample.key_expr).partition("/")
+        robot = self.robots.setdefault(name, Robot())
+        robot.messages += 1
+        payload = sample.payload.to_bytes()
+        match key:
+            case keys.LASER_READING:
+                robot.laser_stamps_ns.add(decode(payload, LaserReading).stamp_ns)
+            case keys.SCAN:
+                robot.told_stamps_ns.append(decode(payload, Scan).stamp_ns)
+            case keys.BELIEF:
+                self._on_belief(robot, decode(payload, Belief))
+            case _ if key == TRUTH_KEY:
+                truth = decode(payload, TrueMotion)
+                robot.truth[truth.stamp_ns] = truth.map_from_robot
+
+    def _on_belief(self, robot: Robot, belief: Belief) -> None:
+        robot.told_stamps_ns.append(belief.stamp_ns)
+        truth = robot.truth.get(belief.stamp_ns)
+        if belief.state != "localized" or truth is None:
+            robot.errors_m.append(math.inf)
+            return
+        robot.errors_m.append(math.dist(belief.hypotheses[0].mean[:2], truth[:2]))
+        if max(robot.errors_m[-LOCALIZED_STEPS:]) < LOCALIZED_M:
+            after_s = time.monotonic() - self.began_s
+            robot.localized_after_s = min(robot.localized_after_s, after_s)
+
+
+def run_robots(robots: int, at_most_s: float, folder: Path) -> dict[str, Robot]:
+    """Run them all until each has localized, or the time is up; what was heard of each."""
+    router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
+    worker = msgspec.structs.replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
+    settings = msgspec.structs.replace(SETTINGS, zenoh=router, worker=worker)
+    each = robots_settings(settings, robots)
+    fleet = Fleet(each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1)
+    fleet.start()
+    try:
+        with _session_of_no_robot(settings) as session:
+            heard = Everything(session)
+            until_s = time.monotonic() + at_most_s
+            while time.monotonic() < until_s and not _all_localized(heard, robots):
+                fleet.poll()
+                time.sleep(0.1)
+            return dict(heard.robots)
+    finally:
+        fleet.stop()
+
+
+def _all_localized(heard: Everything, robots: int) -> bool:
+    found = [robot for robot in heard.robots.values() if robot.localized_after_s < math.inf]
+    return len(found) == robots
+
+
+def _session_of_no_robot(settings: Settings) -> zenoh.Session:
+    """One without a namespace, as nobody of ours has; the router may still be starting."""
+    configuration = client_configuration(settings.zenoh, settings.robot)
+    del configuration["namespace"]
+    while True:
+        try:
+            return zenoh.open(as_zenoh(configuration))
+        except zenoh.ZError:
+            time.sleep(0.1)
+
+
+def main() -> int:
+    """Run; exit code 1 if a robot did not localize, or heard of another."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", type=int, default=20)
+    parser.add_argument("--minutes", type=float, default=6.0)
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="mcl-") as folder:
+        heard = run_robots(arguments.robots, arguments.minutes * 60.0, Path(folder))
+    for name, robot in sorted(heard.items()):
+        line = {
+            "robot": name,
+            "localized_after_s": round(robot.localized_after_s, 1),
+            "beliefs": len(robot.errors_m),
+            "messages": robot.messages,
+            "strangers": robot.strangers(),
+        }
+        print(json.dumps(line))
+    well = [r for r in heard.values() if r.localized_after_s < math.inf and not r.strangers()]
+    print(f"{len(well)} of {arguments.robots} robots found themselves and heard of no other")
+    return 0 if len(well) == arguments.robots else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
