@@ -5,6 +5,7 @@ import logging
 import os
 import shutil
 import tempfile
+import zlib
 from pathlib import Path
 
 import msgspec
@@ -16,8 +17,12 @@ from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
 
-CACHE_VERSION = 3
+CACHE_VERSION = 4
 """Raise it when the same map and settings give another field."""
+
+_FILES = ("codes.npy", "cells.npy", "jumps.npy", "scale.npy")
+_SUMS = "crc32.json"
+_PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
 
@@ -83,13 +88,39 @@ def _write(entry: Path, model: SensorModel) -> None:
     np.save(part / "cells.npy", field.cells)
     np.save(part / "jumps.npy", model.jumps)
     np.save(part / "scale.npy", np.array([field.log_floor, field.log_step]))
+    sums = {name: _checksum(part / name) for name in _FILES}
+    (part / _SUMS).write_bytes(msgspec.json.encode(sums))
     try:
         part.rename(entry)
     except OSError:  # another worker was first
         shutil.rmtree(part, ignore_errors=True)
 
 
+def _checksum(path: Path) -> int:
+    """CRC-32 of a file, in pieces: a gigabyte a second."""
+    checksum = 0
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE_BYTES):
+            checksum = zlib.crc32(piece, checksum)
+    return checksum
+
+
+def _check_sums(entry: Path) -> None:
+    """Refuse what was damaged after it was written: a power cut leaves zeros behind.
+
+    The kernels look into these arrays without bounds; nonsense in them could end the process.
+    """
+    try:
+        sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
+    except msgspec.MsgspecError as error:
+        raise _BrokenEntryError(f"{entry.name}/{_SUMS}: {error}") from error
+    for name in _FILES:
+        if sums.get(name) != _checksum(entry / name):
+            raise _BrokenEntryError(f"{entry.name}/{name} is damaged")
+
+
 def _read(entry: Path, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
+    _check_sums(entry)
     try:
         codes = np.load(entry / "codes.npy", mmap_mode="r")
         cells = np.load(entry / "cells.npy", mmap_mode="r")

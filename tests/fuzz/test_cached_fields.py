@@ -1,0 +1,51 @@
+"""Whatever is in the cache of likelihood fields, the model is the computed one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grid_maps.grid_map import GridMap
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import SensorSettings
+from tests.fuzz.effort import cases
+from tests.fuzz.mutations import Mutation, mutations
+from worker.map_model import sensor_model
+
+SETTINGS = SensorSettings()
+
+
+def walled() -> GridMap:
+    cells = np.zeros((12, 15), np.int8)
+    cells[[0, -1], :] = 1
+    return GridMap(cells, 0.1, (0.0, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def computed() -> SensorModel:
+    return sensor_model(walled(), SETTINGS, None)
+
+
+@cases(0.02)
+@given(st.integers(0, 4), st.lists(mutations(), min_size=1, max_size=3))
+def test_a_damaged_cache_is_computed_anew(
+    folder: Path, computed: SensorModel, which: int, damages: list[Mutation]
+) -> None:
+    sensor_model(walled(), SETTINGS, folder)
+    (entry,) = folder.glob("field-*[!t]")
+    file = sorted(entry.iterdir())[which]
+    content = file.read_bytes()
+    for damage in damages:
+        content = damage(content)
+    file.write_bytes(content)
+    model = sensor_model(walled(), SETTINGS, folder)
+    np.testing.assert_array_equal(model.jumps, computed.jumps)
+    np.testing.assert_array_equal(model.field.codes, computed.field.codes)
+    assert model.field.log_step == computed.field.log_step
