@@ -92,7 +92,10 @@ _ROLES = {
             *(keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH),
         ),
         serves=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE),
-        asks=(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
+        asks=(
+            *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
+            keys.STATUS,  # of the one that acts: for metrics and probes where it stands by
+        ),
         announces=(keys.COORDINATOR_ALIVE,),
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),

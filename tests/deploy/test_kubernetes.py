@@ -1,0 +1,178 @@
+"""The Kubernetes example: what refers to something refers to what is there."""
+
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from process_runtime.settings_file import load_settings
+
+FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
+KUSTOMIZATION = yaml.safe_load((FOLDER / "kustomization.yaml").read_text())
+RESOURCES = [
+    resource
+    for name in KUSTOMIZATION["resources"]
+    for resource in yaml.safe_load_all((FOLDER / name).read_text())
+]
+
+Object = dict[str, Any]
+
+
+def of_kind(*kinds: str) -> list[Object]:
+    return [resource for resource in RESOURCES if resource["kind"] in kinds]
+
+
+def workloads() -> list[Object]:
+    return of_kind("Deployment", "StatefulSet")
+
+
+def pods() -> dict[str, Object]:
+    return {made["metadata"]["name"]: made["spec"]["template"]["spec"] for made in workloads()}
+
+
+def containers() -> Iterator[tuple[str, Object]]:
+    for name, pod in pods().items():
+        for container in pod["containers"]:
+            yield name, container
+
+
+def pod_labels() -> list[Object]:
+    return [made["spec"]["template"]["metadata"]["labels"] for made in workloads()]
+
+
+def selects(selector: Object, labels: Object) -> bool:
+    return selector.items() <= labels.items()
+
+
+def test_every_file_is_a_resource_and_every_resource_a_file() -> None:
+    files = {file.name for file in FOLDER.glob("*.yaml")} - {"kustomization.yaml"}
+    assert set(KUSTOMIZATION["resources"]) == files
+    names = [(resource["kind"], resource["metadata"]["name"]) for resource in RESOURCES]
+    assert len(names) == len(set(names))
+
+
+def test_selectors_select_the_pods_they_mean() -> None:
+    for made in workloads():
+        labels = made["spec"]["template"]["metadata"]["labels"]
+        assert made["spec"]["selector"]["matchLabels"] == labels
+        for spread in made["spec"]["template"]["spec"].get("topologySpreadConstraints", []):
+            assert spread["labelSelector"]["matchLabels"] == labels
+    chosen = [made["spec"]["selector"] for made in of_kind("Service")]
+    chosen += [made["spec"]["selector"]["matchLabels"] for made in of_kind("PodDisruptionBudget")]
+    policies = [made["spec"]["podSelector"] for made in of_kind("NetworkPolicy")]
+    chosen += [policy["matchLabels"] for policy in policies if policy]
+    for selector in chosen:
+        assert sum(selects(selector, labels) for labels in pod_labels()) == 1
+
+
+def test_ports_lead_to_ports_of_the_pods() -> None:
+    named = {
+        port["name"]: port["containerPort"]
+        for _, container in containers()
+        for port in container.get("ports", [])
+    }
+    for service in of_kind("Service"):
+        for port in service["spec"].get("ports", []):
+            assert port["targetPort"] in named
+    for policy in of_kind("NetworkPolicy"):
+        for way in policy["spec"].get("ingress", []):
+            assert {port["port"] for port in way["ports"]} <= set(named)
+    settings = load_settings(FOLDER / "settings.toml", [])
+    assert settings.metrics.port == named["metrics"]
+    assert settings.zenoh.router == f"tls/router:{named['zenoh']}"
+
+
+def test_every_pod_runs_a_process_of_ours_or_the_official_router() -> None:
+    for name, container in containers():
+        if name == "router":
+            assert container["image"].startswith("docker.io/eclipse/zenoh:")
+            continue
+        assert container["image"] in {image["name"] for image in KUSTOMIZATION["images"]}
+        assert importlib.util.find_spec(f"{container['args'][0]}.__main__") is not None
+
+
+def test_what_is_mounted_is_there_and_what_is_there_is_mounted() -> None:
+    generated = {made["name"] for made in KUSTOMIZATION["configMapGenerator"]}
+    for name, pod in pods().items():
+        volumes = {volume["name"]: volume for volume in pod["volumes"]}
+        mounts = {m["name"]: m["mountPath"] for c in pod["containers"] for m in c["volumeMounts"]}
+        assert set(mounts) == set(volumes), name
+        assert volumes["certificate"]["secret"]["secretName"] == f"certificate-{name}"
+        for volume in volumes.values():
+            assert volume.get("configMap", {"name": "map"})["name"] in generated | {"map"}
+    settings = load_settings(FOLDER / "settings.toml", [])
+    mounts = {m["name"]: m["mountPath"] for m in pods()["bridge"]["containers"][0]["volumeMounts"]}
+    assert Path(settings.bridge.map).parent == Path(mounts["map"])
+    for file in (settings.zenoh.tls_certificate, settings.zenoh.tls_private_key):
+        assert Path(file).parent == Path(mounts["certificate"])
+
+
+def test_no_pod_may_more_than_it_must() -> None:
+    for name, pod in pods().items():
+        assert pod["automountServiceAccountToken"] is False, name
+        assert pod["securityContext"]["runAsNonRoot"] is True, name
+        assert pod["securityContext"]["runAsUser"] == 10001, name
+        assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}, name
+        for volume in pod["volumes"]:
+            assert volume.get("secret", {"defaultMode": 0o440})["defaultMode"] == 0o440
+    for name, container in containers():
+        context = container["securityContext"]
+        assert context["allowPrivilegeEscalation"] is False, name
+        assert context["readOnlyRootFilesystem"] is True, name
+        assert context["capabilities"] == {"drop": ["ALL"]}, name
+
+
+def test_every_container_says_what_it_needs() -> None:
+    for _, container in containers():
+        assert set(container["resources"]["requests"]) == {"cpu", "memory"}
+        assert "memory" in container["resources"]["limits"]
+
+
+def test_workers_are_spread_over_the_machines() -> None:
+    (spread,) = pods()["worker"]["topologySpreadConstraints"]
+    assert (spread["topologyKey"], spread["maxSkew"]) == ("kubernetes.io/hostname", 1)
+    assert spread["whenUnsatisfiable"] == "DoNotSchedule"
+
+
+def test_what_probes_call_is_there() -> None:
+    (container,) = pods()["coordinator"]["containers"]
+    command = container["readinessProbe"]["exec"]["command"]
+    assert command[:2] == ["clustermcl", "status"]
+    mounts = {mount["mountPath"] for mount in container["volumeMounts"]}
+    assert command[command.index("--settings") + 1] in mounts
+
+
+def test_the_routers_file_is_the_deployed_one_and_finds_its_certificates() -> None:
+    text = (FOLDER / "router-secure.json5").read_text()
+    assert text == (FOLDER.parent / "router-secure.json5").read_text()
+    tls = json.loads(re.sub(r"^//.*\n", "", text, flags=re.MULTILINE))["transport"]["link"]["tls"]
+    (router,) = pods()["router"]["containers"]
+    mounts = {mount["mountPath"] for mount in router["volumeMounts"]}
+    assert {
+        str(Path(tls[name]).parent) for name in tls if name.endswith(("_key", "_certificate"))
+    } <= mounts
+
+
+def test_kubernetes_schema_has_no_objection() -> None:
+    validate = pytest.importorskip("kubernetes_validate", reason="kubernetes-validate is not there")
+    for resource in RESOURCES:
+        validate.validate(resource, "1.31", strict=True)
+
+
+def test_kustomize_puts_it_together() -> None:
+    kubectl = shutil.which("kubectl")
+    if kubectl is None:
+        pytest.skip("kubectl is not installed")
+    ran = subprocess.run([kubectl, "kustomize", str(FOLDER)], capture_output=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    made = list(yaml.safe_load_all(ran.stdout))
+    assert len(made) == len(RESOURCES) + len(KUSTOMIZATION["configMapGenerator"])
+    images = re.findall(r"image: (\S+)", ran.stdout.decode())
+    assert "clustermcl" not in images

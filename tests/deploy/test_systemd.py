@@ -1,0 +1,149 @@
+"""The systemd units: what they start exists, systemd finds no fault, and they may do little."""
+
+import configparser
+import importlib.util
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from process_runtime.settings_file import load_settings
+
+DEPLOY = Path(__file__).parents[2] / "deploy"
+UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
+SERVICES = sorted(UNITS.glob("*.service"))
+MOST_EXPOSURE = 1.5
+"""Of 10; below 2 systemd calls a service OK or better."""
+
+
+def unit(file: Path) -> configparser.ConfigParser:
+    """A unit file; of a key that is given twice, the last."""
+    parsed = configparser.ConfigParser(interpolation=None, strict=False)
+    parsed.optionxform = str  # type: ignore[assignment,method-assign] # systemd minds the case
+    parsed.read(file)
+    return parsed
+
+
+def starts() -> list[list[str]]:
+    """Module and arguments of every service, without the variable that is empty by default."""
+    commands = [unit(file)["Service"]["ExecStart"].split()[3:] for file in SERVICES]
+    return [[word for word in command if word != "$CLUSTERMCL_TLS"] for command in commands]
+
+
+@pytest.mark.parametrize("command", starts(), ids=" ".join)
+def test_every_unit_runs_a_module_of_ours_with_files_that_are_deployed(command: list[str]) -> None:
+    module, *arguments = command
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    if spec.submodule_search_locations is not None:  # a package is run by its __main__
+        assert importlib.util.find_spec(f"{module}.__main__") is not None
+    files = [argument for argument in arguments if argument.startswith("/etc/clustermcl/")]
+    assert files
+    for file in files:
+        assert (DEPLOY / Path(file).name).is_file()
+
+
+@pytest.mark.parametrize("command", starts(), ids=" ".join)
+def test_every_process_knows_its_arguments(command: list[str]) -> None:
+    known = subprocess.run(
+        [sys.executable, "-I", "-m", command[0], "--help"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    for argument in command[1:]:
+        assert not argument.startswith("--") or argument in known
+
+
+def test_all_four_processes_have_a_unit() -> None:
+    processes = {"process_runtime.router", "sensor_bridge", "coordinator", "worker"}
+    assert {command[0] for command in starts()} == processes
+
+
+def test_the_target_wants_units_that_are_there() -> None:
+    wanted = unit(UNITS / "clustermcl.target")["Unit"]["Wants"].split()
+    for name in wanted:
+        assert (UNITS / re.sub("@[^.]+", "@", name)).is_file()
+    processes = {
+        unit(UNITS / re.sub("@[^.]+", "@", name))["Service"]["ExecStart"].split()[3]
+        for name in wanted
+    }
+    assert len(processes) == 4
+
+
+def test_the_example_settings_are_settings() -> None:
+    assert load_settings(DEPLOY / "settings.toml", []).worker.count == 12
+
+
+def installed(folder: Path, *, secure: bool) -> Path:
+    """The units as they would be installed, with a Python that is here."""
+    units = shutil.copytree(UNITS, folder / "units")
+    if secure:
+        shutil.copytree(SECURE, units, dirs_exist_ok=True)
+    shutil.copy(units / "clustermcl-worker@.service", units / "clustermcl-worker@1.service")
+    for file in [*units.glob("*.service"), *units.glob("*/*.conf")]:
+        text = re.sub("ExecStart=/[^ ]+", f"ExecStart={sys.executable}", file.read_text())
+        file.write_text(text)
+    return units
+
+
+def systemd_analyze(units: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    found = shutil.which("systemd-analyze")
+    if found is None:
+        pytest.skip("systemd-analyze is not installed")
+    return subprocess.run(
+        [found, *words],
+        env={"SYSTEMD_UNIT_PATH": f"{units}:"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("secure", [False, True], ids=["plain", "secure"])
+def test_systemd_finds_no_fault_with_the_units(tmp_path: Path, *, secure: bool) -> None:
+    units = installed(tmp_path, secure=secure)
+    files = sorted(map(str, units.glob("*.*[et]")))
+    ran = systemd_analyze(units, "verify", "--man=no", *files)
+    faults = [line for line in ran.stderr.splitlines() if str(units) in line or ".conf" in line]
+    assert (ran.returncode, faults) == (0, [])
+
+
+@pytest.mark.parametrize("name", [*(file.name for file in SERVICES), "clustermcl-worker@1.service"])
+def test_a_service_is_exposed_no_more_than_it_must(tmp_path: Path, name: str) -> None:
+    units = installed(tmp_path, secure=True)
+    ran = systemd_analyze(units, "security", "--offline=true", "--no-pager", name)
+    found = re.search(r"Overall exposure level for .*: ([\d.]+)", ran.stdout)
+    assert found is not None, ran.stderr
+    assert float(found[1]) <= MOST_EXPOSURE
+
+
+def test_every_service_gets_the_certificate_of_its_role_and_no_other_key() -> None:
+    for file in SERVICES:
+        given = (SECURE / f"{file.name}.d" / "secure.conf").read_text()
+        keys = re.findall(r"LoadCredential=\S+:/etc/clustermcl/certificates/(\S+)\.key", given)
+        role = file.stem.removeprefix("clustermcl-").removeprefix("standby-")
+        assert keys == [role.replace("@", "-%i")]
+    assert ".key:" not in (SECURE / "clustermcl-.service.d" / "secure.conf").read_text()
+
+
+def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
+    line = re.search(
+        'Environment="CLUSTERMCL_TLS=(.*)"',
+        (SECURE / "clustermcl-.service.d" / "secure.conf").read_text(),
+    )
+    assert line is not None
+    words = shlex.split(line[1].replace("%d", str(tmp_path)))
+    assert set(words[::2]) == {"--set"}
+    zenoh = load_settings(DEPLOY / "settings.toml", words[1::2]).zenoh
+    assert Path(zenoh.tls_ca_certificate).name == "authority.pem"
+    assert Path(zenoh.tls_certificate).name == "own.pem"
+    assert Path(zenoh.tls_private_key).name == "own.key"
+    credentials = [
+        text
+        for file in SECURE.glob("*/secure.conf")
+        for text in re.findall(r"LoadCredential=([^:]+):", file.read_text())
+    ]
+    assert {"authority.pem", "own.pem", "own.key"} <= set(credentials)
