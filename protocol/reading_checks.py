@@ -70,5 +70,6 @@ def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str
 def _ranges_problem(ranges: NDArray[np.floating], range_max_m: float) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
-    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < range_max_m)
+    with np.errstate(over="ignore"):  # a range_max_m of 1e300 is infinite as a float32
+        returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < range_max_m)
     return None if np.any(returned) else NO_RETURNS

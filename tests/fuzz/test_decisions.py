@@ -1,0 +1,174 @@
+"""Whatever valid messages say, and in whatever order: nobody stumbles over it."""
+
+import math
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from particle_filter.sensor_model import SensorModel
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.codec import decode, encode
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.validity import problem_of
+from protocol.work import Assignment, Report, SearchJob, SearchReport, TrackReport
+from sensor_bridge.extension import Reading
+from sensor_bridge.step_maker import StepMaker
+from tests.fuzz.effort import cases
+from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
+from tests.unit.coordinator.test_coordinator import SECOND, Story
+from tests.unit.worker.test_job_table import SETTINGS, cloud, order, track
+from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
+from worker.job_table import JobTable
+
+ANY_NUMBER = st.floats(-30.0, 30.0) | st.floats()
+ANY_POSE: st.SearchStrategy[PoseTuple] = st.tuples(ANY_NUMBER, ANY_NUMBER, ANY_NUMBER)
+NEAR_POSE: st.SearchStrategy[PoseTuple] = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+STAMPS = st.integers(0, 20 * SECOND) | st.integers(-(2**63), 2**64)
+
+
+@st.composite
+def blobs(draw: st.DrawFn) -> ArrayBlob:
+    """Ranges, mostly; also arrays that are none."""
+    if draw(st.integers(0, 9)) == 0:
+        shape = tuple(draw(st.lists(st.integers(-2, 9), max_size=3)))
+        return ArrayBlob(dtype="float32", shape=shape, data=draw(st.binary(max_size=16)))
+    ranges = draw(st.lists(st.floats(0.1, 20.0) | st.floats(width=32), max_size=12))
+    with np.errstate(over="ignore"):
+        return ArrayBlob.of(np.array(ranges), draw(st.sampled_from(["float32", "float64"])))
+
+
+LASERS = st.builds(
+    LaserReading, sender=st.just("robot"), stamp_ns=STAMPS, ranges=blobs(),
+    angle_min_rad=ANY_NUMBER, angle_step_rad=st.floats(-0.5, 0.5) | ANY_NUMBER,
+    range_max_m=ANY_NUMBER, robot_from_laser=NEAR_POSE | ANY_POSE,
+    odom_from_robot=st.none() | NEAR_POSE | ANY_POSE,
+)  # fmt: skip
+ODOMETRY = st.builds(
+    OdometryReading, sender=st.just("robot"), stamp_ns=STAMPS,
+    odom_from_robot=NEAR_POSE | ANY_POSE,
+)  # fmt: skip
+
+
+@cases(0.06)
+@given(st.lists(LASERS | ODOMETRY, max_size=12))
+def test_whatever_a_robot_sends_the_bridge_makes_valid_steps(readings: list[Reading]) -> None:
+    maker = StepMaker(BridgeSettings(), "map", "bridge")
+    made = [maker.take(reading) for reading in readings]
+    made += [maker.finish() for _ in range(len(readings) + 1)]
+    steps = [step for step in made if step is not None]
+    assert [step.step for step in steps] == list(range(len(steps)))
+    for step in steps:
+        assert decode(encode(step), Scan) == step
+    if maker.odometry is not None:
+        stamp_ns, pose = maker.odometry
+        odometry = OdometryReading(sender="b", stamp_ns=stamp_ns, odom_from_robot=pose)
+        assert decode(encode(odometry), OdometryReading) == odometry
+
+
+# --- the worker -----------------------------------------------------------------------------------
+
+
+@st.composite
+def scans(draw: st.DrawFn) -> Scan:
+    """Valid scans, as mad as validity allows."""
+    reading = draw(LASERS)
+    step = Scan(
+        sender="bridge", step=draw(st.integers(0, 30)), stamp_ns=reading.stamp_ns,
+        odom_from_robot=reading.odom_from_robot or (0.0, 0.0, 0.0),
+        robot_from_laser=reading.robot_from_laser, angle_min_rad=reading.angle_min_rad,
+        angle_step_rad=reading.angle_step_rad, range_max_m=reading.range_max_m,
+        ranges=reading.ranges, map_digest="map",
+    )  # fmt: skip
+    usual = msgspec.structs.replace(scan(step.step), angle_step_rad=0.5)
+    return usual if problem_of(step) else step
+
+
+@cases(0.02)
+@given(st.lists(scans(), max_size=6))
+def test_whatever_scans_come_a_worker_reports_what_is_valid(
+    model: SensorModel, given_scans: list[Scan]
+) -> None:
+    table = JobTable("worker")
+    search = SearchJob(search=0, shard=0, first_step=1)
+    begun = track("c0", cloud()), Assignment(job_id="s0.0", epoch=2, job=search)
+    table.follow(order(*begun, snapshots=2), model, SETTINGS)
+    for one in given_scans:
+        for report in table.take(one):
+            back = decode(encode(report), type(report))
+            assert problem_of(back) is None
+
+
+# --- the coordinator ------------------------------------------------------------------------------
+
+JOBS = st.sampled_from(["c0", "c1", "c2", "s0.0", "s1.0", "c9", ""])
+STEPS = st.integers(0, 12) | st.integers(0, 2**53 - 1)
+LOGS = st.floats(-50.0, 50.0) | st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def reports(draw: st.DrawFn) -> Report:
+    """Reports that are valid, of jobs that there are or not; the epoch is set when it is told."""
+    poses = NEAR_POSE | ANY_POSE.filter(lambda pose: all(abs(x) < 1e8 for x in pose))
+    job, step, pose = draw(JOBS), draw(STEPS), draw(poses)
+    if job.startswith("s"):
+        shares = draw(st.dictionaries(poses, st.floats(0.0, 1.0), max_size=4))
+        return searched(job, step, shares, log_evidence=draw(LOGS), annealed=draw(st.booleans()))
+    report = tracked(job, step, 1.0, pose, snapshot=draw(st.none() | st.just(cloud_at(pose, step))))
+    return msgspec.structs.replace(
+        report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),
+        effective_sample_size=draw(st.floats(0.0, 1e9)), particles=draw(st.integers(1, 10**6)),
+    )  # fmt: skip
+
+
+EVENTS = st.one_of(
+    st.tuples(st.just("scan"), scans()),
+    st.tuples(st.just("report"), reports()),
+    st.tuples(st.just("odometry"), ODOMETRY.filter(lambda odometry: problem_of(odometry) is None)),
+    st.tuples(st.just("joined"), st.sampled_from(["a", "b"])),
+    st.tuples(st.just("left"), st.sampled_from(["a", "b"])),
+)
+
+
+@cases(0.08)
+@given(st.lists(st.tuples(st.floats(0.0, 3.0), EVENTS), max_size=20), st.booleans())
+def test_whatever_happens_the_coordinators_belief_is_one(
+    events: list[tuple[float, tuple[str, Any]]], begun: bool
+) -> None:
+    story = Story("a", "b")
+    if begun:
+        story.bootstrapped()
+    now_ns = SECOND
+    for wait_s, (what, told) in events:
+        now_ns += int(wait_s * SECOND)
+        happen(story, what, told, now_ns)
+        story.follow(story.coordinator.tick(now_ns))
+        encode(story.coordinator.pose(now_ns))
+        encode(story.coordinator.status(now_ns, {}))
+    for belief in story.beliefs:
+        probabilities = [place.probability for place in belief.hypotheses]
+        assert not probabilities or sum(probabilities) == pytest.approx(1.0)
+
+
+def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
+    coordinator = story.coordinator
+    match what:
+        case "scan":
+            story.follow(coordinator.scan(told, now_ns))
+        case "report":
+            assert isinstance(told, TrackReport | SearchReport)
+            epoch = story.epochs.get(told.job_id, 0)
+            worker = story.places.get(told.job_id, "a")
+            told = msgspec.structs.replace(told, epoch=epoch)
+            story.follow(coordinator.report(told, worker, now_ns))
+        case "odometry":
+            coordinator.odometry(told, now_ns)
+        case "joined":
+            story.follow(coordinator.worker_joined(told, now_ns))
+        case "left":
+            story.follow(coordinator.worker_left(told, now_ns))
