@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.integration.load.programs.many_robots import run_robots
+from tests.integration.load.programs.many_robots import run_robots, strangers
 
 
 def assert_each_finds_itself(robots: int, at_most_s: float, folder: Path) -> None:
@@ -13,8 +13,9 @@ def assert_each_finds_itself(robots: int, at_most_s: float, folder: Path) -> Non
     assert len(heard) == robots
     for name, robot in heard.items():
         assert robot.localized_after_s < math.inf, f"{name}: {robot.errors_m[-5:]}"
-        assert robot.told_stamps_ns, name
-        assert robot.strangers() == 0, name
+        # Not all: under load, the one who hears everything misses some readings.
+        assert robot.made_of(robot.laser_stamps_ns) > len(robot.told_stamps_ns) / 2, name
+        assert strangers(name, heard) == 0, name
     stamps = [stamp_ns for robot in heard.values() for stamp_ns in robot.laser_stamps_ns]
     assert len(set(stamps)) == len(stamps), "no two readings have one stamp, so they tell whose"
 

@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from process_runtime.inbox import Inbox
 from process_runtime.router import open_router
 from process_runtime.session import open_session
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag, StoppedError
+from process_runtime.wire import Events, Link, watch_link
 from protocol.errors import UnreachableError
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
@@ -139,3 +141,17 @@ def test_a_stop_ends_the_search_for_a_router(zenoh_settings: ZenohSettings) -> N
         open_session(zenoh_settings, RobotSettings(), stop, wait_s=None),
     ):
         pass
+
+
+def test_a_process_is_told_that_its_link_is_lost_and_that_it_is_back(
+    start_router: Callable[[], RunningProcess], open_client: OpenClient
+) -> None:
+    first_router = start_router()
+    inbox: Events = Inbox({})
+    watch_link(open_client(), inbox)
+    assert inbox.get(20.0) == Link(up=True)
+    first_router.send_signal(signal.SIGKILL)
+    assert inbox.get(20.0) == Link(up=False)
+    first_router.wait()
+    start_router()
+    assert inbox.get(20.0) == Link(up=True)

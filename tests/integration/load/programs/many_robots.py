@@ -59,9 +59,14 @@ class Robot:
     localized_after_s: float = math.inf
     messages: int = 0
 
-    def strangers(self) -> int:
-        """Steps and beliefs that are not made of a reading of this robot."""
-        return sum(stamp_ns not in self.laser_stamps_ns for stamp_ns in self.told_stamps_ns)
+    def made_of(self, stamps_ns: set[int]) -> int:
+        """How many of its steps and beliefs are made of readings with these stamps."""
+        return sum(stamp_ns in stamps_ns for stamp_ns in self.told_stamps_ns)
+
+
+def strangers(name: str, heard: dict[str, Robot]) -> int:
+    """Steps and beliefs of a robot that are made of another's readings."""
+    return sum(heard[name].made_of(r.laser_stamps_ns) for n, r in heard.items() if n != name)
 
 
 class Everything:
@@ -150,10 +155,15 @@ def main() -> int:
             "localized_after_s": round(robot.localized_after_s, 1),
             "beliefs": len(robot.errors_m),
             "messages": robot.messages,
-            "strangers": robot.strangers(),
+            "of its own readings": robot.made_of(robot.laser_stamps_ns),
+            "of another's": strangers(name, heard),
         }
         print(json.dumps(line))
-    well = [r for r in heard.values() if r.localized_after_s < math.inf and not r.strangers()]
+    well = [
+        name
+        for name, robot in heard.items()
+        if robot.localized_after_s < math.inf and not strangers(name, heard)
+    ]
     print(f"{len(well)} of {arguments.robots} robots found themselves and heard of no other")
     return 0 if len(well) == arguments.robots else 1
 
