@@ -112,7 +112,7 @@ def _check_sums(entry: Path) -> None:
     """
     try:
         sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, ValueError) as error:  # or it is not even UTF-8
         raise _BrokenEntryError(f"{entry.name}/{_SUMS}: {error}") from error
     for name in _FILES:
         if sums.get(name) != _checksum(entry / name):
