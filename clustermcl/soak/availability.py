@@ -8,7 +8,8 @@ from clustermcl.soak.verdict import Break, Verdict
 BACK_WITHIN_S = 5.0
 """After a fault a robot has a coordinator again within so long: starting a process takes 1-2 s."""
 AFTER_FREEZE_S = 1.0
-"""Who was frozen, or cut off, gets its link back within so long."""
+"""Who was frozen, or cut off, gets its link back within so long, and a coordinator then listens
+for 0.6 s whether another has taken over."""
 _UNREACHABLE = {
     Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN,
 }  # fmt: skip
@@ -106,8 +107,7 @@ class Availability:
             for absence in self._absences:
                 if absence.begin_ns <= latest_ns and (absence.end_ns or latest_ns) >= fault.at_ns:
                     end_ns = max(end_ns, min(absence.end_ns or latest_ns, latest_ns))
-            after_s = AFTER_FREEZE_S if fault.until_ns > fault.at_ns else AFTER_FREEZE_S / 2
-            windows.append((fault.at_ns, end_ns + int(after_s * 1e9)))
+            windows.append((fault.at_ns, end_ns + int(AFTER_FREEZE_S * 1e9)))
         return windows
 
     def _overlapping(

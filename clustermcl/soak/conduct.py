@@ -19,7 +19,6 @@ from clustermcl.soak.leftovers import (
     kept_logs,
     left_files,
     processes_left,
-    shared_memory,
     temporary_files_in,
 )
 from clustermcl.soak.listener import Listener
@@ -66,7 +65,6 @@ def run_soak(
             f"belief.clusters = {settings.belief.clusters}: eight rooms alike need {places}; "
             "or choose another --world"
         )
-    before = shared_memory()
     with temporary_folder() as folder, temporary_files_in(folder) as left:
         robots = robots_settings(_kept_in(folder, settings), options.robots)
         fleet = Fleet(
@@ -88,7 +86,7 @@ def run_soak(
             ended_verdict(
                 processes_left(soak.known, folder),
                 soak.zombies(),
-                left_files(left, before),
+                left_files(left),
                 stop_s,
             ),
         ]
@@ -164,6 +162,7 @@ class Soak:
             self._verdicts,
             self._resources,
             {name: observer.places.changes for name, observer in self._observers.items()},
+            {name: observer.status for name, observer in self._observers.items()},
         )
 
     def _wait_until_ready(self) -> None:

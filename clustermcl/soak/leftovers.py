@@ -18,17 +18,9 @@ from process_runtime.supervisor import ChildExit
 STOP_WITHIN_S = 3.0
 _KILLED_NS = 3_000_000_000
 _TROUBLE = re.compile(r"Traceback|a bug ended|panicked at|Fatal Python error")
-_SHARED_MEMORY = Path("/dev/shm")
 _KILLS = {
     Kind.ALL_WORKERS_KILLED, Kind.COORDINATOR_KILLED, Kind.BRIDGE_KILLED, Kind.ROUTER_KILLED,
 }  # fmt: skip
-
-
-def shared_memory() -> set[str]:
-    """Names in the machine's shared memory."""
-    if not _SHARED_MEMORY.is_dir():
-        return set()
-    return {path.name for path in _SHARED_MEMORY.iterdir()}
 
 
 @contextmanager
@@ -49,16 +41,9 @@ def temporary_files_in(folder: Path) -> Iterator[Path]:
             os.environ["TMPDIR"] = before
 
 
-def left_files(left: Path, before: set[str]) -> list[str]:
-    """Temporary files that nobody removed, and Zenoh's in the shared memory.
-
-    Args:
-        left: where all temporary files are put.
-        before: the names in the shared memory before the start.
-    """
-    files = [str(path.relative_to(left)) for path in left.rglob("*") if path.is_file()]
-    new = shared_memory() - before
-    return sorted(files) + sorted(f"/dev/shm/{name}" for name in new if "zenoh" in name)
+def left_files(left: Path) -> list[str]:
+    """Temporary files that nobody removed."""
+    return sorted(str(path.relative_to(left)) for path in left.rglob("*") if path.is_file())
 
 
 def kept_logs(logs: Iterable[Path], folder: Path) -> None:

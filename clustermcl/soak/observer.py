@@ -132,6 +132,7 @@ class Observer:
                 self._belief(heard.at_ns, message)
             case Scan():
                 self._delays.scan(heard.at_ns, message.step)
+                self._steps.scan(message.step)
                 self._remember(message.stamp_ns, message.step)
             case TrueMotion():
                 self._truth.truth(message.stamp_ns, message.map_from_robot)

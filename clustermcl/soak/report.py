@@ -9,11 +9,12 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.table import Table
 
-from clustermcl.as_json import JsonObject
+from clustermcl.as_json import JsonObject, status_object
 from clustermcl.soak.availability import DoneFault
 from clustermcl.soak.options import SoakOptions
 from clustermcl.soak.resources import Resources
 from clustermcl.soak.verdict import Break, Verdict
+from protocol.answers import Status
 
 _KEPT = {True: "yes", False: "NO", None: "-"}
 _BREAKS_SHOWN = 3
@@ -33,10 +34,11 @@ class Outcome:
         robots: dict[str, Sequence[Verdict]],
         resources: Resources,
         changes: dict[str, Sequence[Break]],
+        statuses: dict[str, Status | None],
     ) -> None:
         self.options, self.start_ns, self.end_ns = options, start_ns, end_ns
         self.faults, self.verdicts, self.robots = faults, verdicts, robots
-        self.resources, self.changes = resources, changes
+        self.resources, self.changes, self.statuses = resources, changes, statuses
 
     @property
     def broken(self) -> bool:
@@ -92,6 +94,10 @@ def as_object(outcome: Outcome) -> JsonObject:
         "robots": {
             name: [_verdict_object(outcome, verdict) for verdict in verdicts]
             for name, verdicts in outcome.robots.items()
+        },
+        "statuses": {
+            name: status_object(status) if status else None
+            for name, status in outcome.statuses.items()
         },
         "changes_of_places": {
             name: [_break_object(outcome, change) for change in changes]

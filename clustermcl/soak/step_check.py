@@ -1,6 +1,7 @@
 """Promise: every step is believed once."""
 
 from collections import OrderedDict
+from dataclasses import dataclass
 
 from clustermcl.soak.availability import Availability
 from clustermcl.soak.schedule import Kind
@@ -10,16 +11,29 @@ from protocol.answers import Belief
 SAME_WITHIN = 1e-9
 _RESTARTS = {Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN}
 _RESTART_S = 5.0
+_NO_WORKERS = {Kind.ALL_WORKERS_KILLED}
+_NO_WORKERS_S = 8.0
 _REPLAY_S = 30.0
 _KEPT_BELIEFS = 4096
+
+
+@dataclass(frozen=True)
+class _Gap:
+    """Steps between two beliefs."""
+
+    begin_ns: int
+    end_ns: int
+    steps: range
+    unheard: tuple[int, ...]
+    """Those whose scans had not been heard either."""
 
 
 class Steps:
     """Each step is believed once; one that is missing needs an excuse.
 
-    Excused is what the network could not carry while it was down, and what a coordinator that
-    was not there has not believed; how many that were is told. A coordinator that starts anew
-    may say again what the last one had said, if it is the very same.
+    Excused is what the network could not carry while it was down, and what was not believed
+    while there was no coordinator or no worker; how many that were is told. A coordinator that
+    starts anew may say again what the last one had said, if it is the very same.
     """
 
     def __init__(self, availability: Availability) -> None:
@@ -27,9 +41,16 @@ class Steps:
         self._last: tuple[int, int] | None = None
         self._believed = self._said_again = 0
         self._worst = 0.0
-        self._gaps: list[tuple[int, int, int, int]] = []
+        self._gaps: list[_Gap] = []
         self._doubled: list[Break] = []
         self._said: OrderedDict[int, dict[int, float]] = OrderedDict()
+        self._scans: OrderedDict[int, None] = OrderedDict()
+
+    def scan(self, step: int) -> None:
+        """A scan was heard."""
+        self._scans[step] = None
+        while len(self._scans) > _KEPT_BELIEFS:
+            self._scans.popitem(last=False)
 
     def take(self, at_ns: int, belief: Belief) -> None:
         """A belief was heard."""
@@ -42,31 +63,38 @@ class Steps:
         while len(self._said) > _KEPT_BELIEFS:
             self._said.popitem(last=False)
         if self._last is not None and belief.step > self._last[0] + 1:
-            self._gaps.append((self._last[1], at_ns, self._last[0] + 1, belief.step - 1))
+            steps = range(self._last[0] + 1, belief.step)
+            unheard = tuple(step for step in steps if step not in self._scans)
+            self._gaps.append(_Gap(self._last[1], at_ns, steps, unheard))
         if self._last is None or belief.step > self._last[0]:
             self._last = belief.step, at_ns
 
     def verdicts(self) -> list[Verdict]:
         """On steps lost and on steps doubled."""
         broken: list[Break] = []
-        lost = in_network = without_coordinator = 0
-        for begin_ns, end_ns, first, last in self._gaps:
-            missing = sum(step not in self._said for step in range(first, last + 1))
-            if missing == 0:
+        lost = in_network = without_coordinator = without_workers = 0
+        for gap in self._gaps:
+            missing = [step for step in gap.steps if step not in self._said]
+            time = gap.begin_ns, gap.end_ns
+            if not missing:
                 continue
-            if self._availability.cut_off(begin_ns, end_ns):
-                in_network += missing
-            elif self._availability.hit(_RESTARTS, begin_ns, end_ns, _RESTART_S):
-                without_coordinator += missing
+            if self._availability.cut_off(*time):
+                in_network += len(missing)
+            elif self._availability.hit(_RESTARTS, *time, _RESTART_S):
+                without_coordinator += len(missing)
+            elif self._availability.hit(_NO_WORKERS, *time, _NO_WORKERS_S):
+                without_workers += len(missing)
             else:
-                lost += missing
-                broken.append(Break(end_ns, f"{missing} of steps {first} to {last}"))
+                lost += len(missing)
+                what = f"{len(missing)} of steps {gap.steps.start} to {gap.steps.stop - 1}"
+                unheard = f", {len(gap.unheard)} of whose scans were not heard"
+                broken.append(Break(gap.end_ns, what + unheard))
         return [
             Verdict(
                 promise="no step is lost",
                 target="none but in outages",
                 measured=f"{lost} of {self._believed:,}; in outages: network {in_network}, "
-                f"coordinator {without_coordinator}",
+                f"coordinator {without_coordinator}, workers {without_workers}",
                 kept=self._believed > 0 and not broken,
                 breaks=tuple(broken[:KEPT_BREAKS]),
                 figures={
@@ -74,6 +102,7 @@ class Steps:
                     "lost": lost,
                     "lost_without_network": in_network,
                     "lost_without_coordinator": without_coordinator,
+                    "lost_without_workers": without_workers,
                 },
             ),
             Verdict(

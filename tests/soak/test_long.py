@@ -1,0 +1,30 @@
+"""Runs of an hour, left out unless asked for: ``pytest -m soak tests/soak``."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from tests.integration.system.commands import typed
+
+pytestmark = pytest.mark.soak
+
+
+@pytest.mark.timeout(4500)
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(["--minutes", "60", "--chaos"], id="an hour of chaos"),
+        pytest.param(["--minutes", "60"], id="an hour of peace"),
+        pytest.param(["--minutes", "10", "--rate-hz", "40"], id="ten minutes at 40 Hz"),
+    ],
+)
+def test_no_promise_is_broken(words: list[str], short_folder: str, tmp_path: Path) -> None:
+    file = tmp_path / "soak.json"
+    every = ["soak", "--seed", "1", "--json", str(file), *words]
+    environment = {**os.environ, "TMPDIR": short_folder}
+    with typed(*every, folder=tmp_path, environment=environment) as soak:
+        code = soak.popen.wait(4400.0)
+        assert code == 0, soak.out + soak.err
+    assert json.loads(file.read_text())["kept"]
