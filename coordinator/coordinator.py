@@ -158,7 +158,8 @@ class Coordinator:
 
     def worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token appeared."""
-        self._placement.joined(name, self._succession.joined(name, now_ns))
+        missed = self._placement.misses(name)
+        self._placement.joined(name, self._succession.joined(name, now_ns, missed=missed))
         self._changed = True  # a newcomer has heard no checkpoint yet
         return self.tick(now_ns)
 
@@ -416,7 +417,7 @@ class Coordinator:
     def _restore(self, state: CoordinatorState, now_ns: int) -> None:
         self._ensemble.restore(state.ensemble)
         self._placement.map_digest = state.map_digest
-        self._placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state))
+        self._placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state), now_ns)
         applied = state.applied
         self._collector.resume(applied.step if applied else None, state.steps_lost)
         self._steps_applied, self._set_poses = state.steps_applied, state.set_poses

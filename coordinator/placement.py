@@ -15,6 +15,8 @@ from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, Particles, SearchJob, TrackJob, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
+MISSED_NS = 1_500_000_000
+"""More than the longest pause between two tries to connect, less than a new job is waited for."""
 HAND_OVER_NS = 2_000_000_000
 """A job that has just been given to a worker is waited for so long."""
 
@@ -56,6 +58,8 @@ class Placement:
         self._snapshot_every_steps = snapshot_every_steps
         self._workers: dict[str, WorkerRecord] = {}
         self._jobs: dict[str, PlacedJob] = {}
+        self._missed_until_ns: dict[str, int] = {}
+        """Workers that have jobs by a checkpoint, but are not here yet."""
         self._patience = Patience()
         self._orders = 0
         self._epochs = 0
@@ -73,6 +77,10 @@ class Placement:
         """Whether a worker is there."""
         return worker in self._workers
 
+    def misses(self, worker: str) -> bool:
+        """Whether a worker that is not here yet has jobs by a checkpoint."""
+        return worker in self._missed_until_ns
+
     def rule(self, term: int) -> None:
         """Begin a term: its epochs stand above those of all terms before."""
         self._term, self._epochs = term, max(term, self._epochs)
@@ -84,21 +92,26 @@ class Placement:
             for job_id, job in self._jobs.items()
         )
 
-    def restore(self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob]) -> None:
-        """Take over another's jobs; workers that are not here have none of them.
+    def restore(
+        self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int
+    ) -> None:
+        """Take over another's jobs; workers that are not here yet keep theirs for a while.
 
         Args:
             jobs: as `state` told.
             rebuilt: makes a job of a cluster whose particles only its worker holds.
+            now_ns: by the clock of all events.
         """
         self._jobs = {
             job.job_id: PlacedJob(
-                job.job or rebuilt(job.job_id),
-                job.epoch,
-                job.worker if job.worker in self._workers else None,
-                reported=True,
+                job.job or rebuilt(job.job_id), job.epoch, job.worker, now_ns, reported=True
             )
             for job in jobs
+        }
+        self._missed_until_ns = {
+            job.worker: now_ns + MISSED_NS
+            for job in self._jobs.values()
+            if job.worker is not None and job.worker not in self._workers
         }
         for record in self._workers.values():
             record.changed, record.known = True, set()
@@ -130,6 +143,7 @@ class Placement:
         """A worker appeared; one that was known has started anew and knows nothing."""
         if worker in self._workers:
             self.left(worker)
+        self._missed_until_ns.pop(worker, None)
         self._workers[worker] = WorkerRecord(silent_until_ns=silent_until_ns)
 
     def returned(self, worker: str) -> None:
@@ -141,6 +155,11 @@ class Placement:
         self._workers.pop(worker, None)
         self._patience.forget(worker)
         self._take_jobs(worker)
+
+    def _miss_no_longer(self, now_ns: int) -> None:
+        for worker in [w for w, until_ns in self._missed_until_ns.items() if until_ns <= now_ns]:
+            del self._missed_until_ns[worker]
+            self._take_jobs(worker)
 
     def _take_jobs(self, worker: str) -> None:
         for job in self._jobs.values():
@@ -215,6 +234,7 @@ class Placement:
 
     def orders(self, now_ns: int) -> list[tuple[str, WorkOrder]]:
         """Place what has no worker, even out, and tell every worker what is news to it."""
+        self._miss_no_longer(now_ns)
         told = [name for name, r in sorted(self._workers.items()) if r.silent_until_ns <= now_ns]
         if not told:
             return []

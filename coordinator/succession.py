@@ -38,9 +38,18 @@ class Succession:
         """The newest checkpoint of another coordinator."""
         return self._inquiry.newest
 
-    def joined(self, worker: str, now_ns: int) -> int:
-        """A worker is there; returns until when it gets no orders, as it is asked before."""
-        if self.begun and self.founded:
+    def joined(self, worker: str, now_ns: int, *, missed: bool) -> int:
+        """A worker is there.
+
+        Args:
+            worker: its name.
+            now_ns: by the clock of all events.
+            missed: it has jobs by a checkpoint.
+
+        Returns:
+            Until when it gets no orders, as it is asked before.
+        """
+        if self.begun and self.founded and not missed:
             return 0
         self._inquiry.expect(worker)
         return now_ns + PATIENCE_NS

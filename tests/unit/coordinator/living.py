@@ -169,6 +169,7 @@ class Living:
         )
         for worker in list(self.workers):
             self._tell(lambda c, now, w=worker: c.worker_joined(w, now))  # type: ignore[misc] # a default
+        self._tell(lambda c, now: c.tick(now))
         self.settle()
 
     def drive(self, step: int) -> None:
@@ -189,12 +190,22 @@ class Living:
     def start_worker(self, name: str) -> None:
         """A new worker appears."""
         self.workers[name] = self._worker(name)
+        self.join(name)
+
+    def join(self, name: str) -> None:
+        """A worker is seen by the coordinator."""
         self._tell(lambda c, now: c.worker_joined(name, now))
         self.settle()
 
     def command(self, command: SetPose) -> None:
         """A person asks for something."""
         self._tell(lambda c, now: c.command(command, now)[1])
+        self.settle()
+
+    def wait(self, seconds: float) -> None:
+        """Time passes."""
+        self._now_ns += int(seconds * 1e9)
+        self._tell(lambda c, now: c.tick(now))
         self.settle()
 
     def settle(self) -> None:

@@ -54,11 +54,10 @@ def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
     file = last_pose.file_of(tmp_path, "robot", POSE.map_digest)
     whole = file.read_bytes()
     for at in range(len(whole)):
-        for bit in (1, 16):
-            broken = bytearray(whole)
-            broken[at] ^= bit
-            file.write_bytes(broken)
-            assert last_pose.read_all(tmp_path, "robot").get(POSE.map_digest, POSE) == POSE
+        broken = bytearray(whole)
+        broken[at] ^= 1 << (at % 8)
+        file.write_bytes(broken)
+        assert last_pose.read_all(tmp_path, "robot").get(POSE.map_digest, POSE) == POSE
 
 
 def test_a_broken_file_gives_way_to_the_next_pose(tmp_path: Path) -> None:

@@ -50,7 +50,7 @@ def test_the_undisturbed_run_has_what_can_be_lost(undisturbed: Living) -> None:
     assert len({h.cluster for belief in beliefs for h in belief.hypotheses}) > 5, "newcomers"
 
 
-@hypothesis.settings(deadline=None, max_examples=25)
+@hypothesis.settings(deadline=None, max_examples=12)
 @hypothesis.given(
     dies_at=st.integers(1, STEPS - 2), after=st.integers(0, 12), away=st.integers(0, 5)
 )
@@ -109,10 +109,33 @@ def test_a_coordinator_that_dies_with_a_worker_loses_no_hypothesis(
     (before,) = undisturbed.beliefs[17]
     assert essence(living.beliefs[17][-1]) == essence(before)
     living.drive(18)
+    living.wait(1.6)  # its worker might have come back
     (after,) = undisturbed.beliefs[18]
     (believed,) = living.beliefs[18]
     assert {h.cluster for h in believed.hypotheses} == {h.cluster for h in after.hypotheses}
     assert believed.missing == ()
+
+
+def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    """Router and coordinator were started anew together: the workers' links come back last."""
+    living = lived(model, steps=16)
+    reachable, living.workers = living.workers, {}
+    living.revive()
+    assert living.coordinator is not None
+    assert living.coordinator.begun
+    for step in (16, 17):
+        living.drive(step)
+        assert all(not b.hypotheses for b in living.beliefs.pop(step, [])), "it has begun to search"
+    for name, worker in reachable.items():
+        living.workers[name] = worker
+        for step in (16, 17):
+            worker.scan(living.scans[step])
+        living.join(name)
+    for step in range(18, STEPS):
+        living.drive(step)
+    assert_same(living, undisturbed)
 
 
 def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
