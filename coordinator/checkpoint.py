@@ -111,7 +111,7 @@ def from_bytes(data: bytes) -> CoordinatorState:
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
         return msgspec.msgpack.decode(data, type=CoordinatorState)
-    except (msgspec.DecodeError, msgspec.ValidationError) as error:
+    except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
 
 

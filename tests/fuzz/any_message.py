@@ -18,6 +18,11 @@ def message_types() -> list[type[Message]]:
 @cache
 def messages(kind: type[Message]) -> st.SearchStrategy[Message]:
     """Messages of a type, with fields of the right types and any values at all."""
+    return values_of(kind)
+
+
+def values_of(kind: Any) -> st.SearchStrategy[Any]:
+    """Values of a type, with fields of the right types and any values at all."""
     return _values(inspect.type_info(kind))
 
 
@@ -49,7 +54,10 @@ def plain_trees() -> st.SearchStrategy[Any]:
 
 def _values(info: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0911 - one for each type
     match info:
-        case inspect.StructType(cls=cls, fields=fields):
+        case (
+            inspect.StructType(cls=cls, fields=fields)
+            | inspect.DataclassType(cls=cls, fields=fields)
+        ):
             return st.builds(cls, **{field.name: _values(field.type) for field in fields})
         case inspect.UnionType(types=types):
             return st.one_of(map(_values, types))
