@@ -1,0 +1,153 @@
+"""docs/operations.md and docs/security.md: what they name is there, what they print runs."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from process_runtime.access_control import ROLES, rights_of
+from process_runtime.settings_table import TABLE
+from protocol.answers import State, Status
+from protocol.health import Health
+from tests.integration.security.certificates import require_openssl
+
+REPOSITORY = Path(__file__).parents[2]
+OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
+SECURITY = (REPOSITORY / "docs" / "security.md").read_text()
+PAGES = OPERATIONS + SECURITY
+
+
+def sources() -> Iterator[str]:
+    for package in ("sensor_bridge", "worker", "coordinator", "process_runtime"):
+        for file in (REPOSITORY / package).glob("*.py"):
+            yield file.read_text()
+
+
+def causes() -> set[str]:
+    """Every cause, in fixed words, that a process counts what it dropped under."""
+    found: set[str] = set()
+    for source in sources():
+        found |= set(re.findall(r'_counters\["([^"]+)"\]', source))
+        found |= set(re.findall(r'_causes\.warn\(\s*_log, "([^"]+)"', source))
+        found |= set(re.findall(r'return "(order [^"]+)"', source))
+    maker = (REPOSITORY / "sensor_bridge" / "step_maker.py").read_text()
+    for text in re.findall(r'^[A-Z_]+ = "(\w+)"', maker, re.MULTILINE):
+        found.add(f"reading refused: {text.replace('_', ' ')}")
+    return found
+
+
+def test_there_are_causes_to_look_for() -> None:
+    assert {"report late", "no scan history", "reading refused: no odometry"} <= causes()
+
+
+@pytest.mark.parametrize("cause", sorted(causes()))
+def test_every_cause_is_explained(cause: str) -> None:
+    first, _, rest = cause.partition(" ")  # `checkpoint that ...`, `of another map` in one row
+    rows = [row for row in OPERATIONS.splitlines() if row.startswith(f"| `{first} ")]
+    assert any(f"`{cause}`" in row or f"`{rest}`" in row for row in rows)
+
+
+def test_every_metric_is_explained() -> None:
+    collector = pytest.importorskip("process_runtime.metrics_of_status").StatusCollector
+    health = Health(
+        sender="w", role="worker", version="1", uptime_s=1.0, memory_bytes=1,
+        done={"scans": 1}, rates_per_s={"scans": 1.0}, ages_s={"scans": 1.0}, dropped={"x": 1},
+    )  # fmt: skip
+    status = Status(
+        sender="c", version="1", state="localized", freshness="fresh", age_s=0.1, step=1,
+        steps_applied=1, steps_lost=0, reports_missing=0, map_digest="", clusters=1,
+        searching=False, workers={"w": ()}, counters={}, uptime_s=1.0, processes=(health,),
+    )  # fmt: skip
+    suffix = {"counter": "_total", "info": "_info"}
+    names = {made.name + suffix.get(made.type, "") for made in collector(lambda: status).collect()}
+    assert len(names) > 15
+    assert {name for name in names if f"`{name}`" not in OPERATIONS} == set()
+
+
+def test_every_state_is_explained() -> None:
+    for state in (*get_args(State), "fresh", "stale", "none"):
+        assert f"`{state}`" in OPERATIONS
+
+
+def test_the_table_of_roles_is_the_one_in_force() -> None:
+    rows = dict(re.findall(r"^\| `(\w+)`[^|]*(\|.*)$", SECURITY, re.MULTILINE))
+    assert set(ROLES) <= set(rows)
+    wide = {"readings": "`readings/*`", "command": "`command/*`"}
+    for role in ROLES:
+        rights = rights_of(role)
+        viewers = rights_of("viewer") if role == "operator" else None
+        for right in ("publishes", "serves", "asks", "reads"):
+            for key in getattr(rights, right):
+                said = wide.get(key.split("/")[0], f"`{key.rpartition('/')[2]}`")
+                named = said in rows[role] or f"`{key}`" in rows[role]
+                assert named or (viewers and key in getattr(viewers, right)), (role, key)
+
+
+def test_what_the_pages_name_is_there() -> None:
+    for name in set(re.findall(r"\bdeploy/[\w./*-]*[\w*]", PAGES)):
+        assert list(REPOSITORY.glob(name)), name
+    for name in set(re.findall(r"clustermcl-[a-z-]+(?=[@.`\s])", PAGES)):
+        units = {file.stem.rstrip("@") for file in (REPOSITORY / "deploy/systemd").iterdir()}
+        assert name in units, name
+    sections = {name.split(".")[0] for name in TABLE}
+    for setting in set(re.findall(r"`([a-z]+\.[a-z_]+)(?: =[^`]*)?`", PAGES)):
+        if setting.split(".")[0] in sections and not setting.endswith((".key", ".pem")):
+            assert setting in TABLE, setting
+    for command in set(re.findall(r"\bclustermcl ([a-z][a-z-]+)", PAGES)):
+        ran = subprocess.run(
+            [sys.executable, "-I", "-m", "clustermcl", command, "--help"],
+            capture_output=True, check=False,
+        )  # fmt: skip
+        assert ran.returncode == 0, command
+
+
+def blocks(page: str) -> list[str]:
+    return re.findall(r"<!-- runs -->\n```bash\n(.*?)```", page, re.DOTALL)
+
+
+def test_the_commands_that_set_security_up_run_as_they_are_printed(tmp_path: Path) -> None:
+    require_openssl()
+    shutil.copytree(REPOSITORY / "deploy", tmp_path / "deploy")
+    (tmp_path / "bin").mkdir()
+    script = tmp_path / "bin" / "python"
+    script.write_text(f'#!/bin/sh\nexec "{sys.executable}" "$@"\n')
+    script.chmod(0o755)
+    (block,) = blocks(SECURITY)
+    ran = subprocess.run(
+        ["bash", "-e", "-c", block],
+        cwd=tmp_path,
+        env={"PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}"},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert (tmp_path / "certificates" / "worker-2.key").is_file()
+    assert '"worker-2 publishes: ingress"' in (tmp_path / "router-secure.json5").read_text()
+
+
+def secrets(role: str) -> list[str]:
+    """The command that makes the secret of a role, with the loop's variable filled in."""
+    lines = [line.strip() for line in OPERATIONS.splitlines()]
+    made = [line for line in lines if "create secret generic certificate-" in line]
+    line = made[0] if role == "router" else made[1]
+    return line.replace("$role", role).split()
+
+
+@pytest.mark.parametrize("role", ["router", "bridge", "coordinator", "worker"])
+def test_the_secrets_of_kubernetes_are_made_as_printed(role: str, tmp_path: Path) -> None:
+    if shutil.which("kubectl") is None:
+        pytest.skip("kubectl is not installed")
+    (tmp_path / "certificates").mkdir()
+    for name in ("authority.pem", f"{role}.pem", f"{role}.key"):
+        (tmp_path / "certificates" / name).write_text("x")
+    command = [*secrets(role), "--dry-run=client", "--output=json"]
+    ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    own = "router" if role == "router" else "own"
+    for name in ("authority.pem", f"{own}.pem", f"{own}.key"):
+        assert f'"{name}": "eA=="' in ran.stdout
