@@ -118,7 +118,8 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
         rate = DEFAULT_SIMULATION_RATE if simulated else 0.0
     map_file = options.map_file or settings.bridge.map
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
-    settings = msgspec.structs.replace(settings, bridge=bridge)
+    nothing_kept = msgspec.structs.replace(settings.coordinator, state_folder="off")
+    settings = msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)
     if simulated:
         if options.reference is not None:
             raise SettingsError("--reference: a simulated robot knows where it is; leave it out")

@@ -34,6 +34,7 @@ from protocol.answers import (
     Status,
 )
 from protocol.arrays import ArrayBlob
+from protocol.numbering import Numbering
 from protocol.steps import OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report, TrackJob, TrackReport
 
@@ -81,6 +82,7 @@ class Coordinator:
         self._outcome: Outcome | None = None
         self._linked, self._last_poses = True, last_poses
         self._succession = Succession(sender, term, known, now_ns)
+        self._numbering = Numbering()
         self._early_reports: list[tuple[Report, str]] = []
         self._commands_done: dict[str, str] = {}
         self._applied_scan: Scan | None = None
@@ -115,6 +117,8 @@ class Coordinator:
             return []
         if not self._collector.take_scan(scan, now_ns):
             self._counters["scan repeated or late"] += 1
+            if self.begun and self._numbering.starts_anew(scan, self._applied_scan):
+                return self._start_anew(scan, now_ns)
             return self._said_again(scan, now_ns)
         self._pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
         if not self.begun:
@@ -324,6 +328,15 @@ class Coordinator:
             last=scan.last,
             term=self._succession.term,
         )
+
+    def _start_anew(self, scan: Scan, now_ns: int) -> list[Instruction]:
+        """The bridge has forgotten the steps so far, and with them where odometry was."""
+        self._counters["steps counted anew"] += 1
+        self._collector.restart(scan.step - 1)
+        outcome = self._ensemble.relocalize(scan.step - 1)
+        self._follow(outcome, scan, now_ns)
+        self._applied_scan = None
+        return self.scan(scan, now_ns)
 
     def _said_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step that comes again waits for its belief, which may have been lost."""

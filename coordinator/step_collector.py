@@ -54,6 +54,12 @@ class StepCollector:
         for step in [step for step in self._open if applied is not None and step <= applied]:
             del self._open[step]
 
+    def restart(self, before: int) -> None:
+        """Steps are counted anew: the next one follows `before`."""
+        self._open.clear()
+        self._late.clear()
+        self.applied, self._base = None, before
+
     @property
     def oldest_scan(self) -> Scan | None:
         """The oldest scan that waits to be applied."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
+from protocol.numbering import Numbering
 from protocol.steps import Scan
 from protocol.work import Assignment, Report, WorkOrder
 from worker.jobs import RunningJob, running
@@ -32,6 +33,7 @@ class JobTable:
         self._jobs: dict[str, RunningJob] = {}
         self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
         self._reports = RecentReports()
+        self._numbering = Numbering()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
@@ -116,7 +118,10 @@ class JobTable:
         """
         newest = self._recent[-1].step if self._recent else -1
         if scan.step < newest:
-            return []
+            if not self._numbering.starts_anew(scan, self._recent[-1]):
+                return []
+            self._recent.clear()
+            newest = -1
         if scan.step > newest:
             self._recent.append(scan)
             return self._advance(scan)

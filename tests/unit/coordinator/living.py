@@ -7,6 +7,7 @@ instructions, and rebuilt from what the workers know.
 from collections import deque
 from collections.abc import Callable
 
+import msgspec
 import numpy as np
 
 from coordinator.coordinator import Coordinator
@@ -172,9 +173,11 @@ class Living:
         self._tell(lambda c, now: c.tick(now))
         self.settle()
 
-    def drive(self, step: int) -> None:
+    def drive(self, step: int, *, stamp_ns: int | None = None) -> None:
         """One step: its scan reaches the workers, and the coordinator if it lives."""
         scan = scan_of(step)
+        if stamp_ns is not None:
+            scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
         self._tell(lambda c, now: c.scan(scan, now))
         for worker in self.workers.values():

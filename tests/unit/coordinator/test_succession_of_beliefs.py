@@ -138,6 +138,21 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     assert_same(living, undisturbed)
 
 
+def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorModel) -> None:
+    """Bridge and coordinator were started anew together; the workers know the old count."""
+    living = lived(model, steps=14)
+    living.revive()
+    living.scans.clear()
+    living.beliefs.clear()
+    for step in range(12):
+        living.drive(step, stamp_ns=(100 + step) * 10**9)
+    beliefs = {step: told[-1] for step, told in living.beliefs.items()}
+    assert set(beliefs) == set(range(2, 12)), "three scans in a row prove it"
+    assert all(belief.missing == () for belief in beliefs.values())
+    assert beliefs[2].state == "searching"
+    assert beliefs[11].state != "searching"
+
+
 def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     living = lived(model, steps=12)
     old = living.coordinator
