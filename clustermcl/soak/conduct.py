@@ -1,18 +1,10 @@
-"""A soak from its first process to its last verdict: the one loop that does and hears all."""
+"""A soak from its first process to its last verdict."""
 
-import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 import msgspec
-import psutil
-import zenoh
 
-from clustermcl.soak.availability import DoneFault
 from clustermcl.soak.fleet import Fleet, robots_settings
-from clustermcl.soak.injector import Injector, RobotSide
 from clustermcl.soak.leftovers import (
     ended_verdict,
     exits_verdict,
@@ -21,31 +13,15 @@ from clustermcl.soak.leftovers import (
     processes_left,
     temporary_files_in,
 )
-from clustermcl.soak.listener import Listener
-from clustermcl.soak.observer import Observer, Promised
+from clustermcl.soak.loop import Soak
 from clustermcl.soak.options import SoakOptions
 from clustermcl.soak.progress import Progress
 from clustermcl.soak.report import Outcome
-from clustermcl.soak.resources import Resources
 from clustermcl.soak.rooms import PLACES
-from clustermcl.soak.router_keys import RouterKeys, open_plain
-from clustermcl.soak.schedule import Fault, planned
-from clustermcl.soak.verdict import Verdict, over_all
 from clustermcl.stack import meeting_in, temporary_folder
-from process_runtime.session import open_session
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
-from protocol.errors import ClusterMclError, SettingsError
-
-_TURN_S = 0.02
-_CONNECT_WITHIN_S = 30.0
-_READY_WITHIN_S, _READY_WITHIN_EACH_S = 120.0, 15.0
-_FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
-"""After the start, and before the end: what the last fault broke has time to be mended."""
-
-
-class NotReadyError(ClusterMclError):
-    """The processes run, but a robot does not find its first places."""
+from protocol.errors import SettingsError
 
 
 def run_soak(
@@ -97,189 +73,3 @@ def _kept_in(folder: Path, settings: Settings) -> Settings:
     """The same settings, but nothing is left anywhere else, nor found there."""
     coordinator = msgspec.structs.replace(settings.coordinator, state_folder=str(folder / "state"))
     return meeting_in(folder, msgspec.structs.replace(settings, coordinator=coordinator))
-
-
-class Soak:
-    """The processes, what is heard of them, and what is done to them."""
-
-    def __init__(
-        self,
-        options: SoakOptions,
-        robots: Sequence[Settings],
-        fleet: Fleet,
-        stop: StopFlag,
-        progress: Progress,
-    ) -> None:
-        self._options, self._robots, self._fleet = options, robots, fleet
-        self._stop, self._progress = stop, progress
-        promised = Promised(
-            places=PLACES if options.rooms else None,
-            delay_s=None if options.chaos else 1.0 / options.rate_hz,
-            chaos=options.chaos,
-        )
-        self._observers = {one.robot.name: Observer(one, promised) for one in robots}
-        self._listeners: dict[str, Listener] = {}
-        self._resources, self._router_keys = Resources(), RouterKeys()
-        self._injector: Injector | None = None
-        self.faults: list[DoneFault] = []
-        self.known: set[psutil.Process] = set()
-        self._verdicts: dict[str, Sequence[Verdict]] = {}
-        self._start_ns = self._end_ns = 0
-
-    def run(self) -> None:
-        """Until the time is over, or told to stop; then everything heard is judged."""
-        with ExitStack() as sessions:
-            for one in self._robots:
-                session = sessions.enter_context(
-                    open_session(one.zenoh, one.robot, self._stop, wait_s=_CONNECT_WITHIN_S)
-                )
-                self._listeners[one.robot.name] = Listener(session)
-            plain = sessions.enter_context(open_plain(self._robots[0]))
-            self._wait_until_ready()
-            self._begin()
-            self._keep_on(plain)
-            self._judge()
-
-    def wake_all(self) -> None:
-        """Let everybody run who is frozen."""
-        if self._injector is not None:
-            self._injector.wake_all()
-
-    def zombies(self) -> list[str]:
-        """Dead processes that were not reaped for some seconds."""
-        return sorted(self._resources.zombies)
-
-    def outcome(self, of_the_end: Sequence[Verdict]) -> Outcome:
-        """Everything, with what could be told only when all had ended."""
-        together = over_all(self._verdicts)
-        together += [*self._resources.verdicts(), self._router_keys.verdict(), *of_the_end]
-        return Outcome(
-            self._options,
-            self._start_ns,
-            self._end_ns,
-            self.faults,
-            together,
-            self._verdicts,
-            self._resources,
-            {name: observer.places.changes for name, observer in self._observers.items()},
-            {name: observer.status for name, observer in self._observers.items()},
-        )
-
-    def _wait_until_ready(self) -> None:
-        """Until every robot has found its places and all workers are there."""
-        allowed_s = _READY_WITHIN_S + _READY_WITHIN_EACH_S * len(self._robots)
-        deadline_s = time.monotonic() + allowed_s
-        while not all(observer.ready for observer in self._observers.values()):
-            self._stop.check()
-            self._turn()
-            if time.monotonic() > deadline_s:
-                waiting = [name for name, o in self._observers.items() if not o.ready]
-                raise NotReadyError(
-                    f"{', '.join(waiting)}: no places found within {allowed_s:.0f} s; "
-                    "their logs say why: --logs DIR keeps them"
-                )
-            self._stop.wait(_TURN_S)
-            self._progress.starting(
-                sum(observer.ready for observer in self._observers.values()), len(self._robots)
-            )
-
-    def _begin(self) -> None:
-        self._start_ns = time.time_ns()
-        for observer in self._observers.values():
-            observer.judging = True
-        sides = {
-            name: RobotSide(
-                trackers=observer.recovery.trackers,
-                acting=observer.acting,
-                seen=observer.seen,
-                say=self._listeners[name].say,
-                ask=self._listeners[name].ask_anything,
-            )
-            for name, observer in self._observers.items()
-        }
-        seed = self._robots[0].seed
-        self._injector = Injector(
-            self._planned(seed), self._start_ns, sides, self._fleet.parts, seed
-        )
-
-    def _planned(self, seed: int) -> tuple[Fault, ...]:
-        if not self._options.chaos:
-            return ()
-        return planned(
-            seed,
-            first_s=_FIRST_FAULT_S,
-            last_s=self._options.minutes * 60.0 - _LAST_FAULT_S,
-            every_s=self._options.fault_every_s,
-            only=self._options.only,
-        )
-
-    def _keep_on(self, plain: zenoh.Session) -> None:
-        assert self._injector is not None  # `_begin` has made it
-        until_ns = self._start_ns + int(self._options.minutes * 60e9)
-        ask, status = _Every(0.2), _Every(2.0)
-        sample, count, show = _Every(3.0), _Every(20.0), _Every(1.0)
-        while (now_ns := time.time_ns()) < until_ns and not self._stop.is_set():
-            for fault in self._injector.tick(now_ns):
-                self._done(fault)
-            self._turn()
-            for listener in self._listeners.values():
-                ask.due(now_ns, listener.ask_pose)
-                status.due(now_ns, listener.ask_status)
-            sample.due(now_ns, self._sample)
-            count.due(now_ns, partial(self._router_keys.count, plain))
-            show.due(now_ns, self._show)
-            for timer in (ask, status, sample, count, show):
-                timer.passed(now_ns)
-            self._stop.wait(_TURN_S)
-        self._router_keys.count(plain)
-
-    def _done(self, fault: DoneFault) -> None:
-        self.faults.append(fault)
-        self._progress.fault(fault, (fault.at_ns - self._start_ns) / 1e9)
-        for name, observer in self._observers.items():
-            if fault.concerns(name):
-                observer.fault(fault)
-
-    def _turn(self) -> None:
-        """Look after the processes and hear what came."""
-        self._fleet.poll()
-        for name, listener in self._listeners.items():
-            for arrived in listener.arrived():
-                self._observers[name].take(arrived)
-
-    def _sample(self) -> None:
-        parts = self._fleet.parts()
-        self._resources.sample((part.name, part.process) for part in parts)
-        everybody = self._fleet.processes()
-        self._resources.look_for_zombies(everybody)
-        self.known.update(everybody)
-
-    def _show(self) -> None:
-        elapsed_s = (time.time_ns() - self._start_ns) / 1e9
-        first = next(iter(self._observers.values()))
-        self._progress.going_on(elapsed_s, first.summary, len(self.faults))
-
-    def _judge(self) -> None:
-        self._turn()
-        self._end_ns = time.time_ns()
-        self._verdicts = {
-            name: observer.verdicts(self._end_ns) for name, observer in self._observers.items()
-        }
-
-
-class _Every:
-    """Something that is done every so often, for each of several robots."""
-
-    def __init__(self, period_s: float) -> None:
-        self._period_ns = int(period_s * 1e9)
-        self._next_ns = 0
-
-    def due(self, now_ns: int, action: Callable[[], None]) -> None:
-        """Do it if it is time."""
-        if now_ns >= self._next_ns:
-            action()
-
-    def passed(self, now_ns: int) -> None:
-        """The turn is over."""
-        if now_ns >= self._next_ns:
-            self._next_ns = now_ns + self._period_ns

@@ -16,7 +16,7 @@ from clustermcl.soak.verdict import Break, Verdict
 from process_runtime.supervisor import ChildExit
 
 STOP_WITHIN_S = 3.0
-_KILLED_NS = 3_000_000_000
+_KILLED_NS = 10_000_000_000
 _TROUBLE = re.compile(r"Traceback|a bug ended|panicked at|Fatal Python error")
 _KILLS = {
     Kind.ALL_WORKERS_KILLED, Kind.COORDINATOR_KILLED, Kind.BRIDGE_KILLED, Kind.ROUTER_KILLED,

@@ -7,7 +7,8 @@ from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.message import Message
+from protocol.steps import LaserReading, OdometryReading
 
 SEEN = {
     keys.LASER_READING: encode(
@@ -33,19 +34,17 @@ def test_every_key_gets_its_rubbish() -> None:
     assert {key for key, _ in sent} == {*PUBLISHED, *ASKED}
 
 
-@pytest.mark.parametrize("key", [keys.LASER_READING, keys.ODOMETRY_READING])
-def test_most_rubbish_is_no_message_whatever_is_chosen(key: str) -> None:
-    kind = LaserReading if key == keys.LASER_READING else OdometryReading
+@pytest.mark.parametrize(
+    ("key", "kind"),
+    [(keys.LASER_READING, LaserReading), (keys.ODOMETRY_READING, OdometryReading)],
+)
+def test_rubbish_is_no_message_whatever_is_chosen(key: str, kind: type[Message]) -> None:
     for seed in range(15):
-        refused = 0
         payloads = [p for k, p in malformed(np.random.default_rng(seed), SEEN) if k == key]
+        assert len(payloads) == 9
         for payload in payloads:
-            try:
+            with pytest.raises(MalformedMessageError):
                 decode(payload, kind)
-            except MalformedMessageError:
-                refused += 1
-        # A field that may be missing, when it is left out, makes a good message.
-        assert refused >= len(payloads) - 1
 
 
 def test_without_an_example_no_wrong_reading_is_sent() -> None:
@@ -55,4 +54,3 @@ def test_without_an_example_no_wrong_reading_is_sent() -> None:
 
 def test_the_last_step_is_said_again() -> None:
     assert (keys.SCAN, SEEN[keys.SCAN]) in wrong_readings(SEEN)
-    assert Scan.__struct_config__.tag == "scan/1"
