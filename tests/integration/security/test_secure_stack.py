@@ -63,7 +63,7 @@ class SecureStack:
         for name in ("worker-a", "worker-b"):
             self._start_client(name, "worker", "--name", name, "--count", "1")
         self._start_client("bridge", "robot_simulator", "--steps", str(STEPS))
-        self._start_client("coordinator", "coordinator")
+        self.coordinator = self._start_client("coordinator", "coordinator")
 
     def typed(self, name: str, *words: str) -> subprocess.CompletedProcess[str]:
         """A command of a person with the certificate of this name."""
@@ -75,12 +75,20 @@ class SecureStack:
         for process in reversed(self._processes):
             process.kill()
 
-    def _start_client(self, name: str, module: str, *words: str) -> None:
-        self._start(name, module, "--settings", str(self.settings_of(name)), *words)
+    def start_standby(self) -> RunningProcess:
+        """Start a second coordinator, with the same certificate; returns once it stands by."""
+        words = ("--settings", str(self.settings_of("coordinator")), "--standby")
+        process = self._start("standby", "coordinator", "--name", "standby", *words)
+        process.wait_for("standing by")
+        return process
 
-    def _start(self, name: str, module: str, *words: str) -> None:
+    def _start_client(self, name: str, module: str, *words: str) -> RunningProcess:
+        return self._start(name, module, "--settings", str(self.settings_of(name)), *words)
+
+    def _start(self, name: str, module: str, *words: str) -> RunningProcess:
         process = RunningProcess(python_module(module, *words), self._folder, name)
         self._processes.append(process)
+        return process
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +138,18 @@ def test_a_worker_may_not_even_ask_for_the_pose(stack: SecureStack) -> None:
     tried = stack.typed("worker-a", "pose")
     assert tried.returncode == 2
     assert "does this certificate's role allow it?" in tried.stderr
+
+
+def test_a_coordinator_in_reserve_takes_over_with_the_belief(stack: SecureStack) -> None:
+    before = json.loads(stack.typed("viewer", "hypotheses", "--json").stdout)
+    standby = stack.start_standby()
+    stack.coordinator.kill()
+    standby.wait_for("taking over")
+
+    def after() -> dict[str, Any]:
+        return dict(json.loads(stack.typed("viewer", "hypotheses", "--json").stdout or "{}"))
+
+    wait_until(lambda: after().get("hypotheses") == before["hypotheses"])
 
 
 def test_an_operator_may_command(stack: SecureStack) -> None:
