@@ -20,6 +20,7 @@ from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
+from process_runtime.trace import mark
 from process_runtime.wire import (
     Asked,
     Event,
@@ -135,6 +136,9 @@ class CoordinatorLoop:
                 self._on_health(key, decode(event.payload, Health), now_ns)
             case _:
                 report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
+                mark("arrived", report, event.at_ns)
+                mark("taken", report, now_ns)
+                mark("decoded", report)
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
                 return self._coordinator.report(report, keys.worker_name(event.key), now_ns)

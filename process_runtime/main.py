@@ -14,6 +14,7 @@ from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
+from process_runtime.trace import start_trace
 from protocol.errors import ClusterMclError
 
 EXIT_OK, EXIT_BUG, EXIT_ERROR = 0, 1, 2
@@ -85,6 +86,7 @@ def run_process(
     def load_and_run() -> None:
         settings = load_settings(arguments.settings, arguments.set)
         configure_logging(arguments.name, settings.log.level)
+        start_trace(settings.log.trace_folder, arguments.name)
         body(Invocation(arguments.name, settings, arguments, stop))
 
     return outermost(arguments.name, load_and_run)

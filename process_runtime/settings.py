@@ -119,6 +119,9 @@ class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     level: Annotated[
         Literal["debug", "info", "warning", "error"], described("least severe message shown")
     ] = "info"
+    trace_folder: Annotated[
+        str, described("where each process writes when it did what in a step; empty: nowhere")
+    ] = ""
 
 
 class MetricsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

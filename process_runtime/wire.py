@@ -4,12 +4,14 @@ Callbacks only put: a callback that computes or waits stalls every other subscri
 of its session. Decoding happens in the loop that takes from the inbox.
 """
 
+import time
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import zenoh
 
 from process_runtime.inbox import Inbox
+from process_runtime.trace import mark
 from protocol.codec import decode, encode
 from protocol.errors import UnreachableError
 from protocol.limits import max_bytes_on
@@ -26,6 +28,8 @@ class Received:
 
     key: str
     payload: bytes
+    at_ns: int = 0
+    """When it arrived, by the monotonic clock; 0 for an answer."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,11 @@ class Publisher:
 
     def put(self, message: Message) -> None:
         """Publish."""
-        self._publisher.put(encode(message))
+        mark("encode", message)
+        data = encode(message)
+        mark("put", message)
+        self._publisher.put(data)
+        mark("gone", message)
 
 
 def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> None:
@@ -101,7 +109,8 @@ def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> Non
         if len(sample.payload) > max_bytes_on(name):
             inbox.count_refused(kind)
         else:
-            inbox.put_newest(kind, Received(name, sample.payload.to_bytes()))
+            received = Received(name, sample.payload.to_bytes(), time.monotonic_ns())
+            inbox.put_newest(kind, received)
 
     session.declare_subscriber(key, on_sample)
 

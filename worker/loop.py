@@ -16,6 +16,7 @@ from process_runtime.health import HealthReporter
 from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
+from process_runtime.trace import mark
 from process_runtime.wire import Asked, Events, Publisher, Received, ask, serve, subscribe
 from protocol import keys
 from protocol.codec import decode, encode
@@ -80,15 +81,18 @@ class WorkerLoop:
                 match self._inbox.get(0.1):
                     case Received(key=keys.CHECKPOINT, payload=payload):
                         self._on_checkpoint(payload)
-                    case Received(payload=payload):
-                        self._on_scan(payload)
+                    case Received() as received:
+                        self._on_scan(received, time.monotonic_ns())
                     case Asked() as asked:
                         self._on_query(asked)
                 self._health.publish_if_due(self._health_key)
 
-    def _on_scan(self, payload: bytes) -> None:
+    def _on_scan(self, received: Received, taken_ns: int) -> None:
         try:
-            scan = decode(payload, Scan)
+            scan = decode(received.payload, Scan)
+            mark("arrived", scan, received.at_ns)
+            mark("taken", scan, taken_ns)
+            mark("decoded", scan)
             self._health.happened("scans")
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
@@ -101,7 +105,9 @@ class WorkerLoop:
         if lost and not self._has_fallen_behind():
             for past in self._fetch(lost, LOST_SCANS_TIMEOUT_S):
                 self._publish(self._table.take(past))
-        self._publish(self._table.take(scan))
+        reports = self._table.take(scan)
+        mark("computed", scan)
+        self._publish(reports)
 
     def _has_fallen_behind(self) -> bool:
         """Whether scans were dropped here since the last look: who is too slow must skip some."""

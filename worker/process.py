@@ -11,6 +11,7 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked
 from process_runtime.session import open_session
 from process_runtime.stop import StopFlag
+from process_runtime.trace import start_trace
 from worker.loop import WorkerLoop
 from worker.map_model import default_cache_folder
 from worker.warm_up import compile_kernels
@@ -41,6 +42,7 @@ def run_workers(invocation: Invocation) -> None:
 
     def child(index: int, stop: StopFlag) -> None:
         name = f"{prefix}-{index}"
+        start_trace(settings.log.trace_folder, name)
         with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
             WorkerLoop(name, session, cache, incarnation=time.time_ns()).run(stop)
 
