@@ -5,8 +5,10 @@ who is entitled speaks afterwards: links keep their order, and what was let thro
 """
 
 import itertools
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -165,3 +167,19 @@ def test_nobody_reads_the_routers_own_pages(as_role: OpenAs) -> None:
     operator = as_role("operator")
     (router,) = operator.info.routers_zid()
     assert list(operator.get(f"@/{router}/**", timeout=5.0)) == []
+
+
+def test_a_driver_gets_in_with_the_lines_of_the_page(
+    certificates: Path, secure_endpoint: str, as_role: OpenAs
+) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "security.md").read_text()
+    lines = page.split("<!-- driver -->\n```python\n")[1].split("```")[0]
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("namespace", '"robot"')
+    config.insert_json5("connect/endpoints", json.dumps([secure_endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    code = lines.replace("/etc/clustermcl/certificates", str(certificates))
+    exec(code, {"config": config, "json": json})  # our own page
+    with zenoh.open(config) as driver:
+        assert heard_by(as_role("bridge"), keys.LASER_READING, [driver])
