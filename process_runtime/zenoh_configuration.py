@@ -155,7 +155,7 @@ def _transport() -> Configuration:
                 "queue": {
                     "size": {"data_high": _QUEUED_BATCHES},
                     # A frozen process may hold the others up 0.3 s, not Zenoh's 5 s.
-                    "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}}
+                    "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}},
                 },
             },
         },
