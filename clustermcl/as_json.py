@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 
 from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Covariance, Message, PoseTuple
 
 JsonObject = dict[str, Any]
 
@@ -76,8 +76,16 @@ def hypotheses_object(answer: Hypotheses) -> JsonObject:
 
 def status_object(status: Status) -> JsonObject:
     """How the system is: all fields of the message."""
-    plain: JsonObject = msgspec.to_builtins(status)
-    return {name: value for name, value in plain.items() if name not in ("schema", "sender")}
+    processes = [
+        {"name": process.sender, **_fields(process, "sender")} for process in status.processes
+    ]
+    return {**_fields(status, "sender", "processes"), "processes": processes}
+
+
+def _fields(message: Message, *without: str) -> JsonObject:
+    """The fields of a message by name, but for some, and for its schema."""
+    plain: JsonObject = msgspec.to_builtins(message)
+    return {name: value for name, value in plain.items() if name not in ("schema", *without)}
 
 
 def _finite(value: Any) -> Any:

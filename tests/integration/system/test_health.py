@@ -65,7 +65,7 @@ def test_the_status_is_for_people_and_for_programs(system: Settings) -> None:
     assert "processes\n  coordinator (coordinator) " in text
     assert f"steps: {STEPS}, " in text
     status = json.loads(typed(system, "status", "--json").stdout)
-    assert {process["sender"] for process in status["processes"]} == PROCESSES
+    assert {process["name"] for process in status["processes"]} == PROCESSES
 
 
 def test_prometheus_scrapes_what_the_status_says(system: Settings) -> None:

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from protocol.answers import Belief, Hypothesis, State
+from protocol.answers import Belief, Hypothesis, State, Status
+from protocol.health import Health
 from protocol.message import Covariance, PoseTuple
 
 COVARIANCE: Covariance = (0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0025)
@@ -30,3 +31,17 @@ def belief(step: int, state: State, *hypotheses: Hypothesis, **more: Any) -> Bel
         hypotheses=hypotheses,
         **{"searching": False, **more},
     )
+
+
+STATUS = Status(
+    sender="coordinator", version="1.2", state="localized", freshness="fresh", age_s=0.25,
+    step=41, steps_applied=40, steps_lost=1, reports_missing=2, map_digest="abc", clusters=3,
+    searching=True, workers={"worker-0": ("c1", "c2")},
+    counters={"scan of another map": 7}, uptime_s=99.0,
+    processes=(
+        Health(sender="coordinator", role="coordinator", version="1.2", uptime_s=99.0,
+               memory_bytes=50_000_000, dropped={"scan of another map": 7}),
+        Health(sender="worker-0", role="worker", version="1.1", uptime_s=9.0, age_s=5.0,
+               done={"reports": 80}, rates_per_s={"reports": 9.5}, ages_s={"reports": 0.25}),
+    ),
+)  # fmt: skip

@@ -1,9 +1,15 @@
 import json
 import math
 
-from clustermcl.as_json import belief_object, dumped, hypotheses_object, pose_answer_object
+from clustermcl.as_json import (
+    belief_object,
+    dumped,
+    hypotheses_object,
+    pose_answer_object,
+    status_object,
+)
 from protocol.answers import Hypotheses, PoseAnswer
-from tests.unit.clustermcl.places import COVARIANCE, belief, place
+from tests.unit.clustermcl.places import COVARIANCE, STATUS, belief, place
 
 ANSWER = PoseAnswer(
     sender="coordinator",
@@ -45,3 +51,11 @@ def test_hypotheses_keep_their_order() -> None:
 def test_numbers_that_json_does_not_know_become_null() -> None:
     text = dumped({"a": math.nan, "b": [math.inf, 1.5], "c": {"d": -math.inf}})
     assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": {"d": None}}
+
+
+def test_a_status_names_its_processes_and_no_schema() -> None:
+    plain = status_object(STATUS)
+    assert [process["name"] for process in plain["processes"]] == ["coordinator", "worker-0"]
+    assert plain["processes"][1]["rates_per_s"] == {"reports": 9.5}
+    assert "schema" not in dumped(plain)
+    assert plain["steps_applied"] == 40
