@@ -4,6 +4,8 @@ It travels inside a `Checkpoint` as MessagePack that only coordinators read, so 
 with each version of `STATE_VERSION`; a state of another version is left out.
 """
 
+import math
+
 import msgspec
 
 from coordinator.cluster_set import Cluster
@@ -110,9 +112,16 @@ def from_bytes(data: bytes) -> CoordinatorState:
         version = msgspec.msgpack.decode(data, type=_Version).version
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
-        return msgspec.msgpack.decode(data, type=CoordinatorState)
+        state = msgspec.msgpack.decode(data, type=CoordinatorState)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
+    clusters = {cluster.job_id for cluster in state.ensemble.clusters}
+    held = {job.job_id for job in state.jobs if job.job is None}
+    if held - clusters or (held and state.applied is None):
+        raise ValueError("a job whose particles a worker holds has no cluster")
+    if any(math.isnan(cluster.log_probability) for cluster in state.ensemble.clusters):
+        raise ValueError("a probability that is none")
+    return state
 
 
 class _Version(msgspec.Struct, frozen=True):

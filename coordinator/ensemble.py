@@ -118,11 +118,12 @@ class Ensemble:
 
     def state(self) -> EnsembleState:
         """All that decides; ask for it between steps."""
+        pool = self._pool if not len(self.clusters) else None  # then nobody asks for its places
         return EnsembleState(
             clusters=self.clusters.all(),
             next_cluster=self.clusters.next_cluster,
             fit=self._fit.state(),
-            search=self._search.state(self._pool) if self._search else None,
+            search=self._search.state(pool) if self._search else None,
             searches=self.searches,
             next_search_step=self._next_search_step,
             offer=self._offer,

@@ -8,7 +8,7 @@ from process_runtime.settings import CoordinatorSettings
 from protocol.steps import Scan
 from protocol.work import Report, SearchReport
 
-FETCH_NS = 300_000_000
+FETCH_NS = 500_000_000
 """A scan that was lost on its way is waited for so long, while the bridge is asked for it."""
 KEPT_AHEAD = 1_000
 """Reports of at most so many different steps are kept."""
@@ -89,6 +89,13 @@ class StepCollector:
         if newest is None or newest + 1 == scan.step:
             return None
         return newest + 1, scan.step - 1
+
+    def lost(self) -> tuple[int, int] | None:
+        """First and last of the steps that hold up the next one, their scans not having come."""
+        step = min((s for s, opened in self._open.items() if opened.scan), default=None)
+        if step is None or self.applied is None or step == self.applied + 1:
+            return None
+        return self.applied + 1, step - 1
 
     def wait_anew(self, now_ns: int) -> None:
         """The link was lost and is back: nobody could report meanwhile."""

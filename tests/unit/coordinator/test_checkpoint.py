@@ -1,0 +1,84 @@
+import math
+from dataclasses import replace
+
+import msgspec
+import pytest
+
+from coordinator.checkpoint import STATE_VERSION, CoordinatorState, from_bytes, to_bytes
+from coordinator.coordinator import Coordinator
+from coordinator.inquiry import Told
+from coordinator.instructions import PublishCheckpoint
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import CoordinatorSettings
+from protocol.work import Checkpoint
+from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.reports import scan
+
+NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
+
+
+@pytest.fixture(scope="module")
+def state() -> CoordinatorState:
+    """Of a coordinator that tracks several clusters."""
+    living = Living(symmetric_room())
+    for step in range(12):
+        living.drive(step)
+    worker = next(iter(living.workers.values()))
+    return from_bytes(msgspec.msgpack.decode(worker.allegiance.checkpoint)["state"])
+
+
+def changed(state: CoordinatorState, **fields: object) -> bytes:
+    return to_bytes(msgspec.structs.replace(state, **fields))
+
+
+def test_a_state_comes_back_as_it_was(state: CoordinatorState) -> None:
+    assert from_bytes(to_bytes(state)) == state
+    assert len(state.ensemble.clusters) > 1
+
+
+def test_it_is_small_for_particles_stay_with_the_workers(state: CoordinatorState) -> None:
+    assert all(job.job is None for job in state.jobs if job.job_id.startswith("c"))
+    assert len(to_bytes(state)) < 4_000
+
+
+def test_states_that_cannot_be_used_are_refused_with_the_reason(state: CoordinatorState) -> None:
+    lost = msgspec.structs.replace(state.ensemble, clusters=())
+    first, *rest = state.ensemble.clusters
+    poisoned = msgspec.structs.replace(
+        state.ensemble, clusters=(replace(first, log_probability=math.nan), *rest)
+    )
+    for data, words in (
+        (b"", "not a coordinator's state"),
+        (b"\xc1", "not a coordinator's state"),
+        (to_bytes(state)[:-3], "not a coordinator's state"),
+        (changed(state, version=STATE_VERSION + 1), f"expected {STATE_VERSION}"),
+        (changed(state, ensemble=lost), "no cluster"),
+        (changed(state, applied=None), "no cluster"),
+        (changed(state, ensemble=poisoned), "probability"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            from_bytes(data)
+
+
+@pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
+def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
+    broken = Checkpoint(sender="c", term=5, serial=1, step=9, founded=True, state=data)
+    made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=broken)
+    made.worker_joined("w", 0)
+    made.worker_told("w", NOTHING, 1)
+    assert made.begun
+    (handed_on,) = (i for i in made.scan(scan(0), 2) if isinstance(i, PublishCheckpoint))
+    assert handed_on.checkpoint.term == 6
+    assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
+
+
+def test_a_checkpoint_of_another_map_is_not_carried_on(state: CoordinatorState) -> None:
+    other = Checkpoint(
+        sender="c", term=5, serial=1, step=11, founded=True, state=changed(state, map_digest="old")
+    )
+    made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
+    made.worker_joined("w", 0)
+    made.scan(scan(40), 1)
+    made.worker_told("w", NOTHING, 2)
+    assert made.status(3, {}).counters == {"checkpoint of another map": 1}
+    assert made.status(3, {}).clusters == 0
