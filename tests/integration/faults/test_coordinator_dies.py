@@ -6,7 +6,6 @@ import time
 from collections.abc import Sequence
 
 import msgspec
-import pytest
 
 from clustermcl.in_process import outcomes
 from clustermcl.stack import COORDINATOR
@@ -95,20 +94,14 @@ def test_a_robot_that_drives_on_is_followed_again_within_two_seconds() -> None:
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 
 
-def test_a_second_coordinator_still_refuses_to_start_and_says_how_to_stand_by() -> None:
-    with system() as tested:
-        tested.wait_for_steps(1)
-        second = tested.start(COORDINATOR)
+def test_one_that_stands_by_takes_over_at_once_and_one_that_does_not_refuses_to_start() -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        standby, second = tested.start(COORDINATOR, "--standby"), tested.start(COORDINATOR)
+        standby.wait_for("standing by")
+        tested.wait_until_it_tracks()
         assert second.wait() == 2
         assert "has a coordinator already" in second.err
         assert "--standby" in second.err
-
-
-def test_one_that_stands_by_takes_over_at_once_and_believes_the_same() -> None:
-    with with_live_robot(PATIENT) as (tested, _robot):
-        standby = tested.start(COORDINATOR, "--standby")
-        standby.wait_for("standing by")
-        tested.wait_until_it_tracks()
         terms = {belief.term for belief in tested.beliefs}
         tested.hurt(COORDINATOR)
         killed_s = time.monotonic()
@@ -146,11 +139,10 @@ def test_one_that_was_frozen_steps_down_and_never_acts_beside_the_other() -> Non
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_the_workers_go_on_while_no_coordinator_is_there(number: int) -> None:
+def test_the_workers_go_on_while_no_coordinator_is_there() -> None:
     with with_live_robot(PATIENT) as (tested, _robot):
         tested.wait_until_it_tracks()
-        tested.hurt(COORDINATOR, number)
+        tested.hurt(COORDINATOR)
         reports: list[str] = []
         tested.session.declare_subscriber(
             keys.ALL_REPORTS, lambda sample: reports.append(str(sample.key_expr))
