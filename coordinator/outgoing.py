@@ -1,6 +1,8 @@
 """What the coordinator has decided, carried out over Zenoh."""
 
-from collections.abc import Iterable
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
 
 import zenoh
 from zenoh import handlers
@@ -18,6 +20,8 @@ from protocol import keys
 from protocol.codec import encode
 from protocol.message import Message
 
+ASK_AGAIN_WITHIN_S = 0.5
+"""Just after a link came up, a query for lost scans finds nobody; it is repeated so long."""
 ORDER_TIMEOUT_S = 35.0
 """A worker that fetches a large map before it answers takes long; orders are repeated sooner."""
 
@@ -30,34 +34,53 @@ class Outgoing:
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
         self._checkpoints = Publisher(session, keys.CHECKPOINT)
+        self._unanswered: deque[tuple[FetchScans, float]] = deque()
 
     def carry_out(self, instructions: Iterable[Instruction]) -> None:
-        """Do what was decided, in its order."""
+        """Do what was decided, in its order; ask again what nobody answered."""
+        for _ in range(len(self._unanswered)):
+            self._fetch(*self._unanswered.popleft())
         for instruction in instructions:
             match instruction:
                 case SendOrder(worker, order):
                     self._ask(keys.worker_order(worker), order)
                 case AskState(worker, question):
                     self._ask(keys.worker_state(worker), question)
-                case FetchScans(first, last):
-                    self._ask(keys.scan_history(first, last))
+                case FetchScans():
+                    self._fetch(instruction, time.monotonic() + ASK_AGAIN_WITHIN_S)
                 case PublishCheckpoint(checkpoint):
                     self._checkpoints.put(checkpoint)
                 case PublishBelief(belief, pose):
                     self._belief.put(belief)
                     self._pose.put(pose)
 
-    def _ask(self, selector: str, message: Message | None = None) -> None:
+    def _fetch(self, fetch: FetchScans, until_s: float) -> None:
+        def on_nobody() -> None:
+            if time.monotonic() < until_s:
+                self._unanswered.append((fetch, until_s))
+
+        self._ask(keys.scan_history(fetch.first, fetch.last), on_nobody=on_nobody)
+
+    def _ask(
+        self,
+        selector: str,
+        message: Message | None = None,
+        *,
+        on_nobody: Callable[[], None] = lambda: None,
+    ) -> None:
         """Ask without waiting."""
+        answers = 0
 
         def on_reply(reply: zenoh.Reply) -> None:
+            nonlocal answers
+            answers += 1
             if reply.ok is not None:
                 key = str(reply.ok.key_expr)
                 self._inbox.put(Received(key, reply.ok.payload.to_bytes()))
 
         self._session.get(
             selector,
-            handlers.Callback(on_reply, lambda: None),
+            handlers.Callback(on_reply, lambda: None if answers else on_nobody()),
             payload=encode(message) if message is not None else None,
             timeout=ORDER_TIMEOUT_S,
         )

@@ -90,13 +90,6 @@ class StepCollector:
             return None
         return newest + 1, scan.step - 1
 
-    def lost(self) -> tuple[int, int] | None:
-        """First and last of the steps that hold up the next one, their scans not having come."""
-        step = min((s for s, opened in self._open.items() if opened.scan), default=None)
-        if step is None or self.applied is None or step == self.applied + 1:
-            return None
-        return self.applied + 1, step - 1
-
     def wait_anew(self, now_ns: int) -> None:
         """The link was lost and is back: nobody could report meanwhile."""
         for opened in self._open.values():

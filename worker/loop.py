@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -25,6 +26,7 @@ from protocol.errors import (
     MalformedMessageError,
     MapMismatchError,
     OldTermError,
+    UnreachableError,
     printable,
 )
 from protocol.steps import MapMessage, Scan, ScanHistory
@@ -43,7 +45,8 @@ from worker.map_model import sensor_model
 MAP_TIMEOUT_S = 30.0
 HISTORY_TIMEOUT_S = 5.0
 LOST_SCANS_TIMEOUT_S = 0.5
-"""The bridge has just sent a scan, so it answers at once what it sent before, or never."""
+"""The bridge has just sent a scan, so it answers soon what it sent before, or never."""
+ASK_AGAIN_S = 0.02
 KEPT_SCANS = 64
 KEPT_CHECKPOINTS = 2
 """One of each of two coordinators of which one takes over."""
@@ -179,6 +182,7 @@ class WorkerLoop:
             self._map, self._model = from_message(message), None
         if self._model is None or self._model.settings != settings.sensor:
             self._model = sensor_model(self._map, settings.sensor, self._cache_folder)
+            self._map = replace(self._map, cells=self._model.field.cells)  # shared by all workers
 
     def _catch_up(self) -> None:
         missing = self._table.missing()
@@ -186,12 +190,17 @@ class WorkerLoop:
         self._publish(self._table.catch_up(history))
 
     def _fetch(self, missing: MissingScans, timeout_s: float) -> tuple[Scan, ...]:
+        """Ask the bridge; just after a link came up, a query may find nobody, and is repeated."""
         selector = keys.scan_history(missing.first, missing.last)
-        try:
-            return ask(self._session, selector, ScanHistory, timeout_s=timeout_s).scans
-        except ClusterMclError as error:
-            self._causes.warn(_log, "no scan history", error, time.monotonic())
-            return ()
+        until_s = time.monotonic() + LOST_SCANS_TIMEOUT_S
+        while True:
+            try:
+                return ask(self._session, selector, ScanHistory, timeout_s=timeout_s).scans
+            except ClusterMclError as error:
+                if not isinstance(error, UnreachableError) or time.monotonic() >= until_s:
+                    self._causes.warn(_log, "no scan history", error, time.monotonic())
+                    return ()
+            time.sleep(ASK_AGAIN_S)
 
     def _publish(self, reports: Iterable[Report]) -> None:
         for report in reports:

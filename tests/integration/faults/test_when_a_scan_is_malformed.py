@@ -84,4 +84,4 @@ def test_it_is_counted_logged_once_and_dropped() -> None:
         assert status.counters["malformed Scan: schema"] == TIMES
         for cause in MALFORMED:
             assert tested.log(BRIDGE).count(f"{cause}: ") == 1, "said once"
-        assert tested.log(WORKERS).count("worker-0: malformed scan dropped") == 1
+        assert tested.log(WORKERS).count("worker-0: malformed Scan: not MessagePack") == 1

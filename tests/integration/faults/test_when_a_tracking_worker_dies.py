@@ -22,7 +22,8 @@ def test_its_cluster_is_on_a_standby_worker_within_a_second() -> None:
         tested.wait_until_it_tracks()
         clusters, step = tested.clusters(), tested.step
         workers = client.status().workers
-        assert sorted(map(len, workers.values())) == [0, 0, 1, 1, 1, 1]
+        assert sum(map(len, workers.values())) == len(clusters)
+        assert set(map(len, workers.values())) == {0, 1}, "some stand by"
         name = next(name for name, jobs in workers.items() if jobs)
         (job,) = workers[name]
         os.kill(tested.worker_pids()[int(name.removeprefix("worker-"))], signal.SIGKILL)
