@@ -1,5 +1,6 @@
 """The likelihood field: how well a scan's end points lie on the map's obstacles."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import log, pi, sqrt
 
@@ -15,6 +16,7 @@ Codes = NDArray[np.uint16]
 _MAX_CODE = 65_535
 _MAX_BEAMS = 65_536
 """More beams could overflow the 32-bit sum of their codes."""
+_STRIP_ROWS = 512
 _BLOCK = 256
 """Particles scored together: their numbers stay in the nearest cache."""
 
@@ -40,14 +42,43 @@ def log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogField
     References:
         Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
     """
+    field = np.empty(cells.shape, np.float32)
+    for rows, strip in _strips(cells, cell_m, settings):
+        field[rows] = strip
+    return field
+
+
+def _strips(
+    cells: Cells, cell_m: float, settings: SensorSettings
+) -> Iterator[tuple[slice, LogField]]:
+    """The field in strips of rows: numbers in between take twenty bytes a cell.
+
+    A strip sees its neighbours as far as an obstacle counts, so that nothing is cut.
+    """
+    if not np.any(cells == OCCUPIED):
+        raise ValueError("the map has no occupied cell to compare a scan with")
+    reach = int(settings.max_obstacle_distance_m / cell_m) + 2
+    for start in range(0, len(cells), _STRIP_ROWS):
+        stop = min(start + _STRIP_ROWS, len(cells))
+        first = max(start - reach, 0)
+        distance_m = _distance_m(cells[first : stop + reach], cell_m, settings)
+        yield slice(start, stop), _log_at(distance_m[start - first : stop - first], settings)
+
+
+def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
+    """Distance to the nearest obstacle, capped."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - heavy, once per map
 
-    empty = cells != OCCUPIED
+    farthest, empty = np.float32(settings.max_obstacle_distance_m), cells != OCCUPIED
     if empty.all():
-        raise ValueError("the map has no occupied cell to compare a scan with")
-    distance_m = distance_transform_edt(empty).astype(np.float32)
+        return np.full(cells.shape, farthest)
+    distance_m: NDArray[np.float32] = distance_transform_edt(empty).astype(np.float32)
     distance_m *= np.float32(cell_m)
-    np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m), out=distance_m)
+    return np.minimum(distance_m, farthest, out=distance_m)
+
+
+def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogField:
+    """Table 6.3, line 7, at every distance."""
     likelihood = np.exp(-0.5 * (distance_m / np.float32(settings.hit_sigma_m)) ** 2)
     likelihood *= np.float32(_peak(settings))
     likelihood += np.float32(settings.random_weight / settings.max_range_m)
@@ -82,9 +113,10 @@ class LikelihoodField:
     ) -> "LikelihoodField":
         """Compute the field of a map; see `log_field` for arguments and errors."""
         log_floor, log_step = _code_scale(settings)
-        levels = (log_field(cells, cell_m, settings) - np.float32(log_floor)) / np.float32(log_step)
         codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
-        codes[1:-1, 1:-1] = np.clip(np.rint(levels), 0, _MAX_CODE)
+        for rows, strip in _strips(cells, cell_m, settings):
+            levels = (strip - np.float32(log_floor)) / np.float32(log_step)
+            codes[1:-1, 1:-1][rows] = np.clip(np.rint(levels), 0, _MAX_CODE)
         return cls.from_codes(codes, cells, cell_m, map_from_grid, settings)
 
     @classmethod

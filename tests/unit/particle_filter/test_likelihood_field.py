@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.ndimage import distance_transform_edt
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.likelihood_field import LikelihoodField, log_field, scan_log_likelihood
@@ -217,3 +218,13 @@ def test_a_narrow_peak_does_not_underflow() -> None:
     sharp = SensorSettings(hit_sigma_m=0.001, max_obstacle_distance_m=10.0)
     field = LikelihoodField.build(np.eye(40, dtype=np.int8), 1.0, ORIGIN, sharp)
     assert field.log_floor == pytest.approx(log(sharp.random_weight / sharp.max_range_m))
+
+
+def test_a_field_made_in_strips_is_that_of_the_whole_map() -> None:
+    cells = np.zeros((1_100, 40), np.int8)
+    cells[np.random.default_rng(5).random(cells.shape) < 0.001] = OCCUPIED
+    cells[300:900] = 0  # strips without an obstacle of their own
+    sensor = SensorSettings(max_obstacle_distance_m=3.0)
+    distance_m = 0.1 * distance_transform_edt(cells != OCCUPIED)
+    expected = [[naive.log_likelihood_at(d, sensor) for d in row] for row in distance_m[::7]]
+    np.testing.assert_allclose(log_field(cells, 0.1, sensor)[::7], expected, atol=1e-5)
