@@ -1,11 +1,14 @@
 import logging
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from grid_maps.grid_map import GridMap
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import SensorSettings
+from worker import map_model
 from worker.map_model import sensor_model
 
 SETTINGS = SensorSettings()
@@ -42,7 +45,7 @@ def test_another_map_or_other_settings_are_another_entry(tmp_path: Path) -> None
     sensor_model(grid_map(), SETTINGS, tmp_path)
     sensor_model(grid_map(box=False), SETTINGS, tmp_path)
     sensor_model(grid_map(), SensorSettings(hit_sigma_m=0.3), tmp_path)
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.glob("field-*"))) == 3
 
 
 @pytest.mark.parametrize("damage", ["cut", "empty", "gone", "another shape"])
@@ -51,7 +54,7 @@ def test_a_broken_entry_is_said_and_made_anew(
 ) -> None:
     expected = sensor_model(grid_map(), SETTINGS, None).field.codes
     sensor_model(grid_map(), SETTINGS, tmp_path)
-    (entry,) = tmp_path.iterdir()
+    (entry,) = tmp_path.glob("field-*")
     codes = entry / "codes.npy"
     match damage:
         case "cut":
@@ -70,7 +73,7 @@ def test_a_broken_entry_is_said_and_made_anew(
     np.testing.assert_array_equal(
         sensor_model(grid_map(), SETTINGS, tmp_path).field.codes, expected
     )
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len(list(tmp_path.glob("field-*"))) == 1
 
 
 def test_a_folder_that_cannot_be_written_costs_only_a_warning(
@@ -82,3 +85,21 @@ def test_a_folder_that_cannot_be_written_costs_only_a_warning(
         model = sensor_model(grid_map(), SETTINGS, in_the_way)
     assert "cannot be used" in caplog.text
     assert model.field.codes.shape == (32, 42)
+
+
+def test_of_many_processes_one_computes_and_the_others_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    computed: list[GridMap] = []
+    compute = map_model._computed
+
+    def counted(grid: GridMap, settings: SensorSettings) -> SensorModel:
+        computed.append(grid)
+        return compute(grid, settings)
+
+    monkeypatch.setattr(map_model, "_computed", counted)
+    with ThreadPoolExecutor(4) as threads:  # a lock on an open file holds between these as well
+        models = list(threads.map(lambda _: sensor_model(grid_map(), SETTINGS, tmp_path), range(4)))
+    assert len(computed) == 1
+    for model in models:
+        np.testing.assert_array_equal(model.field.codes, models[0].field.codes)
