@@ -81,6 +81,9 @@ class Ensemble:
         arrived = {report.job_id for report in reports if report.step == step}
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
+        # A cluster without a report is where it was at an earlier step, so nobody can tell
+        # whether it holds a place that the search has found at this one.
+        all_here = tracks.keys() >= set(self.clusters.job_ids)
         self.clusters.weigh(tracks)
         self._fit.update(
             max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)
@@ -89,7 +92,7 @@ class Ensemble:
             self._end += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self._end += self.clusters.drop_improbable(step)
-        self._follow_search(step, reports)
+        self._follow_search(step, reports, all_here=all_here)
         if self._search is None and (self._fit.lost or step >= self._next_search_step):
             self._start_search(step + 1)
         return self._outcome(step, missing)
@@ -175,7 +178,7 @@ class Ensemble:
         self._search = self._pool = None
         self._next_search_step = step + self.settings.belief.search_every_steps
 
-    def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
+    def _follow_search(self, step: int, reports: Sequence[Report], *, all_here: bool) -> None:
         if self._search is None:
             return
         for report in reports:
@@ -184,6 +187,8 @@ class Ensemble:
         fresh = self._search.pooled()
         self._pool = fresh or self._pool
         if fresh and self._search.finished(fresh, self.settings.belief.clusters):
+            if not all_here:
+                return  # it goes on until it can be told who is new
             if len(self.clusters):
                 self._admit_newcomers(fresh, step)
             else:

@@ -131,6 +131,23 @@ def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
     assert set(probabilities(outcome)) == {0, 1}
 
 
+def test_while_a_cluster_is_not_heard_of_nobody_enters_in_its_place() -> None:
+    """The workers died while the robot drove on: what the search finds looks new, and is not."""
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1, clusters=2)
+    made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
+    moved_north, moved_south = (0.0, 7.0, 0.0), (0.0, -3.0, 0.0)
+    found = {moved_north: 0.6, moved_south: 0.4}
+    reports: list[Report] = [searched(f"s1.{n}", 2, found) for n in range(2)]
+    outcome = made.advance(2, [tracked("c0", 2, 0.1, moved_north), *reports])
+    assert set(probabilities(outcome)) == {0, 1}
+    assert outcome.searching, "it goes on until it can be told who is new"
+    reports = [searched(f"s1.{n}", 3, found) for n in range(2)]
+    tracks = [tracked("c0", 3, 0.1, moved_north), tracked("c1", 3, 0.1, moved_south)]
+    outcome = made.advance(3, [*tracks, *reports])
+    assert set(probabilities(outcome)) == {0, 1}
+    assert not outcome.searching
+
+
 def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
     places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
     made = bootstrapped(places, search_every_steps=1, grace_steps=50)
