@@ -20,6 +20,7 @@ from clustermcl.soak.robot import TRUTH_KEY, TrueMotion
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
 from process_runtime.settings import (
     BridgeSettings,
+    CoordinatorSettings,
     Settings,
     WorkerSettings,
     ZenohSettings,
@@ -40,6 +41,7 @@ SETTINGS = Settings(
     search=SearchSettings(min_start_particles=20_000, max_start_particles=20_000, particles=4_000),
     belief=BeliefSettings(clusters=4),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
+    coordinator=CoordinatorSettings(state_folder="off"),
     worker=WorkerSettings(count=2),
 )
 LOCALIZED_M, LOCALIZED_STEPS = 1.0, 5

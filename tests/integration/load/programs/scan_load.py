@@ -19,7 +19,13 @@ from clustermcl.soak.fleet import Fleet
 from clustermcl.soak.rooms import PLACES
 from particle_filter.settings import BeliefSettings, SearchSettings
 from process_runtime.session import open_session
-from process_runtime.settings import BridgeSettings, Settings, WorkerSettings, ZenohSettings
+from process_runtime.settings import (
+    BridgeSettings,
+    CoordinatorSettings,
+    Settings,
+    WorkerSettings,
+    ZenohSettings,
+)
 from process_runtime.stop import StopFlag
 from process_runtime.wire import ask
 from protocol import keys
@@ -33,6 +39,7 @@ SETTINGS = Settings(
     search=SearchSettings(min_start_particles=50_000, max_start_particles=50_000, particles=10_000),
     belief=BeliefSettings(clusters=PLACES, search_every_steps=10**9),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
+    coordinator=CoordinatorSettings(state_folder="off"),
     worker=WorkerSettings(count=PLACES),
 )
 """Eight rooms exactly alike: K = 8 clusters of the usual size, one a worker. Every scan a step."""
