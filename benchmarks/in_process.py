@@ -1,0 +1,84 @@
+"""Whole steps of the filter in one process, of any size: ten clusters at places of their own."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.cases import CELL_M, CENTRE, cells
+from particle_filter import belief
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.ray_casting import cast_rays_from_poses, jump_field
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import ClusterSettings, FilterSettings, SensorSettings
+from protocol.arrays import ArrayBlob
+from protocol.steps import Scan
+from protocol.work import Assignment, Particles, TrackJob
+from worker.jobs import RunningJob, running
+
+
+def steps(
+    clusters: int = 10, particles: int = 1_000, beams: int = 60, tiles: int = 1
+) -> Iterator[np.ndarray]:
+    """Endless steps, a belief each; every cluster tracks a robot that shakes in one place.
+
+    Args:
+        clusters: tracked, two of three of them in a wrong place.
+        particles: of each.
+        beams: scored of a scan of 181, or as many as there are.
+        tiles: the map is so many times as wide and as high.
+    """
+    settings = FilterSettings(
+        cluster=ClusterSettings(particles=particles), sensor=SensorSettings(max_beams=beams)
+    )
+    grid = np.tile(cells(), (tiles, tiles))
+    field = LikelihoodField.build(grid, CELL_M, np.zeros(3), settings.sensor)
+    model = SensorModel(field, jump_field(grid), settings.sensor)
+    rng = np.random.default_rng(0)
+    free = np.argwhere(grid == 0)
+    jobs = [_job(number, _place(number, free, rng), model, settings) for number in range(clusters)]
+    log_belief = np.full(clusters, -np.log(clusters))
+    angles = np.linspace(-np.pi / 2, np.pi / 2, max(beams, 181))
+    seen_m = cast_rays_from_poses(model.jumps, CELL_M, _TRUE_POSE, angles, 30.0)[0]
+    step = 1
+    while True:
+        scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)
+        reports = [job.advance(scan) for job in jobs]
+        evidence = np.array([report.log_weight_sum - np.log(particles) for report in reports])
+        log_belief = belief.mixed(belief.updated(log_belief, belief.bounded(evidence, 0.2)), 0.01)
+        yield log_belief
+        step += 1
+
+
+_TRUE_POSE = np.array([[*CENTRE, 0.3]])
+
+
+def _place(number: int, free: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    if number % 3 == 0:
+        return _TRUE_POSE[0]
+    row, col = free[rng.integers(len(free))]
+    return np.array([col * CELL_M, row * CELL_M, rng.uniform(-np.pi, np.pi)])
+
+
+def _job(
+    number: int, place: np.ndarray, model: SensorModel, settings: FilterSettings
+) -> RunningJob:
+    spread = np.random.default_rng(number).normal(0.0, [0.1, 0.1, 0.05], (500, 3))
+    start = Particles(
+        step=0,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(place + spread, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(500), "float64"),
+    )
+    job = TrackJob(cluster=number, start=start, exact=False)
+    assignment = Assignment(job_id=f"c{number}", epoch=0, job=job)
+    return running(assignment, model, settings, sender="benchmark")
+
+
+def _scan(step: int, ranges: np.ndarray, angles: np.ndarray) -> Scan:
+    return Scan(
+        sender="benchmark", step=step, stamp_ns=step,
+        odom_from_robot=(0.1 * (step % 2), 0.0, 0.05 * (step % 2)),
+        robot_from_laser=(0.0, 0.0, 0.0), angle_min_rad=float(angles[0]),
+        angle_step_rad=float(angles[1] - angles[0]), range_max_m=30.0,
+        ranges=ArrayBlob.of(ranges, "float32"), map_digest="",
+    )  # fmt: skip
