@@ -66,9 +66,9 @@ class Stranger:
         """Everything once."""
         for key in PUBLISHED:
             for data in NO_MESSAGES.values():
-                self.session.put(key, data)
+                self._put(key, data)
         for key, message in self._poison():
-            self.session.put(key, encode(message))
+            self._put(key, encode(message))
 
     def ask(self) -> None:
         """Everything once; answers are of no interest."""
@@ -86,9 +86,11 @@ class Stranger:
     def shout(self) -> None:
         """A hundred megabytes on keys that all workers and the coordinator hear."""
         for key in (keys.SCAN, keys.worker_report(WORKER)):
-            block = zenoh.CongestionControl.BLOCK
-            self.session.put(key, bytes(100_000_000), congestion_control=block)
-            self.session.put(key, bytes(33_000_000), congestion_control=block)
+            self._put(key, bytes(100_000_000))
+            self._put(key, bytes(33_000_000))
+
+    def _put(self, key: str, data: bytes) -> None:
+        self.session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def _get(self, selector: str, data: bytes) -> None:
         self.session.get(selector, lambda _reply: None, payload=data, timeout=0.5)
