@@ -120,12 +120,12 @@ class ClusterSet:
                 ended.append(cluster.job_id)
         return ended
 
-    def holds(self, pose: PoseTuple) -> bool:
-        """Whether a cluster is at this place already."""
+    def near(self, pose: PoseTuple, means: Iterable[PoseTuple]) -> bool:
+        """Whether one of these means is so near to a place that their clusters would merge."""
         return any(
-            math.dist(cluster.mean[:2], pose[:2]) <= self._rules.merge_distance_m
-            and heading_distance(cluster.mean[2], pose[2]) <= self._rules.merge_heading_rad
-            for cluster in self._clusters.values()
+            math.dist(mean[:2], pose[:2]) <= self._rules.merge_distance_m
+            and heading_distance(mean[2], pose[2]) <= self._rules.merge_heading_rad
+            for mean in means
         )
 
     def free_places(self, step: int) -> int:

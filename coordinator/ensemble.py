@@ -16,9 +16,13 @@ from coordinator.offer import with_offer
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
 from protocol.work import Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 Job = TrackJob | SearchJob
+
+KEPT_MEANS = 100
+"""Steps that a search may lie behind the clusters it is compared with."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class Ensemble:
         self._next_search_step = 0
         self._begin: dict[str, Job] = {}
         self._end: list[str] = []
+        self._means: dict[int, dict[str, PoseTuple]] = {}
+        """Where the clusters that reported were at the last steps."""
 
     @property
     def expected(self) -> tuple[str, ...]:
@@ -81,10 +87,8 @@ class Ensemble:
         arrived = {report.job_id for report in reports if report.step == step}
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
-        # A cluster without a report is where it was at an earlier step, so nobody can tell
-        # whether it holds a place that the search has found at this one.
-        all_here = tracks.keys() >= set(self.clusters.job_ids)
         self.clusters.weigh(tracks)
+        self._note_means(step, tracks.values())
         self._fit.update(
             max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)
         )
@@ -92,7 +96,7 @@ class Ensemble:
             self._end += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self._end += self.clusters.drop_improbable(step)
-        self._follow_search(step, reports, all_here=all_here)
+        self._follow_search(step, reports)
         if self._search is None and (self._fit.lost or step >= self._next_search_step):
             self._start_search(step + 1)
         return self._outcome(step, missing)
@@ -137,6 +141,7 @@ class Ensemble:
         self.clusters.restore(state.clusters, state.next_cluster)
         self._fit.restore(state.fit)
         self._search = self._pool = None
+        self._means.clear()
         if state.search is not None:
             self._search, self._pool = SearchPool.restored(state.search, self.settings.search)
         self.searches, self._next_search_step = state.searches, state.next_search_step
@@ -178,7 +183,12 @@ class Ensemble:
         self._search = self._pool = None
         self._next_search_step = step + self.settings.belief.search_every_steps
 
-    def _follow_search(self, step: int, reports: Sequence[Report], *, all_here: bool) -> None:
+    def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
+        self._means[step] = {report.job_id: report.mean for report in reports}
+        while len(self._means) > KEPT_MEANS:
+            del self._means[next(iter(self._means))]
+
+    def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
         if self._search is None:
             return
         for report in reports:
@@ -187,10 +197,12 @@ class Ensemble:
         fresh = self._search.pooled()
         self._pool = fresh or self._pool
         if fresh and self._search.finished(fresh, self.settings.belief.clusters):
-            if not all_here:
+            then = self._means.get(fresh.step, {})
+            if any(job_id not in then for job_id in self.clusters.job_ids):
                 return  # it goes on until it can be told who is new
             if len(self.clusters):
-                self._admit_newcomers(fresh, step)
+                held = [then[job_id] for job_id in self.clusters.job_ids]
+                self._admit_newcomers(fresh, step, held)
             else:
                 self._admit_first(fresh, self._search, step)
             self._stop_search(step)
@@ -214,20 +226,39 @@ class Ensemble:
         self._offer = None
         self._admit(first, step)
 
-    def _admit_newcomers(self, pool: Pool, step: int) -> None:
-        """The best places of a restart that no cluster holds enter with a small probability."""
-        rules = self.settings.belief
+    def _admit_newcomers(self, pool: Pool, step: int, held: Sequence[PoseTuple]) -> None:
+        """The best places of a restart that no cluster holds enter with a small probability.
+
+        Args:
+            pool: what the search has found.
+            step: the step after which they are tracked.
+            held: where the clusters were at the step of the pool.
+        """
+        most, least_share, given = self._terms(pool)
         fresh = [
             place
             for place in pool.places
-            if place.share >= rules.newcomer_min_share and not self.clusters.holds(place.mean)
-        ][: min(rules.newcomers, self.clusters.free_places(step))]
+            if place.share >= least_share and not self.clusters.near(place.mean, held)
+        ][: min(most, self.clusters.free_places(step))]
         if not fresh:
             return
-        given = rules.lost_newcomer_probability if self._fit.lost else rules.newcomer_probability
         total = math.fsum(place.share for place in fresh)
         candidates = [_candidate(place, given * place.share / total) for place in fresh]
-        self._admit(candidates, step, protected_until=step + rules.grace_steps)
+        grace = self.settings.belief.grace_steps
+        self._admit(candidates, step, protected_until=step + grace)
+
+    def _terms(self, pool: Pool) -> tuple[int, float, float]:
+        """How many newcomers enter at most, from which share on, with what probability together.
+
+        A lost robot of which the search has found a place that fits as scans usually do has been
+        moved: most clusters make room. Where nothing fits as usual, people may stand around.
+        """
+        rules = self.settings.belief
+        if not self._fit.lost:
+            return rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability
+        if self._fit.is_usual(pool.log_likelihood_per_beam):
+            return rules.found_newcomers, rules.found_min_share, rules.found_probability
+        return rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability
 
     def _admit(self, candidates: list[Candidate], step: int, *, protected_until: int = -1) -> None:
         admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)

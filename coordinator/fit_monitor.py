@@ -30,6 +30,10 @@ class FitMonitor:
         """Know what another has known."""
         self._usual, self._recent, self.lost = state.usual, state.recent, state.lost
 
+    def is_usual(self, log_likelihood_per_beam: float) -> bool:
+        """Whether scans that fit so well fit about as tracking is used to."""
+        return self._usual - log_likelihood_per_beam <= 0.5 * self._rules.lost_fit_drop
+
     def update(self, log_likelihood_per_beam: float) -> None:
         """Take the best fit of one step; NaN when no cluster reported."""
         fit = log_likelihood_per_beam

@@ -41,6 +41,8 @@ class Pool:
 
     step: int
     places: tuple[PooledPlace, ...]
+    log_likelihood_per_beam: float = math.nan
+    """Of the best particle, without the exponent; not known of a pool that was handed on."""
 
 
 class SearchPool:
@@ -114,14 +116,15 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
         if weight * place.share > 0.0
     ]
     found.sort(key=lambda pair: -pair[0])
+    best_fit = max(report.log_likelihood_per_beam for report in reports)
     if not found:
-        return Pool(step, ())
+        return Pool(step, (), best_fit)
     means = np.array([place.mean for _, place in found])
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
     groups = [np.flatnonzero(into == index) for index in np.unique(into)]
     joined = [_joined([found[member] for member in group]) for group in groups]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined))
+    return Pool(step, tuple(joined), best_fit)
 
 
 def _joined(found: list[tuple[float, Place]]) -> PooledPlace:

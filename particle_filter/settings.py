@@ -198,8 +198,18 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float, described("a place with a smaller share of its search does not enter", ge=0, le=1)
     ] = 0.1
     lost_newcomer_probability: Annotated[
-        float, described("probability given to newcomers when the robot is lost", gt=0, le=1)
+        float, described("the same when the robot is lost and nothing fits well", gt=0, le=1)
+    ] = 0.1
+    found_probability: Annotated[
+        float,
+        described(
+            "the same when it is lost and the search has found what fits as usual", gt=0, le=1
+        ),
     ] = 0.3
+    found_newcomers: Annotated[int, described("places that enter then, at most", gt=0)] = 8
+    found_min_share: Annotated[
+        float, described("share of its search that a place needs then", ge=0, le=1)
+    ] = 0.01
     lost_fit_drop: Annotated[
         float, described("lost when scans fit so much worse than usual", "nat/beam", gt=0)
     ] = 0.8

@@ -120,6 +120,20 @@ def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leave
     assert sum(probabilities(outcome).values()) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("usual_fit", "probability"), [(-1.0, 0.3), (0.0, 0.1)])
+def test_a_lost_robot_is_looked_for_most_where_scans_fit_as_usual(
+    usual_fit: float, probability: float
+) -> None:
+    """The search's best place fits with -1: as usual, or much worse, as with people around."""
+    made = bootstrapped({NORTH: 1.0})
+    made.advance(1, [tracked("c0", 1, 0.1, NORTH, fit=usual_fit)])
+    outcome = made.advance(2, [tracked("c0", 2, 0.1, NORTH, fit=-9.0)])
+    assert outcome.state == "lost"
+    reports: list[Report] = [tracked("c0", 3, 0.1, NORTH, fit=-9.0)]
+    reports += [searched(f"s1.{n}", 3, {EAST: 1.0}) for n in range(2)]
+    assert probabilities(made.advance(3, reports))[1] == pytest.approx(probability)
+
+
 def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
     tracks = {"c0": NORTH, "c1": SOUTH}
@@ -144,6 +158,17 @@ def test_while_a_cluster_is_not_heard_of_nobody_enters_in_its_place() -> None:
     reports = [searched(f"s1.{n}", 3, found) for n in range(2)]
     tracks = [tracked("c0", 3, 0.1, moved_north), tracked("c1", 3, 0.1, moved_south)]
     outcome = made.advance(3, [*tracks, *reports])
+    assert set(probabilities(outcome)) == {0, 1}
+    assert not outcome.searching
+
+
+def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
+    made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
+    made.advance(2, [tracked("c0", 2, 0.1, NORTH), tracked("c1", 2, 0.1, SOUTH)])
+    late: list[Report] = [searched(f"s1.{n}", 2, {NORTH: 0.6, SOUTH: 0.4}) for n in range(2)]
+    moved = [tracked("c0", 3, 0.1, (0.0, 7.0, 0.0)), tracked("c1", 3, 0.1, (0.0, -3.0, 0.0))]
+    outcome = made.advance(3, [*moved, *late])
     assert set(probabilities(outcome)) == {0, 1}
     assert not outcome.searching
 
