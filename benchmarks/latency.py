@@ -13,7 +13,8 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -84,26 +85,63 @@ def table(stages: dict[str, np.ndarray], whole: np.ndarray) -> str:
     return "\n".join(lines)
 
 
-def run_stack(folder: Path, seconds: float, settings: Sequence[str]) -> None:
-    """A stack for so long; `settings` as for `--set`."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    assignments = [
-        f"zenoh.router=tcp/127.0.0.1:{port}",
-        f"log.trace_folder={folder}",
-        "bridge.gate_distance_m=0",
-        "bridge.gate_turn_rad=0",
-        *settings,
-    ]
-    command = [sys.executable, "-c", "from clustermcl.command import main; main()", "up"]
-    command += [part for setting in assignments for part in ("--set", setting)]
-    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, env=environment)
+@contextmanager
+def network(far: bool) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """The address where processes meet, and what a command of the far machine begins with.
+
+    The far machine is a network namespace at the other end of a cable (veth); it needs root.
+    """
+    if not far:
+        yield "127.0.0.1", ()
+        return
+    name = f"mclbench{os.getpid()}"[:13]
+    here, there, subnet = f"{name}a", f"{name}b", f"10.214.{os.getpid() % 250}"
+    over_there = ("ip", "netns", "exec", name)
+    _run("ip", "netns", "add", name)
     try:
-        process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        process.send_signal(signal.SIGTERM)
+        _run("ip", "link", "add", here, "type", "veth", "peer", "name", there, "netns", name)
+        _run("ip", "addr", "add", f"{subnet}.1/30", "dev", here)
+        _run("ip", "link", "set", here, "up")
+        _run(*over_there, "ip", "addr", "add", f"{subnet}.2/30", "dev", there)
+        _run(*over_there, "ip", "link", "set", there, "up")
+        yield f"{subnet}.1", over_there
+    finally:
+        _run("ip", "netns", "del", name)
+
+
+def _run(*command: str) -> None:
+    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
+
+
+def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers: int) -> None:
+    """A stack for so long; `settings` as for `--set`; some workers on the far machine."""
+    with network(far_workers > 0) as (address, over_there), ExitStack() as started:
+        with socket.socket() as probe:
+            probe.bind((address, 0))
+            port = probe.getsockname()[1]
+        assignments = [
+            f"zenoh.router=tcp/{address}:{port}",
+            f"log.trace_folder={folder}",
+            "bridge.gate_distance_m=0",
+            "bridge.gate_turn_rad=0",
+            *settings,
+        ]
+        words = [word for setting in assignments for word in ("--set", setting)]
+        near = [sys.executable, "-I", "-m", "clustermcl", "up", *words]
+        far = [*over_there, sys.executable, "-I", "-m", "worker", *words]
+        far += ["--name", "far", "--count", str(far_workers)]
+        for command in (near, far) if far_workers else (near,):
+            started.enter_context(_ended(subprocess.Popen(command, stdin=subprocess.DEVNULL)))
+        time.sleep(seconds)
+
+
+@contextmanager
+def _ended(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """End it as Ctrl-C does."""
+    try:
+        yield
+    finally:
+        process.send_signal(signal.SIGINT)
         process.wait(20)
 
 
@@ -112,6 +150,7 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=1_000)
     parser.add_argument("--clusters", type=int, default=10)
     parser.add_argument("--workers", type=int, default=12)
+    parser.add_argument("--far", type=int, default=0, help="more workers, in a network namespace")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--world", default="office")
     parser.add_argument("--skip", type=int, default=50, help="steps at the start left out")
@@ -129,6 +168,7 @@ def main() -> None:
                 "belief.search_every_steps=1000000",
                 *options.set,
             ],
+            options.far,
         )
         stages, whole, reports = stages_of(Path(name))
     if not len(whole):
