@@ -234,18 +234,31 @@ class Ensemble:
             step: the step after which they are tracked.
             held: where the clusters were at the step of the pool.
         """
-        rules = self.settings.belief
+        most, least_share, given = self._terms(pool)
         fresh = [
             place
             for place in pool.places
-            if place.share >= rules.newcomer_min_share and not self.clusters.near(place.mean, held)
-        ][: min(rules.newcomers, self.clusters.free_places(step))]
+            if place.share >= least_share and not self.clusters.near(place.mean, held)
+        ][: min(most, self.clusters.free_places(step))]
         if not fresh:
             return
-        given = rules.lost_newcomer_probability if self._fit.lost else rules.newcomer_probability
         total = math.fsum(place.share for place in fresh)
         candidates = [_candidate(place, given * place.share / total) for place in fresh]
-        self._admit(candidates, step, protected_until=step + rules.grace_steps)
+        grace = self.settings.belief.grace_steps
+        self._admit(candidates, step, protected_until=step + grace)
+
+    def _terms(self, pool: Pool) -> tuple[int, float, float]:
+        """How many newcomers enter at most, from which share on, with what probability together.
+
+        A lost robot of which the search has found a place that fits as scans usually do has been
+        moved: most clusters make room. Where nothing fits as usual, people may stand around.
+        """
+        rules = self.settings.belief
+        if not self._fit.lost:
+            return rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability
+        if self._fit.is_usual(pool.log_likelihood_per_beam):
+            return rules.found_newcomers, rules.found_min_share, rules.found_probability
+        return rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability
 
     def _admit(self, candidates: list[Candidate], step: int, *, protected_until: int = -1) -> None:
         admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)

@@ -173,17 +173,6 @@ def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() ->
     assert not outcome.searching
 
 
-def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() -> None:
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
-    made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
-    made.advance(2, [tracked("c0", 2, 0.1, NORTH), tracked("c1", 2, 0.1, SOUTH)])
-    late: list[Report] = [searched(f"s1.{n}", 2, {NORTH: 0.6, SOUTH: 0.4}) for n in range(2)]
-    moved = [tracked("c0", 3, 0.1, (0.0, 7.0, 0.0)), tracked("c1", 3, 0.1, (0.0, -3.0, 0.0))]
-    outcome = made.advance(3, [*moved, *late])
-    assert set(probabilities(outcome)) == {0, 1}
-    assert not outcome.searching
-
-
 def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
     places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
     made = bootstrapped(places, search_every_steps=1, grace_steps=50)
