@@ -139,7 +139,8 @@ class Tracking:
         return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:
-        if self._snapshot_every == 0 or scan.step % self._snapshot_every != 0:
+        """The particles now and then, each cluster at steps of its own: 64 kB at a time."""
+        if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
             return None
         return self._particles()
 
