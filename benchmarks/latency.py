@@ -18,9 +18,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 Stamps = dict[tuple[int, str, str], int]
 """(step, event, sender): when [ns]."""
+_WATCHED_S, _STEPS_PER_S = 10.0, 10.0
 STAGES = (
     ("bridge: encode the scan", "Scan.encode", "Scan.put"),
     ("bridge: hand it to Zenoh", "Scan.put", "Scan.gone"),
@@ -113,8 +115,12 @@ def _run(*command: str) -> None:
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
 
 
-def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers: int) -> None:
-    """A stack for so long; `settings` as for `--set`; some workers on the far machine."""
+def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers: int) -> float:
+    """A stack for so long; `settings` as for `--set`; some workers on the far machine.
+
+    Returns:
+        CPU time of all processes over the last seconds of it [s].
+    """
     with network(far_workers > 0) as (address, over_there), ExitStack() as started:
         with socket.socket() as probe:
             probe.bind((address, 0))
@@ -132,7 +138,26 @@ def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers
         far += ["--name", "far", "--count", str(far_workers)]
         for command in (near, far) if far_workers else (near,):
             started.enter_context(_ended(subprocess.Popen(command, stdin=subprocess.DEVNULL)))
-        time.sleep(seconds)
+        time.sleep(seconds - _WATCHED_S)
+        before = _cpu_s()
+        time.sleep(_WATCHED_S)
+        after = _cpu_s()
+    for part in sorted(after):
+        used = [after[part][pid] - spent for pid, spent in before[part].items()]
+        each_ms = 1e3 * np.mean(used) / (_WATCHED_S * _STEPS_PER_S)
+        print(f"CPU of a step, {part}: {len(used)} x {each_ms:.2f} ms")
+    return sum(after[part][pid] - spent for part in after for pid, spent in before[part].items())
+
+
+def _cpu_s() -> dict[str, dict[int, float]]:
+    """CPU time of every process of ours so far, by part."""
+    spent: dict[str, dict[int, float]] = defaultdict(dict)
+    for process in psutil.Process().children(recursive=True):
+        words = process.cmdline()
+        part = next((word for word in words[words.index("-m") + 1 :]), "") if "-m" in words else ""
+        times = process.cpu_times()
+        spent[part][process.pid] = times.user + times.system
+    return spent
 
 
 @contextmanager
@@ -157,7 +182,7 @@ def main() -> None:
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        run_stack(
+        cpu_s = run_stack(
             Path(name),
             options.seconds,
             [
@@ -176,6 +201,11 @@ def main() -> None:
     stages = {name: values[options.skip :] for name, values in stages.items()}
     print(f"{len(whole) - options.skip} steps, {reports} clusters of {options.particles} particles")
     print(table(stages, whole[options.skip :]))
+    share = cpu_s / _WATCHED_S / (os.cpu_count() or 1)
+    print(
+        f"CPU of a step, all processes: {1e3 * cpu_s / _WATCHED_S / _STEPS_PER_S:.1f} ms; ", end=""
+    )
+    print(f"{100 * share:.0f} % of this machine at {_STEPS_PER_S:g} steps a second")
     print(f"load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d %H:%M')}")
 
 
