@@ -27,13 +27,18 @@ class Books:
     """The parts of a coordinator's knowledge, and what moves between them."""
 
     def __init__(
-        self, sender: str, filter_settings: FilterSettings, settings: CoordinatorSettings
+        self,
+        sender: str,
+        filter_settings: FilterSettings,
+        settings: CoordinatorSettings,
+        *,
+        live: bool,
     ) -> None:
         self._seed = filter_settings.seed
         self.ensemble = Ensemble(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
-        self.pose = PoseTracker(sender, settings.stale_after_s)
+        self.pose = PoseTracker(sender, settings.stale_after_s, live=live)
         self.outcome: Outcome | None = None
         self.applied_scan: Scan | None = None
         self.counters: Counter[str] = Counter()

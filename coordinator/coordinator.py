@@ -40,6 +40,7 @@ class Coordinator:
         term: int = 0,
         known: Checkpoint | None = None,
         last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+        live: bool = False,
     ) -> None:
         """Know nothing yet.
 
@@ -52,10 +53,11 @@ class Coordinator:
             term: see `Succession`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
             last_poses: where the robot was at the end of an earlier life, by the map's digest.
+            live: the robot's stamps are of a clock that runs like any other.
         """
         self._sender, self._settings = sender, settings
         self._last_poses = last_poses
-        self._books = Books(sender, filter_settings, settings)
+        self._books = Books(sender, filter_settings, settings, live=live)
         self._spokesman = Spokesman(sender, version, self._books, now_ns)
         self._succession = Succession(sender, term, known, now_ns)
         self._numbering = Numbering()

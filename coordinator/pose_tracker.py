@@ -5,15 +5,23 @@ import math
 import numpy as np
 
 from coordinator.ensemble import Outcome
+from coordinator.lateness import Lateness
 from particle_filter.poses import between, compose
 from protocol.answers import Hypothesis, PoseAnswer
 from protocol.message import Covariance, PoseTuple
 
 
 class PoseTracker:
-    """Answers where the robot is now, and how old the data is that says so."""
+    """Answers where the robot is now, and how old the data is that says so.
 
-    def __init__(self, sender: str, stale_after_s: float) -> None:
+    Args:
+        sender: name of the process.
+        stale_after_s: older data is not called fresh.
+        live: stamps are of a clock that runs like any other, so that they tell what the network
+            has held up; those of a recording run as fast as it is played.
+    """
+
+    def __init__(self, sender: str, stale_after_s: float, *, live: bool = False) -> None:
         self._sender, self._stale_after_s = sender, stale_after_s
         self._outcome: Outcome | None = None
         self._odom_at_step: PoseTuple = (0.0, 0.0, 0.0)
@@ -21,12 +29,15 @@ class PoseTracker:
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
         self._by_scan = True
+        self._lateness = Lateness() if live else None
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
         """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
         if self._arrived_ns is not None and stamp_ns == self._stamp_ns:
             return
-        self._stamp_ns, self._odom_now, self._arrived_ns = stamp_ns, odom_from_robot, now_ns
+        late_ns = self._lateness.of(stamp_ns, now_ns) if self._lateness else 0
+        self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+        self._arrived_ns = now_ns - late_ns
         self._by_scan = False
 
     def scan(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
@@ -46,7 +57,7 @@ class PoseTracker:
             self._arrived_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1
 
     def age_s(self, now_ns: int) -> float:
-        """Since the newest data arrived [s]; -1 before any did."""
+        """Since the newest data arrived, or would have in time [s]; -1 before any did."""
         return -1.0 if self._arrived_ns is None else (now_ns - self._arrived_ns) / 1e9
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:

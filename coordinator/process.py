@@ -91,6 +91,7 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
         term=time.time_ns() // 1_000,
         known=known,
         last_poses=read_all(folder, robot) if folder else {},
+        live=settings.bridge.source == LIVE_SOURCE,
     )
     keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
     CoordinatorLoop(coordinator, session, keeper).run(invocation.stop)

@@ -50,7 +50,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     stamp_ns: int
     """Robot's clock at the odometry that carried the pose forward."""
     age_s: float
-    """Since that odometry arrived, by the coordinator's clock; -1 for `none`."""
+    """Since that odometry arrived, by the coordinator's clock; -1 for `none`. What has come later
+    than usual by a live robot's stamps counts from when it should have come."""
     step: int
     probability: float
     map_from_robot: PoseTuple | None

@@ -88,3 +88,13 @@ def test_stamps_of_scans_may_step_back_where_there_is_no_odometry_between() -> N
     tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
     tracker.scan(SECOND // 2, (1.0, 0.0, 0.0), now_ns=SECOND)
     assert tracker.answer(SECOND, workers=1).map_from_robot == pytest.approx((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
+def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshness: str) -> None:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0, live=live)
+    tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
+    tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
+    answer = tracker.answer(int(2.3 * SECOND), workers=1)
+    assert answer.freshness == freshness
+    assert answer.age_s == pytest.approx(1.3 if live else 0.0)
