@@ -135,7 +135,7 @@ def hidden_log_likelihood(cloud: Cloud, beams: Beams, model: SensorModel) -> flo
     shares = np.cumsum(cloud.weights)
     middles = (np.arange(count) + 0.5) / count
     chosen = np.searchsorted(shares, middles).clip(max=len(shares) - 1)
-    mean = float(np.mean(model.hidden(cloud.map_from_robot[chosen], beams)))
+    mean = float(model.hidden(cloud.map_from_robot[chosen], beams).mean())
     return max(mean - tolerance * beams.count, 0.0)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from math import log, pi, sqrt
 
 import numpy as np
@@ -107,6 +108,11 @@ class LikelihoodField:
     map_from_grid: Pose
     """(3,) the outer corner of cell (0, 0), in the map's frame."""
 
+    @cached_property
+    def in_cells(self) -> ToCells:
+        """What carries a point of the map to cells of the grid."""
+        return to_cells(self.map_from_grid, self.cell_m)
+
     @classmethod
     def build(
         cls, cells: Cells, cell_m: float, map_from_grid: Pose, settings: SensorSettings
@@ -179,7 +185,7 @@ def scan_log_likelihood(
         (np.cos(headings), np.sin(headings)),
         (np.asarray(hits_in_robot) / field.cell_m).astype(np.float32),
         read_only(field.codes),
-        to_cells(field.map_from_grid, field.cell_m),
+        field.in_cells,
     )
     return np.asarray(len(hits_in_robot) * field.log_floor + field.log_step * sums)
 

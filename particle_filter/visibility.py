@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Poses
-from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
+from particle_filter.kernel_arguments import ToCells, plain, read_only
 from particle_filter.kernels import kernel
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.ray_casting import JumpField, cast_ray
@@ -51,7 +51,7 @@ def hidden_log_likelihood(
         plain(hits_in_robot),
         read_only(field.codes),
         read_only(jumps),
-        to_cells(field.map_from_grid, field.cell_m),
+        field.in_cells,
         margin_m / field.cell_m,
         slack_rad,
     )

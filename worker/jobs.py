@@ -255,11 +255,11 @@ def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True
 
 def pose_tuple(pose: Pose) -> PoseTuple:
     """A pose as it travels."""
-    x, y, heading = (float(value) for value in pose)
+    x, y, heading = pose.tolist()
     return (x, y, heading)
 
 
 def covariance_tuple(covariance: Pose) -> Covariance:
     """A (3, 3) covariance as it travels."""
-    a, b, c, d, e, f, g, h, i = (float(value) for value in covariance.ravel())
+    a, b, c, d, e, f, g, h, i = covariance.ravel().tolist()
     return (a, b, c, d, e, f, g, h, i)
