@@ -56,7 +56,7 @@ class Observer:
         self.places = Places(promised.places or settings.belief.clusters)
         self._promised = promised
         self._answered = Answered(self.availability)
-        self._ages = Ages(self.availability, settings.coordinator.stale_after_s)
+        self._ages = Ages(settings.coordinator.stale_after_s)
         self._probabilities, self._truth = Probabilities(), Truth()
         self._steps = Steps(self.availability)
         longest_s = settings.coordinator.step_deadline_s + HAND_OVER_S

@@ -63,14 +63,12 @@ class Ages:
     """Compares what answers say of their age with the robot's stamps; all share one clock.
 
     The answer was made between question and arrival, so its data had an age between
-    `asked - stamp` and `arrived - stamp`; only what is outside for certain counts. The
-    coordinator counts from when the data arrived: what a network that stands still holds up is
-    told but excused, unless it is called fresh though it is too old.
+    `asked - stamp` and `arrived - stamp`; only what is outside for certain counts.
     """
 
-    def __init__(self, availability: Availability, stale_after_s: float) -> None:
-        self._availability, self._stale_after_s = availability, stale_after_s
-        self._fresh = self._judged = self._held_up = 0
+    def __init__(self, stale_after_s: float) -> None:
+        self._stale_after_s = stale_after_s
+        self._fresh = self._judged = 0
         self._oldest_fresh_s = self._worst_s = 0.0
         self._wrong_fresh: list[Break] = []
         self._dishonest: list[Break] = []
@@ -90,11 +88,6 @@ class Ages:
                 what = f"fresh, but its data is {least_s:.2f} s old"
                 self._wrong_fresh.append(Break(question.asked_ns, what))
         off_s = max(least_s - answer.age_s, answer.age_s - most_s, 0.0)
-        if off_s > ALLOWANCE_S and self._availability.cut_off(
-            question.asked_ns, question.closed_ns
-        ):
-            self._held_up += 1
-            return
         self._worst_s = max(self._worst_s, off_s)
         if off_s > ALLOWANCE_S:
             what = f"says {answer.age_s:.2f} s, is {least_s:.2f} to {most_s:.2f} s"
@@ -116,13 +109,12 @@ class Ages:
                 promise="a pose says how old its data is",
                 target=f"within {ALLOWANCE_S:g} s",
                 measured=f"{len(self._dishonest)} of {self._judged:,} not, worst "
-                f"{self._worst_s:.2f} s off; {self._held_up} held up",
+                f"{self._worst_s:.2f} s off",
                 kept=self._judged > 0 and not self._dishonest,
                 breaks=tuple(self._dishonest[:KEPT_BREAKS]),
                 figures={
                     "wrong": len(self._dishonest),
                     "worst_s": self._worst_s,
-                    "held_up": self._held_up,
                 },
             ),
         ]

@@ -18,7 +18,7 @@ class Truth:
     def __init__(self) -> None:
         self._truths: OrderedDict[int, PoseTuple] = OrderedDict()
         self._waiting: OrderedDict[int, tuple[int, Belief]] = OrderedDict()
-        self._judged = self._right = self._unknown = 0
+        self._judged = self._right = self._unknown = self._blind = 0
         self._errors_m: list[float] = []
         self._untracked: list[Break] = []
         self._sure_and_wrong: list[Break] = []
@@ -54,10 +54,15 @@ class Truth:
                 promise="one of the places is where the robot is",
                 target=f">= {TRUTH_TRACKED_SHARE:.0%} of beliefs",
                 measured=f"{share:.2%} of {self._judged:,}; {median_m:.2f} m off "
-                f"(99 %: {p99_m:.2f} m)",
+                f"(99 %: {p99_m:.2f} m); {self._blind} blind",
                 kept=self._judged > 0 and share >= TRUTH_TRACKED_SHARE,
                 breaks=tuple(self._untracked[:KEPT_BREAKS]),
-                figures={"share": share, "median_m": median_m, "p99_m": p99_m},
+                figures={
+                    "share": share,
+                    "median_m": median_m,
+                    "p99_m": p99_m,
+                    "blind": self._blind,
+                },
             ),
             Verdict(
                 promise="no belief is sure of a wrong place",
@@ -87,6 +92,9 @@ class Truth:
 
     def _judge(self, at_ns: int, belief: Belief, truth: PoseTuple) -> None:
         if not belief.hypotheses:
+            return
+        if all(f"c{place.cluster}" in belief.missing for place in belief.hypotheses):
+            self._blind += 1  # no worker is left: the places are where they were
             return
         errors = [pose_error(place.mean, truth) for place in belief.hypotheses]
         nearest: PoseError = min(errors, key=lambda error: (not error.right, error.distance_m))

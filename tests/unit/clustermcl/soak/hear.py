@@ -31,7 +31,9 @@ def place(cluster: int, probability: float, mean: PoseTuple = (0.0, 0.0, 0.0)) -
     )
 
 
-def belief(step: int, *places: Hypothesis, stamp_s: float = 0.0) -> Belief:
+def belief(
+    step: int, *places: Hypothesis, stamp_s: float = 0.0, missing: tuple[str, ...] = ()
+) -> Belief:
     return Belief(
         sender="coordinator",
         step=step,
@@ -40,6 +42,7 @@ def belief(step: int, *places: Hypothesis, stamp_s: float = 0.0) -> Belief:
         state="ambiguous",
         hypotheses=places,
         searching=False,
+        missing=missing,
     )
 
 

@@ -29,3 +29,13 @@ def test_to_be_sure_of_a_wrong_place_is_noticed() -> None:
     tracked, sure = check.verdicts()
     assert tracked.kept is True
     assert [broken.what for broken in sure.breaks] == ["5.0 m off at step 7"]
+
+
+def test_a_belief_that_no_worker_has_reported_to_is_not_judged() -> None:
+    check = Truth()
+    check.truth(at(1.0), (0.0, 0.0, 0.0))
+    far = place(0, 0.5, (5.0, 0.0, 0.0)), place(1, 0.5, (9.0, 0.0, 0.0))
+    check.take(at(1.1), belief(1, *far, stamp_s=1.0, missing=("c0", "c1")))
+    assert check.verdicts()[0].figures["blind"] == 1
+    check.take(at(1.1), belief(1, *far, stamp_s=1.0, missing=("c0",)))
+    assert check.verdicts()[0].figures["share"] == 0.0
