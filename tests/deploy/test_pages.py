@@ -33,7 +33,7 @@ def causes() -> set[str]:
     """Every cause, in fixed words, that a process counts what it dropped under."""
     found: set[str] = set()
     for source in sources():
-        found |= set(re.findall(r'_counters\["([^"]+)"\]', source))
+        found |= set(re.findall(r'counters\["([^"]+)"\]', source))
         found |= set(re.findall(r'_causes\.warn\(\s*_log, "([^"]+)"', source))
         found |= set(re.findall(r'return "(order [^"]+)"', source))
     maker = (REPOSITORY / "sensor_bridge" / "step_maker.py").read_text()

@@ -69,7 +69,7 @@ class TypedCommand:
     def assert_nothing_runs(self) -> None:
         """No process of it is left, or they all end this moment."""
         assert self.family, "there were processes to look for"
-        _, alive = psutil.wait_procs(self.family, timeout=5.0)
+        _, alive = psutil.wait_procs(self.family, timeout=15.0)
         assert alive == []
 
 

@@ -31,7 +31,12 @@ def system(start_stack: StartStack) -> Settings:
         wait_until(lambda: client.pose().step == STEPS - 1, deadline_s=60.0)
         wait_until(lambda: {p.sender for p in client.status().processes} == PROCESSES)
         wait_until(lambda: all(p.done for p in client.status().processes))
+        wait_until(lambda: _steps_of_the_robot(client) == STEPS)
     return settings
+
+
+def _steps_of_the_robot(client: Client) -> int:
+    return next(p.done["steps"] for p in client.status().processes if p.sender == "robot_simulator")
 
 
 def scraped(settings: Settings) -> Iterator[Sample]:
