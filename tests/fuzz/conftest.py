@@ -5,8 +5,11 @@ from collections.abc import Iterator
 
 import pytest
 
-MAX_GROWTH_MB = 300
-"""Hypothesis itself keeps some ten megabytes; the largest input is a tenth of a megabyte."""
+from tests.fuzz.effort import ALL_CASES
+
+MAX_GROWTH_MB = 200 + 0.005 * ALL_CASES
+"""Hypothesis remembers every case of a test, 50 kB of the largest kind, until the test ends. The
+same cases again and again without Hypothesis leave the memory as it is."""
 
 
 @pytest.fixture(autouse=True)
