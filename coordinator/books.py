@@ -6,6 +6,7 @@ Everything here that decides can be handed on to another coordinator, and be tak
 from collections import Counter
 
 import msgspec
+import numpy as np
 
 from coordinator.checkpoint import STATE_VERSION, CoordinatorState, OfferState, from_bytes
 from coordinator.ensemble import Ensemble, Outcome
@@ -13,10 +14,13 @@ from coordinator.given_places import candidate
 from coordinator.placement import Placement
 from coordinator.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
+from particle_filter.arrays import Pose
+from particle_filter.poses import between
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Report, TrackJob, TrackReport
 
@@ -65,12 +69,20 @@ class Books:
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
         expected = self.ensemble.expected
-        outcome = self.ensemble.advance(ready.scan.step, ready.reports)
+        outcome = self.ensemble.advance(
+            ready.scan.step, ready.reports, self._moved_to(ready.scan.odom_from_robot)
+        )
         self.placement.step_decided(expected, outcome.missing, now_ns)
         self.applied_scan = ready.scan
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         self.follow(outcome, ready.scan)
+
+    def _moved_to(self, odom_from_robot: PoseTuple) -> Pose | None:
+        """How the robot moved since the step that was applied last."""
+        if self.applied_scan is None:
+            return None
+        return between(np.array(self.applied_scan.odom_from_robot), np.array(odom_from_robot))
 
     def follow(self, outcome: Outcome, scan: Scan) -> None:
         """Hand out the jobs of an outcome."""

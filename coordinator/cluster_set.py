@@ -1,14 +1,15 @@
 """The tracked places and their probabilities: at most K, always normalised."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from particle_filter import belief
+from particle_filter.arrays import Pose
 from particle_filter.overlaps import merge_overlapping
-from particle_filter.poses import heading_distance
+from particle_filter.poses import compose, heading_distance
 from particle_filter.settings import BeliefSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.work import Particles, TrackReport
@@ -98,6 +99,19 @@ class ClusterSet:
             squared_prior=self._rules.squared_prior,
         )
         self._set(belief.mixed(posterior, self._rules.transition_probability))
+
+    def carry(self, job_ids: Collection[str], before_from_after: Pose) -> None:
+        """Move clusters that were not heard of by odometry: nobody else says where they are now.
+
+        Args:
+            job_ids: theirs.
+            before_from_after: (3,) how the robot moved since the step before.
+        """
+        for cluster in self.all():
+            if cluster.job_id in job_ids:
+                x_m, y_m, heading = compose(np.array(cluster.mean), before_from_after)
+                mean = (float(x_m), float(y_m), float(heading))
+                self._clusters[cluster.cluster] = replace(cluster, mean=mean)
 
     def merge_overlaps(self) -> list[str]:
         """Join clusters at the same place: probabilities add, the most probable one stays.

@@ -14,6 +14,7 @@ from coordinator.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.fit_monitor import FitMonitor
 from coordinator.offer import with_offer
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
+from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.message import PoseTuple
@@ -76,18 +77,24 @@ class Ensemble:
         begin, self._begin = self._begin, {}
         return begin
 
-    def advance(self, step: int, reports: Sequence[Report]) -> Outcome:
+    def advance(
+        self, step: int, reports: Sequence[Report], before_from_after: Pose | None = None
+    ) -> Outcome:
         """Apply one step.
 
         Args:
             step: its number.
             reports: those of this step that arrived in time, others are missing; and those of
                 searches, which may be of an earlier step.
+            before_from_after: (3,) how the robot moved since the step before, by odometry; it
+                carries clusters without a report. None: it is not known.
         """
         arrived = {report.job_id for report in reports if report.step == step}
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         self.clusters.weigh(tracks)
+        if missing and before_from_after is not None:
+            self.clusters.carry(missing, before_from_after)
         self._note_means(step, tracks.values())
         self._fit.update(
             max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)

@@ -1,6 +1,7 @@
 import math
 
 import msgspec
+import numpy as np
 import pytest
 
 from coordinator.cluster_set import Candidate
@@ -160,6 +161,17 @@ def test_while_a_cluster_is_not_heard_of_nobody_enters_in_its_place() -> None:
     outcome = made.advance(3, [*tracks, *reports])
     assert set(probabilities(outcome)) == {0, 1}
     assert not outcome.searching
+
+
+def test_a_cluster_that_is_not_heard_of_moves_with_the_robot() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
+    x_m, y_m, heading = NORTH
+    assert heading == 0.0
+    ahead = np.array([0.5, 0.0, 0.1])
+    outcome = made.advance(1, [tracked("c1", 1, 0.1, SOUTH)], ahead)
+    means = {h.cluster: h.mean for h in outcome.hypotheses}
+    assert means[0] == pytest.approx((x_m + 0.5, y_m, 0.1))
+    assert means[1] == SOUTH
 
 
 def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() -> None:
