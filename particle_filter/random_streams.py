@@ -12,6 +12,8 @@ References:
 from enum import IntEnum
 
 import numpy as np
+from numpy.random.bit_generator import ISeedSequence
+from numpy.typing import DTypeLike, NDArray
 
 _WORD = 2**64
 
@@ -53,4 +55,26 @@ def generator(
             raise ValueError(f"{name} must be in 0 .. 2**64 - 1, not {value}")
     key = np.array([seed, int(purpose)], dtype=np.uint64)
     counter = np.array([0, entity, step, part], dtype=np.uint64)
-    return np.random.Generator(np.random.Philox(key=key, counter=counter))
+    keyed = np.random.Philox(
+        _Key(key),  # type: ignore[arg-type] # any ISeedSequence will do
+        counter=counter,
+    )
+    return np.random.Generator(keyed)
+
+
+class _Key(ISeedSequence):
+    """Gives Philox its key as it is.
+
+    ``Philox(key=...)`` sets the same key, but first asks the system for entropy that it never
+    uses, which takes longer than all the rest.
+    """
+
+    def __init__(self, key: NDArray[np.uint64]) -> None:
+        self._key = key
+
+    def generate_state(
+        self,
+        n_words: int,  # noqa: ARG002 - Philox asks for two words of 64 bits
+        dtype: DTypeLike = np.uint64,  # noqa: ARG002
+    ) -> NDArray[np.uint64]:
+        return self._key
