@@ -1,6 +1,7 @@
 """The tracked places and their probabilities: at most K, always normalised."""
 
 import math
+import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -13,6 +14,9 @@ from particle_filter.poses import compose, heading_distance
 from particle_filter.settings import BeliefSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.work import Particles, TrackReport
+
+LEAST_PROBABILITY = sys.float_info.min
+"""Given to a newcomer whose share is so small that it underflows to zero."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,7 @@ class ClusterSet:
         for candidate in candidates:
             cluster = Cluster(
                 self._next_cluster,
-                math.log(candidate.probability),
+                math.log(max(candidate.probability, LEAST_PROBABILITY)),
                 step,
                 candidate.mean,
                 candidate.covariance,

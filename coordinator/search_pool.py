@@ -77,7 +77,9 @@ class SearchPool:
         return cls(state.search, state.first_step, settings), pool
 
     def take(self, report: SearchReport) -> None:
-        """Keep one shard's report."""
+        """Keep one shard's report; none can tell of a step before the search began."""
+        if report.step < self.first_step:
+            return
         self._reports.setdefault(report.step, {})[report.job_id] = report
         while len(self._reports) > KEPT_STEPS:
             del self._reports[min(self._reports)]

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from coordinator.cluster_set import Candidate
+from coordinator.cluster_set import Candidate, ClusterSet
 from coordinator.ensemble import Ensemble, Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
@@ -261,3 +261,21 @@ def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
     outcome = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in places.items()])
     assert probabilities(outcome) == pytest.approx({0: 2 / 3, 1: 1 / 3})
     assert outcome.end == ("c2",)
+
+
+def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
+    clusters = ClusterSet(BeliefSettings(clusters=3))
+    given = [Candidate(p, NORTH, NO_SPREAD, cloud_at(NORTH, 0)) for p in (1.0, 0.0)]
+    admitted, _ = clusters.admit(given, 0)
+    assert [cluster.cluster for cluster, _ in admitted] == [0, 1]
+    logs = [cluster.log_probability for cluster in clusters.by_probability()]
+    assert logs[0] == pytest.approx(0.0)
+    assert logs[1] == pytest.approx(-708.4, abs=0.1)
+
+
+def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:
+    made = ensemble()
+    made.begin_at(7)
+    outcome = made.advance(7, [searched(f"s0.{n}", 3, {NORTH: 1.0}) for n in range(2)])
+    assert outcome.hypotheses == ()
+    assert outcome.searching
