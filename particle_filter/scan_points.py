@@ -28,7 +28,8 @@ def usable_beams(
     if max_beams < 1:
         raise ValueError(f"max_beams must be positive, not {max_beams}")
     ranges = np.asarray(ranges)
-    valid = np.flatnonzero(np.isfinite(ranges) & (ranges > 0.0) & (ranges < range_max_m))
+    # What is not finite is not below the range, be it infinite itself.
+    valid = ((ranges > 0.0) & (ranges < range_max_m)).nonzero()[0]
     if len(valid) <= max_beams:
         return valid
     middles = (2 * np.arange(max_beams) + 1) * len(valid) // (2 * max_beams)

@@ -45,9 +45,9 @@ def decode(data: bytes, expected: type[M]) -> M:
     Raises:
         MalformedMessageError: it is too large, not MessagePack, or not the message it should be.
     """
-    name = " or ".join(one.__name__ for one in get_args(expected) or (expected,))
 
     def malformed(kind: str, problem: object) -> MalformedMessageError:
+        name = " or ".join(one.__name__ for one in get_args(expected) or (expected,))
         return MalformedMessageError(expected=name, problem=str(problem), kind=kind)
 
     if len(data) > max_bytes(expected):
@@ -67,6 +67,7 @@ def decode(data: bytes, expected: type[M]) -> M:
 def _unpacked(data: bytes) -> Any:
     """Plain values; what would grow far beyond its bytes is refused while it is read."""
     left = MAX_ITEMS
+    bounded = len(data) <= MAX_ITEMS  # a list or map takes a byte at least
 
     def counted(container: Any) -> Any:
         nonlocal left
@@ -82,6 +83,6 @@ def _unpacked(data: bytes) -> Any:
         max_array_len=MAX_ITEMS,
         max_map_len=MAX_ITEMS,
         max_ext_len=0,
-        list_hook=counted,
-        object_hook=counted,
+        list_hook=None if bounded else counted,
+        object_hook=None if bounded else counted,
     )

@@ -21,6 +21,7 @@ TOO_MANY_BEAMS = "too_many_beams"
 NO_RETURNS = "no_returns"
 
 _MAX_STAMP_NS = 2**62
+_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 def odometry_problem(reading: OdometryReading) -> str | None:
@@ -70,6 +71,7 @@ def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str
 def _ranges_problem(ranges: NDArray[np.floating], range_max_m: float) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
-    with np.errstate(over="ignore"):  # a range_max_m of 1e300 is infinite as a float32
-        returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < range_max_m)
-    return None if np.any(returned) else NO_RETURNS
+    if ranges.dtype == np.float32 and range_max_m > _LARGEST_FLOAT32:
+        range_max_m = math.inf  # what it would be as a float32
+    returned = (ranges > 0.0) & (ranges < range_max_m)  # what is not finite is not below it
+    return None if returned.any() else NO_RETURNS
