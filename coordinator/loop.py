@@ -70,7 +70,7 @@ class CoordinatorLoop:
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
         subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
         subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
-        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint")
+        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint", own=False)
         for key in (keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH):
             subscribe(self._session, key, self._inbox, "health")
         watch_link(self._session, self._inbox)

@@ -5,10 +5,12 @@ of its session. Decoding happens in the loop that takes from the inbox.
 """
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
 import zenoh
+from zenoh import handlers
 
 from process_runtime.inbox import Inbox
 from process_runtime.trace import mark
@@ -101,8 +103,18 @@ class Publisher:
         mark("gone", message)
 
 
-def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> None:
-    """Put what is published on `key` into the inbox, as states of a kind."""
+def subscribe(
+    session: zenoh.Session, key: str, inbox: Events, kind: str, *, own: bool = True
+) -> None:
+    """Put what is published on `key` into the inbox, as states of a kind.
+
+    Args:
+        session: the process's own.
+        key: or an expression that stands for several.
+        inbox: woken by each message.
+        kind: as the inbox was made for.
+        own: also what this very session publishes.
+    """
 
     def on_sample(sample: zenoh.Sample) -> None:
         name = str(sample.key_expr)
@@ -112,7 +124,36 @@ def subscribe(session: zenoh.Session, key: str, inbox: Events, kind: str) -> Non
             received = Received(name, sample.payload.to_bytes(), time.monotonic_ns())
             inbox.put_newest(kind, received)
 
-    session.declare_subscriber(key, on_sample)
+    origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
+    session.declare_subscriber(key, on_sample, allowed_origin=origin)
+
+
+class Unread:
+    """The newest messages on a key, for who looks now and then: they wake nobody.
+
+    Waking a thread costs more than most messages take to read.
+
+    Args:
+        session: the process's own.
+        key: of the messages.
+        inbox: counts what is too large.
+        kind: what to count it as.
+        count: so many are kept; the oldest gives way.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, key: str, inbox: Events, kind: str, count: int
+    ) -> None:
+        self._subscriber = session.declare_subscriber(key, handlers.RingChannel(count))
+        self._inbox, self._kind = inbox, kind
+
+    def take(self) -> Iterator[bytes]:
+        """The payloads that arrived since the last look, oldest first."""
+        while (sample := self._subscriber.try_recv()) is not None:
+            if len(sample.payload) > max_bytes_on(str(sample.key_expr)):
+                self._inbox.count_refused(self._kind)
+            else:
+                yield sample.payload.to_bytes()
 
 
 def serve(session: zenoh.Session, key: str, inbox: Events) -> None:

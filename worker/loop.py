@@ -18,7 +18,16 @@ from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
 from process_runtime.trace import mark
-from process_runtime.wire import Asked, Events, Publisher, Received, ask, serve, subscribe
+from process_runtime.wire import (
+    Asked,
+    Events,
+    Publisher,
+    Received,
+    Unread,
+    ask,
+    serve,
+    subscribe,
+)
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.errors import (
@@ -48,8 +57,8 @@ LOST_SCANS_TIMEOUT_S = 0.5
 """The bridge has just sent a scan, so it answers soon what it sent before, or never."""
 ASK_AGAIN_S = 0.02
 KEPT_SCANS = 64
-KEPT_CHECKPOINTS = 2
-"""One of each of two coordinators of which one takes over."""
+KEPT_CHECKPOINTS = 4
+"""Between two looks: some of each of two coordinators of which one takes over."""
 
 _log = logging.getLogger(__name__)
 
@@ -63,7 +72,7 @@ class WorkerLoop:
         self._name, self._session, self._cache_folder = name, session, cache_folder
         self._incarnation = incarnation
         self._table = JobTable(name)
-        self._inbox: Events = Inbox({"scan": KEPT_SCANS, "checkpoint": KEPT_CHECKPOINTS})
+        self._inbox: Events = Inbox({"scan": KEPT_SCANS})
         self._causes = CauseCounter()
         self._scans_dropped = 0
         self._reports = Publisher(session, keys.worker_report(name), may_wait=True)
@@ -76,18 +85,20 @@ class WorkerLoop:
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop."""
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
-        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint")
+        checkpoints = Unread(
+            self._session, keys.CHECKPOINT, self._inbox, "checkpoint", KEPT_CHECKPOINTS
+        )
         serve(self._session, keys.worker_order(self._name), self._inbox)
         serve(self._session, keys.worker_state(self._name), self._inbox)
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             while not stop.is_set():
-                match self._inbox.get(0.1):
-                    case Received(key=keys.CHECKPOINT, payload=payload):
-                        self._on_checkpoint(payload)
-                    case Received() as received:
-                        self._on_scan(received, time.monotonic_ns())
-                    case Asked() as asked:
-                        self._on_query(asked)
+                event = self._inbox.get(0.1)
+                if isinstance(event, Received):
+                    self._on_scan(event, time.monotonic_ns())
+                for payload in checkpoints.take():  # after a scan, which is waited for
+                    self._on_checkpoint(payload)
+                if isinstance(event, Asked):
+                    self._on_query(event)
                 self._health.publish_if_due(self._health_key)
 
     def _on_scan(self, received: Received, taken_ns: int) -> None:
