@@ -1,6 +1,7 @@
 """The inbox: Zenoh's callbacks put, the process's one loop takes."""
 
 import threading
+import time
 from collections import Counter, deque
 from collections.abc import Mapping
 from typing import Generic, TypeVar
@@ -48,11 +49,15 @@ class Inbox(Generic[EventT]):
         self._arrived = 0
         self._closed = False
         self._dropped: Counter[str] = Counter()
-        self._changed = threading.Condition(threading.Lock())
+        self._lock = threading.Lock()
+        self._news = threading.Lock()
+        """Held while the loop has seen all there is. A bare lock: a `Condition` makes and takes
+        some more for every message."""
+        self._news.acquire()
 
     def put(self, event: EventT) -> bool:
         """Append an event; return False if it was refused, the inbox being full or closed."""
-        with self._changed:
+        with self._lock:
             if self._closed:
                 return False
             full = len(self._events.queue) >= self._max_events
@@ -68,7 +73,7 @@ class Inbox(Generic[EventT]):
         Raises:
             KeyError: the inbox was not made for this kind.
         """
-        with self._changed:
+        with self._lock:
             waiting = self._states[kind]
             if self._closed:
                 return
@@ -81,7 +86,7 @@ class Inbox(Generic[EventT]):
 
     def count_refused(self, kind: str) -> None:
         """Count what was refused before it got here, as being too large."""
-        with self._changed:
+        with self._lock:
             self._dropped[f"{kind} too large"] += 1
 
     def get(self, timeout_s: float) -> EventT | None:
@@ -91,16 +96,24 @@ class Inbox(Generic[EventT]):
         handlers during the wait but does not end it: loops that look at a `StopFlag` wait
         0.1 s at a time.
         """
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._oldest() is not None, timeout_s)
-            oldest = self._oldest()
-            return oldest.popleft() if oldest is not None else None
+        until_s = time.monotonic() + timeout_s
+        while True:
+            with self._lock:
+                oldest = self._oldest()
+                if oldest is not None:
+                    return oldest.popleft()
+                if self._closed:
+                    return None
+                self._news.acquire(blocking=False)
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0 or not self._news.acquire(timeout=left_s):
+                return None
 
     def close(self) -> None:
         """Accept no more and wake the loop; may be called again."""
-        with self._changed:
+        with self._lock:
             self._closed = True
-            self._changed.notify_all()
+            self._tell()
 
     @property
     def closed(self) -> bool:
@@ -109,13 +122,18 @@ class Inbox(Generic[EventT]):
 
     def dropped(self) -> dict[str, int]:
         """How many were lost here: by kind of state, refused events as ``event``."""
-        with self._changed:
+        with self._lock:
             return dict(self._dropped)
 
     def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
         waiting.append(self._arrived, event)
         self._arrived += 1
-        self._changed.notify()
+        self._tell()
+
+    def _tell(self) -> None:
+        """Wake the loop; called under the lock."""
+        if self._news.locked():
+            self._news.release()
 
     def _oldest(self) -> "_Waiting[EventT] | None":
         """The queue whose head arrived first; None if all are empty."""
