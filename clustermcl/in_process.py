@@ -6,7 +6,8 @@ meet over Zenoh: `clustermcl evaluate` runs it, and a test compares the two.
 
 from collections.abc import Iterable, Iterator
 
-from coordinator.ensemble import Ensemble, Outcome
+from coordinator.ensemble import Ensemble
+from coordinator.outcome import Outcome
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 import numpy as np
 
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from particle_filter import global_search
 from particle_filter.arrays import FREE
 from particle_filter.random_streams import Purpose, generator

@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 
 from coordinator.checkpoint import STATE_VERSION, CoordinatorState, OfferState, from_bytes
-from coordinator.ensemble import Ensemble, Outcome
+from coordinator.ensemble import Ensemble
 from coordinator.given_places import candidate
+from coordinator.outcome import Outcome
 from coordinator.placement import Placement
 from coordinator.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector

@@ -7,12 +7,12 @@ decides takes effect at a step number, never on arrival.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from coordinator.checkpoint import EnsembleState, OfferState
-from coordinator.cluster_set import Candidate, Cluster, ClusterSet
+from coordinator.cluster_set import Candidate, ClusterSet
 from coordinator.fit_monitor import FitMonitor
 from coordinator.offer import with_offer
+from coordinator.outcome import Job, Outcome, hypothesis_of, places_of
 from coordinator.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
@@ -20,26 +20,8 @@ from protocol.answers import Hypothesis, State
 from protocol.message import PoseTuple
 from protocol.work import Report, SearchJob, SearchReport, TrackJob, TrackReport
 
-Job = TrackJob | SearchJob
-
 KEPT_MEANS = 100
 """Steps that a search may lie behind the clusters it is compared with."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What one step, or one command, came to."""
-
-    step: int
-    state: State
-    hypotheses: tuple[Hypothesis, ...]
-    """Most probable first; while searching at the start, the places the search holds possible."""
-    searching: bool
-    missing: tuple[str, ...]
-    begin: dict[str, Job]
-    """Jobs that begin after `step`, by job id."""
-    end: tuple[str, ...]
-    """Jobs that end."""
 
 
 class Ensemble:
@@ -279,9 +261,9 @@ class Ensemble:
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
         begin, self._begin = self._begin, {}
         end, self._end = tuple(self._end), []
-        hypotheses = tuple(_hypothesis(c, step) for c in self.clusters.by_probability())
+        hypotheses = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
         if not hypotheses and self._pool:
-            hypotheses = _places(self._pool)
+            hypotheses = places_of(self._pool)
         return Outcome(
             step=step,
             state=self._state(hypotheses),
@@ -303,32 +285,3 @@ class Ensemble:
 
 def _candidate(place: PooledPlace, probability: float) -> Candidate:
     return Candidate(probability, place.mean, place.covariance, place.sample)
-
-
-def _hypothesis(cluster: Cluster, step: int) -> Hypothesis:
-    return Hypothesis(
-        cluster=cluster.cluster,
-        probability=math.exp(cluster.log_probability),
-        log_probability=cluster.log_probability,
-        mean=cluster.mean,
-        covariance=cluster.covariance,
-        effective_sample_size=cluster.effective_sample_size,
-        age_steps=step - cluster.born_step,
-    )
-
-
-def _places(pool: Pool) -> tuple[Hypothesis, ...]:
-    """The places of a search that still runs; they are no clusters yet, so numbers are negative."""
-    total = math.fsum(place.share for place in pool.places)
-    return tuple(
-        Hypothesis(
-            cluster=-1 - index,
-            probability=place.share / total,
-            log_probability=math.log(place.share / total),
-            mean=place.mean,
-            covariance=place.covariance,
-            effective_sample_size=0.0,
-            age_steps=0,
-        )
-        for index, place in enumerate(pool.places)
-    )

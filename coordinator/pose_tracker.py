@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from coordinator.ensemble import Outcome
 from coordinator.lateness import Lateness
+from coordinator.outcome import Outcome
 from particle_filter.poses import between, compose
 from protocol.answers import Hypothesis, PoseAnswer
 from protocol.message import Covariance, PoseTuple

@@ -8,7 +8,7 @@ from clustermcl.experiments.step_facts import StepFacts, facts_of
 from clustermcl.experiments.symmetry import middle_of, turned_copies
 from clustermcl.experiments.trace import Trace, TraceStep, places_of
 from clustermcl.metrics import Judge
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
 from protocol.steps import Scan

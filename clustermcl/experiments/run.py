@@ -14,7 +14,7 @@ from clustermcl.experiments.measures import RunMeasures
 from clustermcl.experiments.observer import Observer
 from clustermcl.experiments.reliability import Reliability
 from clustermcl.experiments.trace import Trace
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
 from protocol.steps import Scan

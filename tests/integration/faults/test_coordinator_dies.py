@@ -9,7 +9,7 @@ import msgspec
 
 from clustermcl.in_process import outcomes
 from clustermcl.stack import COORDINATOR
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from coordinator.process import filter_settings
 from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings

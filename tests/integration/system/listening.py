@@ -5,7 +5,7 @@ from itertools import count
 
 from clustermcl import in_process
 from clustermcl.stack import Stack
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from coordinator.process import filter_settings
 from process_runtime.inbox import Inbox
 from process_runtime.session import open_session

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from coordinator.cluster_set import Candidate, ClusterSet
-from coordinator.ensemble import Ensemble, Outcome
+from coordinator.ensemble import Ensemble
+from coordinator.outcome import Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.work import Report, SearchJob, TrackJob

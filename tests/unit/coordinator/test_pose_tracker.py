@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from coordinator.pose_tracker import PoseTracker
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple

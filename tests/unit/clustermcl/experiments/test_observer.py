@@ -4,7 +4,7 @@ import pytest
 
 from clustermcl.experiments.case import Case
 from clustermcl.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
-from coordinator.ensemble import Outcome
+from coordinator.outcome import Outcome
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
