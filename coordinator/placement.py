@@ -63,6 +63,8 @@ class Placement:
         self._patience = Patience()
         self._orders = 0
         self._epochs = 0
+        self._settled = False
+        """Nothing has changed since `orders` had nothing to do, and time alone changes nothing."""
         self.map_digest = ""
 
     @property
@@ -102,6 +104,7 @@ class Placement:
             rebuilt: makes a job of a cluster whose particles only its worker holds.
             now_ns: by the clock of all events.
         """
+        self._settled = False
         self._jobs = {
             job.job_id: PlacedJob(
                 job.job or rebuilt(job.job_id), job.epoch, job.worker, now_ns, reported=True
@@ -118,6 +121,7 @@ class Placement:
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
         """A worker tells which jobs it has, and from where another could carry on."""
+        self._settled = False
         record = self._workers[worker]
         record.changed, record.silent_until_ns = True, 0
         for held in holds:
@@ -130,17 +134,20 @@ class Placement:
 
     def begin(self, jobs: dict[str, TrackJob | SearchJob]) -> None:
         """New jobs, to be placed."""
+        self._settled &= not jobs
         self._jobs |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
 
     def end(self, job_ids: Iterable[str]) -> None:
         """Jobs that are over."""
         for job_id in job_ids:
             ended = self._jobs.pop(job_id, None)
+            self._settled &= ended is None
             if ended is not None and ended.worker in self._workers:
                 self._workers[ended.worker].changed = True
 
     def joined(self, worker: str, silent_until_ns: int = 0) -> None:
         """A worker appeared; one that was known has started anew and knows nothing."""
+        self._settled = False
         if worker in self._workers:
             self.left(worker)
         self._missed_until_ns.pop(worker, None)
@@ -148,10 +155,12 @@ class Placement:
 
     def returned(self, worker: str) -> None:
         """A worker that could not be reached is back: its next answer tells what it still does."""
+        self._settled = False
         self._workers[worker].changed = True
 
     def left(self, worker: str) -> None:
         """A worker is gone: its jobs go to others, from their last state."""
+        self._settled = False
         self._workers.pop(worker, None)
         self._patience.forget(worker)
         self._take_jobs(worker)
@@ -208,6 +217,7 @@ class Placement:
         reported = {job.worker for job in owed.values() if job.worker}
         blamed = {worker for worker in late if worker not in searching}
         for worker in self._patience.step_decided(reported, blamed, now_ns):
+            self._settled = False
             self._take_jobs(worker)
             self._workers[worker].changed = True
 
@@ -226,6 +236,7 @@ class Placement:
         record = self._workers.get(worker)
         if record is None:
             return
+        self._settled = False
         record.known = {(job_id, epoch) for job_id, epoch, _ in answer.jobs}
         own = {(job_id, job.epoch) for job_id, job in self._jobs.items() if job.worker == worker}
         taken = answer.order == record.order and not answer.problem
@@ -234,11 +245,14 @@ class Placement:
 
     def orders(self, now_ns: int) -> list[tuple[str, WorkOrder]]:
         """Place what has no worker, even out, and tell every worker what is news to it."""
+        if self._settled:
+            return []
         self._miss_no_longer(now_ns)
         told = [name for name, r in sorted(self._workers.items()) if r.silent_until_ns <= now_ns]
         if not told:
             return []
-        able = [name for name in told if self._may_work(name, now_ns)] or told
+        rested = [name for name in told if self._may_work(name, now_ns)]
+        able = rested or told
         self._place_all(able, now_ns)
         self._even_out(able, now_ns)
         due = []
@@ -247,7 +261,18 @@ class Placement:
             unanswered = not record.answered and now_ns - record.sent_ns >= RESEND_AFTER_NS
             if record.changed or unanswered:
                 due.append((name, self._order(name, record, now_ns)))
+        self._settled = len(rested) == len(self._workers) and self._is_settled()
         return due
+
+    def _is_settled(self) -> bool:
+        """Whether, with all workers able, all has been placed, evened out, told and answered."""
+        load = self._load(list(self._workers)).values()
+        return (
+            not self._missed_until_ns
+            and all(record.answered for record in self._workers.values())
+            and all(job.worker is not None for job in self._jobs.values())
+            and max(load) - min(load) < 2
+        )
 
     def _may_work(self, worker: str, now_ns: int) -> bool:
         answers = self._workers[worker].answered
