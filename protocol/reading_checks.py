@@ -71,7 +71,7 @@ def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str
 def _ranges_problem(ranges: NDArray[np.floating], range_max_m: float) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
-    if ranges.dtype == np.float32 and range_max_m > _LARGEST_FLOAT32:
-        range_max_m = math.inf  # what it would be as a float32
+    if ranges.dtype == np.float32 and abs(range_max_m) > _LARGEST_FLOAT32:
+        range_max_m = math.copysign(math.inf, range_max_m)  # what it would be as a float32
     returned = (ranges > 0.0) & (ranges < range_max_m)  # what is not finite is not below it
     return None if returned.any() else NO_RETURNS
