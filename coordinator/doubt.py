@@ -4,7 +4,7 @@ A process that was stopped, or cut off, does not know how long it was away. Anot
 may act by now, and says so at least twice a second.
 """
 
-from coordinator.instructions import Instruction
+from coordinator.instructions import FetchScans, Instruction
 
 PAUSE_NS = 1_000_000_000
 """So long between two turns of the loop, and the process was stopped."""
@@ -35,10 +35,14 @@ class Doubt:
         return now_ns < self._until_ns
 
     def cleared(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
-        """What may be done now, what was held back first."""
+        """What may be done now, what was held back first.
+
+        Lost scans are asked for at once: that tells nobody anything, and they are not waited for
+        as long as the doubt lasts.
+        """
         held = [*self._held, *instructions]
-        if self.lasts(now_ns):
-            self._held = held
-            return []
         self._held = []
-        return held
+        if not self.lasts(now_ns):
+            return held
+        self._held = [do for do in held if not isinstance(do, FetchScans)]
+        return [do for do in held if isinstance(do, FetchScans)]

@@ -1,8 +1,21 @@
 from coordinator.doubt import LISTEN_NS, PAUSE_NS, Doubt
-from coordinator.instructions import FetchScans
+from coordinator.instructions import FetchScans, SendOrder
 from coordinator.standby import SETTLE_NS, Vigil
+from protocol.work import WorkOrder
 
 SECOND = 1_000_000_000
+
+
+def order() -> WorkOrder:
+    return WorkOrder(
+        sender="coordinator",
+        order=1,
+        map_digest="map",
+        filter_settings={},
+        snapshot_every_steps=10,
+        keep=(),
+        begin=(),
+    )
 
 
 def test_a_token_that_vanishes_while_the_link_stands_is_a_death() -> None:
@@ -40,10 +53,19 @@ def test_silence_is_a_death_too() -> None:
 def test_after_a_pause_nothing_is_done_until_it_is_certain_who_acts() -> None:
     doubt = Doubt(0)
     doubt.turn(PAUSE_NS)
-    first, second = FetchScans(1, 2), FetchScans(3, 4)
+    first, second = SendOrder("w", order()), SendOrder("v", order())
     assert doubt.cleared([first], PAUSE_NS) == [first]
     woken_ns = 3 * PAUSE_NS
     doubt.turn(woken_ns)
     assert doubt.cleared([first], woken_ns) == []
     assert doubt.lasts(woken_ns + LISTEN_NS - 1)
     assert doubt.cleared([second], woken_ns + LISTEN_NS) == [first, second]
+
+
+def test_lost_scans_are_asked_for_even_in_doubt() -> None:
+    """They are waited for no longer than the doubt lasts, and a question harms nobody."""
+    doubt = Doubt(0)
+    doubt.arise(0)
+    first, fetch = SendOrder("w", order()), FetchScans(1, 2)
+    assert doubt.cleared([first, fetch], 1) == [fetch]
+    assert doubt.cleared([], LISTEN_NS) == [first]
