@@ -10,7 +10,7 @@ import numpy as np
 from particle_filter import belief
 from particle_filter.arrays import Pose
 from particle_filter.overlaps import merge_overlapping
-from particle_filter.poses import compose, heading_distance
+from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.work import Particles, TrackReport
@@ -138,18 +138,13 @@ class ClusterSet:
                 ended.append(cluster.job_id)
         return ended
 
-    def near(self, pose: PoseTuple, means: Iterable[PoseTuple]) -> bool:
-        """Whether one of these means is so near to a place that their clusters would merge."""
-        return any(
-            math.dist(mean[:2], pose[:2]) <= self._rules.merge_distance_m
-            and heading_distance(mean[2], pose[2]) <= self._rules.merge_heading_rad
-            for mean in means
-        )
+    def yielding(self, step: int) -> list[float]:
+        """How probable those are whose places newcomers would take now, in the order of leaving.
 
-    def free_places(self, step: int) -> int:
-        """How many newcomers could enter now: free ones and clusters out of their grace."""
-        held = sum(step < cluster.protected_until for cluster in self._clusters.values())
-        return self._rules.clusters - held
+        Free places come first, as clusters of probability 0; those in their grace yield to nobody.
+        """
+        free = self._rules.clusters - len(self._clusters)
+        return [0.0] * free + [math.exp(c.log_probability) for c in self._leaving(step)]
 
     def admit(
         self, candidates: Sequence[Candidate], step: int, *, protected_until: int = -1
@@ -157,8 +152,8 @@ class ClusterSet:
         """Let newcomers in; the least probable clusters leave, so that there are never above K.
 
         Args:
-            candidates: at most `free_places` of them; their probabilities are what they get, the
-                clusters that stay share the rest in their proportions.
+            candidates: no more than there are places `yielding`; their probabilities are what
+                they get, the clusters that stay share the rest in their proportions.
             step: the step after which they are tracked.
             protected_until: the step before which they may not be replaced.
 
@@ -212,9 +207,13 @@ class ClusterSet:
         self._clusters.clear()
         return ended
 
+    def _leaving(self, step: int) -> list[Cluster]:
+        """Those that may be replaced, least probable first."""
+        return [c for c in reversed(self.by_probability()) if step >= c.protected_until]
+
     def _make_room(self, count: int, step: int) -> list[str]:
         surplus = len(self._clusters) + count - self._rules.clusters
-        leaving = [c for c in reversed(self.by_probability()) if step >= c.protected_until]
+        leaving = self._leaving(step)
         for cluster in leaving[: max(surplus, 0)]:
             del self._clusters[cluster.cluster]
         return [cluster.job_id for cluster in leaving[: max(surplus, 0)]]

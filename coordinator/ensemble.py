@@ -11,9 +11,10 @@ from collections.abc import Iterable, Sequence
 from coordinator.checkpoint import EnsembleState, OfferState
 from coordinator.cluster_set import Candidate, ClusterSet
 from coordinator.fit_monitor import FitMonitor
+from coordinator.newcomers import newcomers, terms
 from coordinator.offer import with_offer
 from coordinator.outcome import Job, Outcome, hypothesis_of, places_of
-from coordinator.search_pool import Pool, PooledPlace, SearchPool
+from coordinator.search_pool import Pool, SearchPool
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
@@ -208,7 +209,7 @@ class Ensemble:
         least = math.exp(-self.settings.belief.evidence_bound * steps)
         shares = [max(place.share, kept[0].share * least) for place in kept]
         total = math.fsum(shares)
-        first = [_candidate(p, share / total) for p, share in zip(kept, shares, strict=True)]
+        first = [p.as_candidate(share / total) for p, share in zip(kept, shares, strict=True)]
         if self._offer is not None and kept:
             odom_from_robot = kept[0].sample.odom_from_robot
             first = with_offer(first, self._offer, odom_from_robot, self.settings)
@@ -223,31 +224,11 @@ class Ensemble:
             step: the step after which they are tracked.
             held: where the clusters were at the step of the pool.
         """
-        most, least_share, given = self._terms(pool)
-        fresh = [
-            place
-            for place in pool.places
-            if place.share >= least_share and not self.clusters.near(place.mean, held)
-        ][: min(most, self.clusters.free_places(step))]
-        if not fresh:
-            return
-        total = math.fsum(place.share for place in fresh)
-        candidates = [_candidate(place, given * place.share / total) for place in fresh]
-        grace = self.settings.belief.grace_steps
-        self._admit(candidates, step, protected_until=step + grace)
-
-    def _terms(self, pool: Pool) -> tuple[int, float, float]:
-        """How many newcomers enter at most, from which share on, with what probability together.
-
-        A lost robot of which the search has found a place that fits as scans usually do has been
-        moved: most clusters make room. Where nothing fits as usual, people may stand around.
-        """
-        rules = self.settings.belief
-        if not self._fit.lost:
-            return rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability
-        if self._fit.is_usual(pool.log_likelihood_per_beam):
-            return rules.found_newcomers, rules.found_min_share, rules.found_probability
-        return rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability
+        rules, yielding = self.settings.belief, self.clusters.yielding(step)
+        given = terms(pool, self._fit, rules)
+        entering = newcomers(pool, held, yielding, given, self.settings)
+        if entering:
+            self._admit(entering, step, protected_until=step + rules.grace_steps)
 
     def _admit(self, candidates: list[Candidate], step: int, *, protected_until: int = -1) -> None:
         admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)
@@ -281,7 +262,3 @@ class Ensemble:
             return "lost"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
-
-
-def _candidate(place: PooledPlace, probability: float) -> Candidate:
-    return Candidate(probability, place.mean, place.covariance, place.sample)

@@ -9,7 +9,8 @@ import numpy as np
 from coordinator.checkpoint import OfferState
 from coordinator.cluster_set import Candidate
 from coordinator.given_places import candidate
-from particle_filter.poses import between, compose, heading_distance
+from particle_filter.overlaps import is_near
+from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
 from protocol.message import PoseTuple
@@ -38,8 +39,9 @@ def with_offer(
         (
             index
             for index, place in enumerate(found)
-            if math.dist(place.mean[:2], (x, y)) <= rules.merge_distance_m
-            and heading_distance(place.mean[2], heading) <= rules.merge_heading_rad
+            if is_near(
+                (x, y, heading), [place.mean], rules.merge_distance_m, rules.merge_heading_rad
+            )
         ),
         None,
     )

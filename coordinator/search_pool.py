@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coordinator.checkpoint import PlaceState, SearchState
+from coordinator.cluster_set import Candidate
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
@@ -33,6 +34,10 @@ class PooledPlace:
     mean: PoseTuple
     covariance: Covariance
     sample: Particles
+
+    def as_candidate(self, probability: float) -> Candidate:
+        """It asks to be tracked, with so much of the belief."""
+        return Candidate(probability, self.mean, self.covariance, self.sample)
 
 
 @dataclass(frozen=True)

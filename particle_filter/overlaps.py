@@ -1,10 +1,30 @@
 """Clusters that have come to the same place: which of them are one (section 4 of the paper)."""
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
+
+
+def is_near(
+    pose: Sequence[float], means: Iterable[Sequence[float]], distance_m: float, heading_rad: float
+) -> bool:
+    """Whether one of some means is near to a pose in x, y *and* heading.
+
+    Args:
+        pose: (3,) x, y [m] and heading [rad].
+        means: (3,) each.
+        distance_m: at most so far apart [m].
+        heading_rad: and at most so far in heading [rad].
+    """
+    return any(
+        np.hypot(mean[0] - pose[0], mean[1] - pose[1]) <= distance_m
+        and heading_distance(mean[2], pose[2]) <= heading_rad
+        for mean in means
+    )
 
 
 def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> NDArray[np.int64]:

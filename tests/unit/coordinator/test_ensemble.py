@@ -147,6 +147,33 @@ def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
     assert set(probabilities(outcome)) == {0, 1}
 
 
+@pytest.mark.parametrize(("likelihood_of_east", "stays"), [(0.1, True), (1e-4, False)])
+def test_for_a_place_beside_a_cluster_nobody_more_probable_leaves(
+    likelihood_of_east: float, stays: bool
+) -> None:
+    """0.7 m from a cluster: not yet merged, but more likely that cluster's own than a new one."""
+    made = bootstrapped({NORTH: 0.4, SOUTH: 0.3, EAST: 0.3}, search_every_steps=1)
+    likelihoods = {"c0": 0.1, "c1": 0.1, "c2": likelihood_of_east}
+    places = dict(zip(likelihoods, (NORTH, SOUTH, EAST), strict=True))
+    tracks = [tracked(job, 1, likelihoods[job], mean) for job, mean in places.items()]
+    made.advance(1, tracks)
+    beside = (0.7, 5.0, 0.0)
+    reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in places.items()]
+    outcome = made.advance(2, [*reports, *(searched(f"s1.{n}", 2, {beside: 1.0}) for n in (0, 1))])
+    assert set(probabilities(outcome)) == ({0, 1, 2} if stays else {0, 1, 3})
+
+
+def test_a_place_beside_a_cluster_takes_a_free_place_after_those_far_from_all() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
+    tracks = {"c0": NORTH, "c1": SOUTH}
+    made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
+    reports: list[Report] = [tracked(job, 2, 0.1, mean) for job, mean in tracks.items()]
+    found = {(0.7, 5.0, 0.0): 0.7, EAST: 0.3}
+    outcome = made.advance(2, [*reports, *(searched(f"s1.{n}", 2, found) for n in (0, 1))])
+    assert [h.mean for h in outcome.hypotheses] == [NORTH, SOUTH, EAST], "there was one free place"
+    assert probabilities(outcome)[2] == pytest.approx(0.02)
+
+
 def test_while_a_cluster_is_not_heard_of_nobody_enters_in_its_place() -> None:
     """The workers died while the robot drove on: what the search finds looks new, and is not."""
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1, clusters=2)
