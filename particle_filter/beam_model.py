@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.kernel_arguments import plain, read_only, to_cells
 from particle_filter.kernels import kernel
-from particle_filter.ray_casting import JumpField, cast_ray
+from particle_filter.ray_casting import JumpField, cast_fan
 from particle_filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]
@@ -110,6 +110,8 @@ def _summed_logs(
     cell_m, c, s, x0, y0 = grid
     max_cells = mixture[6] / cell_m
     total = np.zeros(len(poses))
+    rays, lengths = np.empty((3, len(beams))), np.empty(len(beams))
+    rays[2, :] = max_cells
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         x = poses[i, 0] + ch * robot_from_laser[0] - sh * robot_from_laser[1]
@@ -119,9 +121,11 @@ def _summed_logs(
         sh = sin(poses[i, 2] + robot_from_laser[2])
         ch, sh = (c * ch - s * sh) * cell_m, (s * ch + c * sh) * cell_m  # in the grid's frame
         for j in range(len(beams)):
-            dx = ch * beams[j, 0] - sh * beams[j, 1]
-            dy = sh * beams[j, 0] + ch * beams[j, 1]
-            expected = min(cast_ray(jumps, col, row, dx, dy, max_cells) * cell_m, mixture[6])
+            rays[0, j] = ch * beams[j, 0] - sh * beams[j, 1]
+            rays[1, j] = sh * beams[j, 0] + ch * beams[j, 1]
+        cast_fan(jumps, col, row, rays, len(beams), lengths)
+        for j in range(len(beams)):
+            expected = min(lengths[j] * cell_m, mixture[6])
             total[i] += log(beam_density(beams[j, 2], expected, mixture))
     return total
 

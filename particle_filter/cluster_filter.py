@@ -12,7 +12,7 @@ from particle_filter.gaussian import fit_gaussian
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import effective_size, log_sum, normalised, scaled
 from particle_filter.motion import move
-from particle_filter.resampling import resample, resample_weights
+from particle_filter.resampling import resample, resample_weights, systematic
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import ClusterSettings, MotionSettings
 
@@ -74,7 +74,7 @@ def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator)
             cloud.map_from_robot, settings.kld_error, settings.min_particles, settings.particles
         )
     chosen = resample_weights(cloud.weights, count, settings.resampling, rng)
-    return Cloud.even(cloud.map_from_robot[chosen])
+    return Cloud.even(cloud.map_from_robot.take(chosen, axis=0))  # thrice as fast as [chosen]
 
 
 def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> Weighed:
@@ -132,10 +132,8 @@ def hidden_log_likelihood(cloud: Cloud, beams: Beams, model: SensorModel) -> flo
     count, tolerance = model.settings.visibility_particles, model.settings.hidden_tolerance
     if count == 0 or beams.count == 0:
         return 0.0
-    shares = np.cumsum(cloud.weights)
-    middles = (np.arange(count) + 0.5) / count
-    chosen = np.searchsorted(shares, middles).clip(max=len(shares) - 1)
-    mean = float(model.hidden(cloud.map_from_robot[chosen], beams).mean())
+    chosen = systematic(cloud.weights, count)
+    mean = float(model.hidden(cloud.map_from_robot.take(chosen, axis=0), beams).mean())
     return max(mean - tolerance * beams.count, 0.0)
 
 

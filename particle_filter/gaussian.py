@@ -1,11 +1,14 @@
 """The Gaussian through the particles of a cluster: the robot's estimate of its pose."""
 
+from math import atan2, cos, floor, pi, sin
+
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
-from particle_filter.poses import circular_mean, wrap_angle
-from particle_filter.sums import weighted_products, weighted_sum
+from particle_filter.kernel_arguments import plain
+from particle_filter.kernels import kernel
+from particle_filter.poses import wrap_angle
 
 
 def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDArray[np.float64]]:
@@ -28,17 +31,43 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     total = float(weights.sum())
     if not (0.0 < total < np.inf):
         raise ValueError(f"weights that sum to {total} fit no Gaussian")
-    shares = weights / total
-    # Deviations from one particle keep digits where coordinates are large.
-    deviations = np.empty((3, len(poses)))
-    x, y, turn = deviations
-    np.subtract(poses[:, 0], poses[0, 0], out=x)
-    np.subtract(poses[:, 1], poses[0, 1], out=y)
-    heading = circular_mean(poses[:, 2], shares)
-    mean_x, mean_y = weighted_sum(x, shares), weighted_sum(y, shares)
-    x -= mean_x
-    y -= mean_y
-    turn[:] = wrap_angle(poses[:, 2] - heading)
-    covariance = weighted_products(deviations, shares)
-    mean = np.array([poses[0, 0] + mean_x, poses[0, 1] + mean_y, heading])
-    return mean, 0.5 * (covariance + covariance.T)
+    mean, covariance = np.empty(3), np.empty((3, 3))
+    _moments(plain(poses), plain(weights), total, mean, covariance)
+    mean[2] = wrap_angle(float(mean[2]))
+    return mean, covariance
+
+
+@kernel
+def _moments(
+    poses: Poses, weights: NDArray[np.float64], total: float, mean: Pose, covariance: Poses
+) -> None:
+    """Mean and covariance in two passes; the heading of the mean may lie a turn off.
+
+    Deviations from one particle keep digits where coordinates are large.
+    """
+    first_x, first_y, first_heading = poses[0, 0], poses[0, 1], poses[0, 2]
+    x = y = along = across = 0.0
+    for i in range(len(poses)):
+        share, turn = weights[i] / total, poses[i, 2] - first_heading
+        x += share * (poses[i, 0] - first_x)
+        y += share * (poses[i, 1] - first_y)
+        along += share * cos(turn)
+        across += share * sin(turn)
+    turned = atan2(across, along)
+    xx = xy = yy = xt = yt = tt = 0.0
+    for i in range(len(poses)):
+        share = weights[i] / total
+        dx, dy = poses[i, 0] - first_x - x, poses[i, 1] - first_y - y
+        turn = poses[i, 2] - first_heading - turned
+        turn -= 2.0 * pi * floor((turn + pi) / (2.0 * pi))
+        xx += share * dx * dx
+        xy += share * dx * dy
+        yy += share * dy * dy
+        xt += share * dx * turn
+        yt += share * dy * turn
+        tt += share * turn * turn
+    mean[0], mean[1], mean[2] = first_x + x, first_y + y, first_heading + turned
+    covariance[0, 0], covariance[1, 1], covariance[2, 2] = xx, yy, tt
+    covariance[0, 1] = covariance[1, 0] = xy
+    covariance[0, 2] = covariance[2, 0] = xt
+    covariance[1, 2] = covariance[2, 1] = yt

@@ -8,10 +8,9 @@ import math
 from typing import overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from particle_filter.arrays import Poses
-from particle_filter.sums import weighted_sum
 
 TURN = 2.0 * np.pi
 """A full turn [rad]."""
@@ -90,24 +89,3 @@ def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
     b_from_c[..., 1] = cos * y - sin * x
     b_from_c[..., 2] = wrap_angle(b_from_c[..., 2])
     return b_from_c
-
-
-def circular_mean(angles: ArrayLike, weights: ArrayLike | None = None) -> float:
-    """The direction of the (weighted) mean of unit vectors, in [-pi, pi) [rad].
-
-    The mean of 179 and -179 degrees is 180 degrees. Where the vectors cancel (two opposite
-    headings) no direction is better than another and the answer is arbitrary.
-
-    Args:
-        angles: (N,) angles [rad].
-        weights: (N,) weights, not negative, any positive sum; equal when left out.
-
-    Raises:
-        ValueError: no angles.
-    """
-    angles = np.asarray(angles, np.float64)
-    if angles.size == 0:
-        raise ValueError("no angles to take the mean of")
-    weights = np.ones_like(angles) if weights is None else np.asarray(weights, np.float64)
-    y, x = weighted_sum(np.sin(angles), weights), weighted_sum(np.cos(angles), weights)
-    return wrap_angle(math.atan2(y, x))

@@ -51,7 +51,7 @@ def resample_weights(
         raise ValueError(f"count must be positive, not {count}")
     match scheme:
         case "systematic":
-            return _pick(weights, np.arange(count, dtype=np.float64) + rng.random())
+            return systematic(weights, count, rng.random())
         case "stratified":
             return _pick(weights, np.arange(count) + rng.random(count))
         case "multinomial":
@@ -59,6 +59,13 @@ def resample_weights(
         case "residual":
             return _residual(weights, count, rng)
     raise ValueError(f"unknown resampling scheme {scheme!r}")
+
+
+def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
+    """The particles under `count` even positions, by weights that sum to one; `offset` is how far
+    into its part each position lies, in [0, 1).
+    """
+    return _pick(weights, np.arange(count, dtype=np.float64) + offset)
 
 
 def _sorted_uniforms(count: int, rng: np.random.Generator) -> NDArray[np.float64]:

@@ -84,7 +84,7 @@ class SensorModel:
         )
 
     def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) what `log_likelihood` gave for beams through walls.
+        """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.
 
         Costs some hundred times as much as the field. The beam model follows every ray anyway.
         """
@@ -98,6 +98,7 @@ class SensorModel:
             self.jumps,
             self.settings.hidden_margin_m,
             self.settings.hidden_slack_rad,
+            self.settings.visibility_beam_stride,
         )
 
     def ground_penalty(self, map_from_robot: Poses) -> LogWeights:

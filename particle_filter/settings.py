@@ -83,6 +83,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     visibility_particles: Annotated[
         int, described("particles of a cluster whose rays are followed; 0: none", ge=0)
     ] = 50
+    visibility_beam_stride: Annotated[
+        int, described("each follows one beam of so many, the next particle the next one", gt=0)
+    ] = 2
     hidden_margin_m: Annotated[
         float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
     ] = 0.45

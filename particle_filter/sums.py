@@ -11,10 +11,3 @@ from numpy.typing import NDArray
 def weighted_sum(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
     """The sum of (N,) values, each times its weight."""
     return float(np.einsum("n,n->", values, weights))
-
-
-def weighted_products(
-    values: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(M, M) sums of the products of any two of M rows of (M, N) values, each times its weight."""
-    return np.asarray(np.einsum("in,jn->ij", values, values * weights))

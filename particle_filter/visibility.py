@@ -14,7 +14,7 @@ from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.kernel_arguments import ToCells, plain, read_only
 from particle_filter.kernels import kernel
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import JumpField, cast_ray
+from particle_filter.ray_casting import JumpField, cast_fan
 
 
 def hidden_log_likelihood(
@@ -25,6 +25,7 @@ def hidden_log_likelihood(
     jumps: JumpField,
     margin_m: float,
     slack_rad: float,
+    stride: int = 1,
 ) -> LogWeights:
     """What the field gave for beams whose end the laser could not have seen.
 
@@ -41,6 +42,8 @@ def hidden_log_likelihood(
         margin_m: slack along the ray for the map's and the pose's error [m].
         slack_rad: slack across it: a ray along a wall may dip into it for metres when the pose is
             a little off, and then one of its neighbours does not [rad].
+        stride: pose i answers for beams i, i + stride and so on, modulo `stride`, and counts them
+            for all: poses of one cloud see much the same, and share the beams.
 
     Returns:
         (N,) to subtract from `scan_log_likelihood`; never negative.
@@ -54,8 +57,9 @@ def hidden_log_likelihood(
         field.in_cells,
         margin_m / field.cell_m,
         slack_rad,
+        stride,
     )
-    return np.asarray(sums * field.log_step)
+    return np.asarray(sums * (field.log_step * stride))
 
 
 @kernel
@@ -68,48 +72,60 @@ def _hidden_codes(
     in_cells: ToCells,
     margin: float,
     slack: float,
+    stride: int,
 ) -> NDArray[np.float64]:
     c, s, x0, y0 = in_cells
     rows, cols = jumps.shape[1], jumps.shape[2]
-    cos_sin = cos(slack), sin(slack)
-    sums = np.zeros(len(poses))
+    sums, given = np.zeros(len(poses)), np.empty(len(hits), np.uint16)
+    rays, lengths = np.empty((3, len(hits))), np.empty(len(hits))
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
         laser_y = poses[i, 1] + sh * laser[0] + ch * laser[1]
         from_col = c * laser_x - s * laser_y + x0
         from_row = s * laser_x + c * laser_y + y0
-        for j in range(len(hits)):
+        count = 0
+        for j in range(i % stride, len(hits), stride):
             hit_x = poses[i, 0] + ch * hits[j, 0] - sh * hits[j, 1]
             hit_y = poses[i, 1] + sh * hits[j, 0] + ch * hits[j, 1]
             col = c * hit_x - s * hit_y + x0
             row = s * hit_x + c * hit_y + y0
             if not (0.0 <= col < cols and 0.0 <= row < rows):
                 continue  # the rim: nothing was given
-            code = codes[int(row) + 1, int(col) + 1]
-            if code == 0:
-                continue
+            given[count] = codes[int(row) + 1, int(col) + 1]
             dx, dy = col - from_col, row - from_row
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
-            if share > 0.0 and _is_hidden(jumps, from_col, from_row, dx, dy, share, cos_sin):
-                sums[i] += code
+            if given[count] > 0 and share > 0.0:
+                rays[0, count], rays[1, count], rays[2, count] = dx, dy, share
+                count += 1
+        # The ray itself must meet something, and so must one a little to either side of it.
+        for turn in (0.0, slack, -2.0 * slack):
+            count = _hidden(jumps, from_col, from_row, rays, count, turn, lengths, given)
+        for j in range(count):
+            sums[i] += given[j]
     return sums
 
 
 @kernel
-def _is_hidden(
+def _hidden(
     jumps: JumpField,
     x: float,
     y: float,
-    dx: float,
-    dy: float,
-    share: float,
-    slack: tuple[float, float],
-) -> bool:
-    """Whether a share of the ray, and of one a little to either side of it, meets something."""
-    c, s = slack
-    return (
-        cast_ray(jumps, x, y, dx, dy, share) < share
-        and cast_ray(jumps, x, y, c * dx - s * dy, s * dx + c * dy, share) < share
-        and cast_ray(jumps, x, y, c * dx + s * dy, c * dy - s * dx, share) < share
-    )
+    rays: NDArray[np.float64],
+    count: int,
+    turn: float,
+    lengths: NDArray[np.float64],
+    given: NDArray[np.uint16],
+) -> int:
+    """Turn the first `count` rays and keep those that meet something; returns how many do."""
+    c, s = cos(turn), sin(turn)
+    for j in range(count):
+        dx, dy = rays[0, j], rays[1, j]
+        rays[0, j], rays[1, j] = c * dx - s * dy, s * dx + c * dy
+    cast_fan(jumps, x, y, rays, count, lengths)
+    kept = 0
+    for j in range(count):
+        if lengths[j] < rays[2, j]:
+            rays[:, kept], given[kept] = rays[:, j], given[j]
+            kept += 1
+    return kept

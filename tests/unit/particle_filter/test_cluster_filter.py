@@ -133,6 +133,20 @@ def test_beams_through_a_wall_count_against_a_cluster_only_where_there_is_a_wall
     assert hidden_log_likelihood(cloud, beams, model_of(divided)) > 10.0
 
 
+def test_particles_at_one_place_share_the_beams_among_them() -> None:
+    """Three of them, a third of the beams each, tell together what each would tell of all."""
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    beams = seen_from(HERE, plain_room())
+    alone = model_of(divided, SensorSettings(visibility_beam_stride=1))
+    sharing = model_of(divided, SensorSettings(visibility_beam_stride=3))
+    whole = alone.hidden(HERE[None], beams)[0]
+    parts = sharing.hidden(np.tile(HERE, (3, 1)), beams)
+    assert whole > 10.0
+    assert parts.mean() == pytest.approx(whole)
+    assert len(set(parts)) > 1, "not everybody followed the same ones"
+
+
 def test_a_ray_along_a_wall_is_not_hidden_by_a_heading_a_little_off() -> None:
     corridor = np.zeros((30, 400), np.int8)
     corridor[[0, -1], :] = corridor[:, [0, -1]] = OCCUPIED

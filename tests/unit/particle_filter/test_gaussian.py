@@ -37,6 +37,13 @@ def test_turning_the_world_turns_the_gaussian(
     np.testing.assert_allclose(turned_covariance, rotation @ covariance @ rotation.T, atol=1e-10)
 
 
+def test_the_mean_heading_across_the_seam_is_at_the_seam() -> None:
+    cloud = np.array([[0.0, 0.0, np.radians(179.0)], [0.0, 0.0, np.radians(-179.0)]])
+    mean, covariance = fit_gaussian(cloud, np.ones(2))
+    assert heading_distance(mean[2], np.pi) < 1e-12
+    assert covariance[2, 2] == pytest.approx(np.radians(1.0) ** 2)
+
+
 @given(cloud=clouds, weight=weights)
 def test_the_covariance_is_symmetric_and_never_negative(
     cloud: Poses, weight: NDArray[np.float64]

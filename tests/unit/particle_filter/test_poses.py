@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Pose, Poses
 from particle_filter.poses import (
     between,
-    circular_mean,
     compose,
     heading_distance,
     inverse,
@@ -105,23 +104,3 @@ def test_composing_leaves_its_arguments_alone() -> None:
 @given(a=angles, b=angles)
 def test_the_distance_of_headings_goes_the_short_way(a: float, b: float) -> None:
     assert abs(float(heading_distance(a, b)) - naive.angle_between(a, b)) < 1e-7  # acos-like
-
-
-def test_the_mean_of_angles_across_the_seam_is_at_the_seam() -> None:
-    assert abs(abs(circular_mean(np.radians([179.0, -179.0]))) - pi) < 1e-12
-
-
-@given(offset=angles, spread=arrays(np.float64, 5, elements=st.floats(-1, 1)))
-def test_turning_all_angles_turns_their_mean(offset: float, spread: NDArray[np.float64]) -> None:
-    turned = circular_mean(spread + offset)
-    assert naive.angle_between(turned, circular_mean(spread) + offset) < 1e-10
-
-
-def test_weights_pull_the_mean() -> None:
-    assert circular_mean([0.0, 1.0], [0.0, 2.0]) == pytest.approx(1.0)
-    assert circular_mean([0.0, pi / 2], [1.0, 1.0]) == pytest.approx(pi / 4)
-
-
-def test_no_angles_have_no_mean() -> None:
-    with pytest.raises(ValueError, match="no angles"):
-        circular_mean([])
