@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.kld_sampling import sufficient_particles
-from particle_filter.log_weights import effective_size, log_sum, normalised, scaled
+from particle_filter.log_weights import multiplied, normalised, shares
 from particle_filter.motion import move
 from particle_filter.resampling import resample, resample_weights, systematic
 from particle_filter.sensor_model import Beams, SensorModel
@@ -32,18 +32,18 @@ class Cloud:
         return cls(map_from_robot, np.zeros(len(map_from_robot)))
 
     @cached_property
-    def _scaled(self) -> NDArray[np.float64]:
-        return scaled(self.log_weights)
+    def _shares(self) -> tuple[NDArray[np.float64], float]:
+        return shares(self.log_weights)
 
-    @cached_property
+    @property
     def weights(self) -> NDArray[np.float64]:
         """(N,) the weights themselves, summing to one."""
-        return np.asarray(self._scaled / self._scaled.sum())
+        return self._shares[0]
 
-    @cached_property
+    @property
     def effective_sample_size(self) -> float:
         """How many even particles would tell as much."""
-        return effective_size(self._scaled)
+        return self._shares[1]
 
     def gaussian(self) -> tuple[Pose, Poses]:
         """Mean pose and (3, 3) covariance, heading on the circle (section 4, last paragraph)."""
@@ -90,10 +90,10 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
     if beams.count == 0:
         return Weighed(cloud, math.log(count), math.nan)
     fit = model.log_likelihood(cloud.map_from_robot, beams)
-    log_weights = cloud.log_weights + exponent * fit + model.ground_penalty(cloud.map_from_robot)
-    total = log_sum(log_weights)
-    even = Cloud(cloud.map_from_robot, log_weights - (total - math.log(count)))
-    return Weighed(even, total, float(np.max(fit)) / beams.count)
+    penalty = model.ground_penalty(cloud.map_from_robot)
+    log_weights, total = multiplied(cloud.log_weights, fit, exponent, penalty)
+    even = Cloud(cloud.map_from_robot, log_weights)
+    return Weighed(even, total, float(fit.max()) / beams.count)
 
 
 def advanced(

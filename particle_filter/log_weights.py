@@ -1,79 +1,110 @@
-"""Weights of particles and clusters, kept as natural logarithms.
+"""Weights of particles, kept as natural logarithms.
 
 The product of 180 densities underflows; its logarithm does not. Minus infinity is a weight of
-zero; plus infinity and NaN are no weights.
+zero; plus infinity and NaN are no weights. Sums are taken in the order of the particles, the same
+in every process: numpy's would depend on how many threads it has.
 """
 
-import math
+from math import exp, inf, isfinite, log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
-from particle_filter.sums import weighted_sum
-
-
-def log_sum(log_weights: LogWeights) -> float:
-    """Logarithm of the summed weights; minus infinity where all are zero or there are none.
-
-    Raises:
-        ValueError: a weight is NaN or infinite.
-    """
-    largest = _largest(log_weights)
-    if largest == -np.inf:
-        return -np.inf
-    return largest + float(np.log(np.exp(log_weights - largest).sum()))
+from particle_filter.kernel_arguments import plain
+from particle_filter.kernels import kernel
 
 
 def normalised(log_weights: LogWeights) -> NDArray[np.float64]:
-    """The weights themselves, summing to one.
+    """The weights themselves, summing to one; arguments and errors as `shares`."""
+    return shares(log_weights)[0]
+
+
+def shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
+    """The weights themselves, and how many even ones would tell as much.
 
     Args:
         log_weights: (N,) with any common offset: 1e-300 and 1e+300 are as good as 1.
 
     Returns:
-        (N,) weights.
+        (N,) weights that sum to one, and the effective sample size (sum w)^2 / sum w^2, between
+        1 and N.
 
     Raises:
         ValueError: all weights are zero, there are none, or one is NaN or infinite: there is
             no distribution to return, and a uniform one would be an invention.
-    """
-    weights = scaled(log_weights)
-    return np.asarray(weights / weights.sum())
-
-
-def scaled(log_weights: LogWeights) -> NDArray[np.float64]:
-    """The weights themselves, the largest of them one; arguments and errors as `normalised`."""
-    largest = _largest(log_weights)
-    if largest == -np.inf:
-        raise ValueError("no weight is above zero")
-    weights = log_weights - largest
-    return np.exp(weights, out=weights)
-
-
-def effective_sample_size(log_weights: LogWeights) -> float:
-    """Number of equally weighted particles of the same worth, (sum w)^2 / sum w^2.
-
-    Between 1 and N; 0 where all weights are zero or there are none.
-
-    Raises:
-        ValueError: a weight is NaN or infinite.
 
     References:
         Kong, Liu and Wong, "Sequential imputations and Bayesian missing data problems" (1994).
     """
-    if _largest(log_weights) == -np.inf:
-        return 0.0
-    return effective_size(scaled(log_weights))
+    weights, largest, effective = _shares(plain(log_weights))
+    _check(largest, effective)
+    return weights, effective
 
 
-def effective_size(weights: NDArray[np.float64]) -> float:
-    """As `effective_sample_size`, of weights with any positive sum."""
-    return float(weights.sum()) ** 2 / weighted_sum(weights, weights)
+def multiplied(
+    log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
+) -> tuple[LogWeights, float]:
+    """Weights times a likelihood to a power and a penalty, scaled to sum to N again.
+
+    Args:
+        log_weights: (N,) before.
+        log_likelihood: (N,) of the scan.
+        exponent: its power.
+        penalty: (N,) logarithms, added as they are.
+
+    Returns:
+        (N,) log-weights, and the logarithm of the sum of the products before they were scaled.
+
+    Raises:
+        ValueError: as `shares`.
+    """
+    after, largest, total = _multiplied(
+        plain(log_weights), plain(log_likelihood), exponent, plain(penalty)
+    )
+    _check(largest, total)
+    return after, total
 
 
+def _check(largest: float, total: float) -> None:
+    if largest == -inf:
+        raise ValueError("no weight is above zero")
+    if not isfinite(total):
+        raise ValueError("a log-weight is infinite or NaN")
+
+
+@kernel
+def _shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float, float]:
+    weights, largest = np.empty(len(log_weights)), _largest(log_weights)
+    total = squares = 0.0
+    for i in range(len(log_weights)):
+        weights[i] = exp(log_weights[i] - largest)
+        total += weights[i]
+        squares += weights[i] * weights[i]
+    for i in range(len(weights)):
+        weights[i] /= total
+    return weights, largest, total * total / squares
+
+
+@kernel
+def _multiplied(
+    log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
+) -> tuple[LogWeights, float, float]:
+    after = np.empty(len(log_weights))
+    for i in range(len(after)):
+        after[i] = log_weights[i] + exponent * log_likelihood[i] + penalty[i]
+    largest, total = _largest(after), 0.0
+    for i in range(len(after)):
+        total += exp(after[i] - largest)
+    log_total = largest + log(total)
+    for i in range(len(after)):
+        after[i] -= log_total - log(len(after))
+    return after, largest, log_total
+
+
+@kernel
 def _largest(log_weights: LogWeights) -> float:
-    largest = float(log_weights.max()) if len(log_weights) else -math.inf
-    if math.isnan(largest) or largest == math.inf:
-        raise ValueError(f"a log-weight is {largest}")
+    largest = -inf
+    for i in range(len(log_weights)):
+        largest = max(largest, log_weights[i])
     return largest

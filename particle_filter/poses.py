@@ -55,6 +55,11 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
         (..., 3) with headings in [-pi, pi).
     """
     a_from_b, b_from_c = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
+    if a_from_b.ndim == b_from_c.ndim == 1:  # plain numbers are five times as fast for one
+        (x, y, heading), (along, across, turn) = a_from_b.tolist(), b_from_c.tolist()
+        c, s = math.cos(heading), math.sin(heading)
+        x, y = x + c * along - s * across, y + s * along + c * across
+        return np.array([x, y, wrap_angle(heading + turn)])
     a_from_c = a_from_b + b_from_c  # of the right shape; x and y come next
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     x, y = b_from_c[..., 0], b_from_c[..., 1]
@@ -83,6 +88,10 @@ def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
     a_from_b = np.asarray(a_from_b, np.float64)
     # Differences first: far from the origin they keep the digits that products would lose.
     b_from_c = np.asarray(a_from_c, np.float64) - a_from_b
+    if a_from_b.ndim == b_from_c.ndim == 1:  # as in `compose`
+        (x, y, turn), heading = b_from_c.tolist(), float(a_from_b[2])
+        c, s = math.cos(heading), math.sin(heading)
+        return np.array([c * x + s * y, c * y - s * x, wrap_angle(turn)])
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     x, y = b_from_c[..., 0].copy(), b_from_c[..., 1].copy()
     b_from_c[..., 0] = cos * x + sin * y

@@ -1,6 +1,7 @@
 """Opening Zenoh: wait for the router without becoming deaf to Ctrl-C, close on the way out."""
 
 import logging
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,6 +16,10 @@ from protocol.errors import UnreachableError
 _log = logging.getLogger(__name__)
 
 _PAUSE_S = 0.2
+
+_THREADS = "(rx: (worker_threads: 1))"
+"""Of Zenoh, for receiving: a client has one link, and a second thread would be woken for nothing
+by each message."""
 
 
 @contextmanager
@@ -49,6 +54,7 @@ def open_session(
 def _connect(
     settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
+    os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read when a process first opens Zenoh
     configuration = client_configuration(settings, robot)
     deadline_s = time.monotonic() + wait_s if wait_s is not None else float("inf")
     said = ""

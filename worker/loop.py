@@ -57,6 +57,10 @@ LOST_SCANS_TIMEOUT_S = 0.5
 """The bridge has just sent a scan, so it answers soon what it sent before, or never."""
 ASK_AGAIN_S = 0.02
 KEPT_SCANS = 64
+POLL_S = 0.1
+QUIET_S = 0.01
+"""After a scan, what nobody waits for is left until so much later: the other workers of this
+machine, and the coordinator, need the cores for the step."""
 KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""
 
@@ -91,11 +95,16 @@ class WorkerLoop:
         serve(self._session, keys.worker_order(self._name), self._inbox)
         serve(self._session, keys.worker_state(self._name), self._inbox)
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
+            unread_scans = 0
             while not stop.is_set():
-                event = self._inbox.get(0.1)
+                event = self._inbox.get(QUIET_S if unread_scans else POLL_S)
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
-                for payload in checkpoints.take():  # after a scan, which is waited for
+                    unread_scans += 1
+                    if unread_scans < KEPT_CHECKPOINTS:
+                        continue
+                unread_scans = 0
+                for payload in checkpoints.take():
                     self._on_checkpoint(payload)
                 if isinstance(event, Asked):
                     self._on_query(event)

@@ -1,5 +1,8 @@
 """The Gaussian through a cloud."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,6 +14,17 @@ from particle_filter.arrays import Poses
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.poses import compose, heading_distance
 from tests.unit.particle_filter import naive
+
+SUMS = """
+import numpy as np
+from particle_filter.gaussian import fit_gaussian
+from particle_filter.log_weights import shares
+rng = np.random.default_rng(1)
+poses, log_weights = rng.normal(size=(60_000, 3)), rng.normal(size=60_000)
+mean, covariance = fit_gaussian(poses, np.exp(log_weights))
+size = shares(log_weights)[1]
+print([value.hex() for value in (*mean.tolist(), *covariance.ravel().tolist(), size)])
+"""
 
 clouds = arrays(np.float64, (6, 3), elements=st.floats(-1, 1))
 weights = arrays(np.float64, 6, elements=st.floats(0.1, 10))
@@ -74,3 +88,16 @@ def test_weights_on_one_particle_give_that_particle() -> None:
 def test_weights_that_sum_to_nothing_are_refused(weight: list[float]) -> None:
     with pytest.raises(ValueError, match="fit no Gaussian"):
         fit_gaussian(np.zeros((2, 3)), np.array(weight))
+
+
+def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() -> None:
+    """Workers have one, programs of others as many as there are cores."""
+    said = {
+        subprocess.run(
+            [sys.executable, "-I", "-c", SUMS],
+            env={"OPENBLAS_NUM_THREADS": threads},
+            capture_output=True, text=True, check=True, timeout=60,
+        ).stdout
+        for threads in ("1", "2", "4")
+    }  # fmt: skip
+    assert len(said) == 1

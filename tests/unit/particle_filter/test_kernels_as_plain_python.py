@@ -60,7 +60,7 @@ def test_plain_python_computes_what_the_kernels_compute(tmp_path: Path) -> None:
 def test_processes_without_mathematics_load_no_compiler() -> None:
     run(
         "import sys, particle_filter.poses, particle_filter.random_streams,"
-        " particle_filter.log_weights, particle_filter.overlaps\n"
+        " particle_filter.belief, particle_filter.overlaps\n"
         "heavy = {'numba', 'scipy', 'llvmlite'} & set(sys.modules)\n"
         "assert not heavy, heavy"
     )

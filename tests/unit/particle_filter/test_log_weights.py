@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import effective_sample_size, log_sum, normalised
+from particle_filter.log_weights import multiplied, normalised, shares
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)
@@ -22,50 +22,59 @@ def test_weights_sum_to_one_whatever_their_common_offset(
     np.testing.assert_allclose(weights, normalised(log_weights), rtol=1e-8)
 
 
-@given(log_weights=finite)
-def test_the_sum_is_the_logarithm_of_the_sum(log_weights: LogWeights) -> None:
-    assert log_sum(log_weights) == pytest.approx(np.log(np.exp(log_weights).sum()), abs=1e-12)
+@given(log_weights=finite, likelihood=st.floats(-1e3, 1e3), exponent=st.floats(0.0, 1.0))
+def test_products_are_summed_and_scaled_to_their_number(
+    log_weights: LogWeights, likelihood: float, exponent: float
+) -> None:
+    count = len(log_weights)
+    fit, penalty = np.linspace(0.0, 1.0, count) + likelihood, np.linspace(-2.0, 0.0, count)
+    products = np.exp(log_weights + exponent * (fit - likelihood) + penalty)
+    after, total = multiplied(log_weights, fit, exponent, penalty)
+    assert total == pytest.approx(np.log(products.sum()) + exponent * likelihood, abs=1e-9)
+    np.testing.assert_allclose(np.exp(after), products / products.mean(), rtol=1e-9)
 
 
 @given(log_weights=finite, data=st.data())
 def test_order_does_not_matter(log_weights: LogWeights, data: st.DataObject) -> None:
     order = data.draw(st.permutations(range(len(log_weights))))
-    shuffled = log_weights[order]
-    assert log_sum(shuffled) == pytest.approx(log_sum(log_weights), abs=1e-12)
-    np.testing.assert_allclose(normalised(shuffled), normalised(log_weights)[order])
-    assert effective_sample_size(shuffled) == pytest.approx(effective_sample_size(log_weights))
+    (weights, size), (shuffled, same) = shares(log_weights), shares(log_weights[order])
+    np.testing.assert_allclose(shuffled, weights[order])
+    assert same == pytest.approx(size)
 
 
 @given(log_weights=finite)
 def test_the_effective_sample_size_is_between_one_and_all(log_weights: LogWeights) -> None:
-    size = effective_sample_size(log_weights)
-    assert 1.0 - 1e-9 <= size <= len(log_weights) + 1e-9
-    assert effective_sample_size(np.zeros(7)) == pytest.approx(7.0)
+    assert 1.0 - 1e-9 <= shares(log_weights)[1] <= len(log_weights) + 1e-9
+    assert shares(np.zeros(7))[1] == pytest.approx(7.0)
 
 
 def test_likelihoods_that_underflow_are_still_told_apart() -> None:
     log_weights = np.log(1e-300) * np.array([3.0, 2.0, 2.0])
     np.testing.assert_allclose(normalised(log_weights), [0.0, 0.5, 0.5], atol=1e-300)
-    assert log_sum(log_weights) == pytest.approx(np.log(2.0) + 2.0 * np.log(1e-300))
+    after, total = multiplied(np.zeros(3), log_weights, 1.0, np.zeros(3))
+    assert total == pytest.approx(np.log(2.0) + 2.0 * np.log(1e-300))
+    np.testing.assert_allclose(normalised(after), [0.0, 0.5, 0.5], atol=1e-300)
 
 
 def test_a_zero_weight_takes_no_share() -> None:
     log_weights = np.array([-np.inf, 0.0, 0.0])
-    np.testing.assert_array_equal(normalised(log_weights), [0.0, 0.5, 0.5])
-    assert effective_sample_size(log_weights) == pytest.approx(2.0)
-    assert log_sum(log_weights) == pytest.approx(np.log(2.0))
+    weights, size = shares(log_weights)
+    np.testing.assert_array_equal(weights, [0.0, 0.5, 0.5])
+    assert size == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("nothing", [NOTHING, np.empty(0)])
-def test_nothing_sums_to_zero_and_cannot_be_normalised(nothing: LogWeights) -> None:
-    assert log_sum(nothing) == -np.inf
-    assert effective_sample_size(nothing) == 0.0
+def test_nothing_cannot_be_normalised(nothing: LogWeights) -> None:
     with pytest.raises(ValueError, match="no weight is above zero"):
-        normalised(nothing)
+        shares(nothing)
+    with pytest.raises(ValueError, match="no weight is above zero"):
+        multiplied(nothing, np.zeros(len(nothing)), 1.0, np.zeros(len(nothing)))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_what_is_no_weight_is_refused(bad: float) -> None:
-    for function in (log_sum, normalised, effective_sample_size):
-        with pytest.raises(ValueError, match="log-weight"):
-            function(np.array([0.0, bad]))
+    log_weights = np.array([0.0, bad])
+    with pytest.raises(ValueError, match="log-weight"):
+        shares(log_weights)
+    with pytest.raises(ValueError, match="log-weight"):
+        multiplied(np.zeros(2), log_weights, 1.0, np.zeros(2))
