@@ -3,9 +3,11 @@
 import math
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
@@ -19,8 +21,7 @@ LEAST_PROBABILITY = sys.float_info.min
 """Given to a newcomer whose share is so small that it underflows to zero."""
 
 
-@dataclass(frozen=True)
-class Cluster:
+class Cluster(msgspec.Struct, frozen=True):
     """One tracked place."""
 
     cluster: int

@@ -1,5 +1,4 @@
 import math
-from dataclasses import replace
 
 import msgspec
 import pytest
@@ -45,7 +44,7 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Coordinat
     lost = msgspec.structs.replace(state.ensemble, clusters=())
     first, *rest = state.ensemble.clusters
     poisoned = msgspec.structs.replace(
-        state.ensemble, clusters=(replace(first, log_probability=math.nan), *rest)
+        state.ensemble, clusters=(msgspec.structs.replace(first, log_probability=math.nan), *rest)
     )
     for data, words in (
         (b"", "not a coordinator's state"),
