@@ -237,9 +237,16 @@ def clustering(count: int) -> Case:
     centres = np.random.default_rng(5).uniform(0.0, 40.0, (20, 3))
     poses = centres[np.arange(count) % 20] + np.random.default_rng(6).normal(0, 0.1, (count, 3))
     log_weights = np.random.default_rng(7).normal(size=count)
+    numbers = poses, log_weights, 1.0, 0.5, 500
+
+    def check() -> None:
+        ours, _ = cluster_by_source_point(*numbers)
+        np.testing.assert_array_equal(ours, plain.cluster_by_source_point(*numbers))
+
     return Case(
         f"source clustering, 20 places, {count:,} particles", "particle", count,
-        lambda: cluster_by_source_point(poses, log_weights, 1.0, 0.5, 500),
+        lambda: cluster_by_source_point(*numbers),
+        lambda: plain.cluster_by_source_point(*numbers), None, check,
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import Points, Poses
+from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField
 
 
@@ -90,3 +90,27 @@ def updated_belief(
     """Bayes' rule over clusters."""
     posterior = prior * np.exp(log_likelihood - log_likelihood.max())
     return posterior / posterior.sum()
+
+
+def cluster_by_source_point(
+    poses: Poses, log_weights: LogWeights, radius_m: float, heading_rad: float, max_clusters: int
+) -> NDArray[np.int64]:
+    """(N,) labels: one source after the other, each compared with all particles at once."""
+    order = np.argsort(-log_weights, kind="stable")
+    ordered = poses[order]
+    labels, nearest = np.full(len(poses), -1), np.full(len(poses), np.inf)
+    for cluster in range(max_clusters):
+        unlabelled = np.flatnonzero(labels < 0)
+        if len(unlabelled) == 0:
+            break
+        offsets = ordered - ordered[unlabelled[0]]
+        apart = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2) / radius_m**2
+        turns = offsets[:, 2] / (2.0 * np.pi)
+        turned = (turns - np.floor(turns + 0.5)) * 2.0 * np.pi / heading_rad
+        distance = apart + turned**2
+        nearer = (apart <= 1.0) & (np.abs(turned) <= 1.0) & (distance < nearest)
+        nearer[: unlabelled[0]] = False  # they were there before the source was
+        labels[nearer], nearest[nearer] = cluster, distance[nearer]
+    in_place = np.empty_like(labels)
+    in_place[order] = labels
+    return in_place
