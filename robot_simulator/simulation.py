@@ -23,8 +23,6 @@ _TICK_NS = 2 * _PIECE_NS
 """Between two scans: 10 Hz."""
 _SCAN_SHARE = 0.4
 """A scan is taken after this share of an odometry interval, as real ones are: in between."""
-_REMEMBERED_PIECES = 72_000
-"""One hour."""
 _KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
 
 
@@ -59,6 +57,7 @@ class Simulation:
         start: (3,) where it starts, instead of where the world says and along its route.
         start_ns: stamp of the first reading.
         sender: who the readings say they are from.
+        remembered_s: for how long it is known where the robot was.
 
     Raises:
         NoRoomError: the robot fits nowhere in this world.
@@ -74,6 +73,7 @@ class Simulation:
         start: PoseTuple | None = None,
         start_ns: int = 0,
         sender: str = "robot_simulator",
+        remembered_s: float = 3600.0,
     ) -> None:
         rngs = [np.random.default_rng([seed, purpose]) for purpose in range(5)]
         self.world = world
@@ -89,7 +89,9 @@ class Simulation:
         self._lidar = Lidar(model, world.truth, rngs[3])
         self._people = walkers.People(people, self._free_space, rngs[4])
         self._sender, self._start_ns, self._now_ns = sender, start_ns, start_ns
-        self._pieces: deque[tuple[PoseTuple, Drive]] = deque(maxlen=_REMEMBERED_PIECES)
+        self._pieces: deque[tuple[PoseTuple, Drive]] = deque(
+            maxlen=max(int(remembered_s * 1e9 / _PIECE_NS), 1)
+        )
 
     @property
     def map_from_robot(self) -> PoseTuple:
@@ -124,7 +126,7 @@ class Simulation:
         return self.map_from_robot
 
     def truth_at(self, stamp_ns: int) -> PoseTuple:
-        """Where the robot really was, `map_from_robot`, at a time within the last hour.
+        """Where the robot really was, `map_from_robot`, at a time that is remembered.
 
         Raises:
             ValueError: that time is not simulated yet, or forgotten.

@@ -60,7 +60,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def run_robot(invocation: Invocation) -> None:
     """Drive and publish until told to stop."""
     settings, arguments = invocation.settings, invocation.arguments
-    simulation = Simulation(soak_world(arguments.world, arguments.room), settings.seed)
+    world = soak_world(arguments.world, arguments.room)
+    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # each tick tells the truth
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
 
