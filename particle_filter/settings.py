@@ -59,7 +59,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     scan_likelihood_exponent: Annotated[
         float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
     ] = 0.1
-    max_beams: Annotated[int, described("valid beams used of one scan, spread evenly", gt=0)] = 60
+    max_beams: Annotated[
+        int, described("valid beams used of one scan, spread evenly", gt=0, le=65_536)
+    ] = 60
     max_range_m: Annotated[
         float, described("beams of this range or longer count as no return", "m", gt=0)
     ] = 30.0
@@ -81,7 +83,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
     ] = 2.0
     visibility_particles: Annotated[
-        int, described("particles of a cluster whose rays are followed; 0: none", ge=0)
+        int, described("particles of a cluster whose rays are followed; 0: none", ge=0, le=100_000)
     ] = 50
     visibility_beam_stride: Annotated[
         int, described("each follows one beam of so many, the next particle the next one", gt=0)
@@ -107,7 +109,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One cluster and its particles (section 2 of the paper)."""
 
-    particles: Annotated[int, described("particles of one tracked cluster", gt=0)] = 2000
+    particles: Annotated[int, described("particles of one tracked cluster", gt=0, le=1_000_000)] = (
+        2000
+    )
     resampling: Annotated[
         Literal["systematic", "stratified", "residual", "multinomial"],
         described("how particles are redrawn"),
@@ -124,7 +128,9 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
             le=1,
         ),
     ] = 0.0
-    min_particles: Annotated[int, described("never fewer where the number adapts", gt=0)] = 200
+    min_particles: Annotated[
+        int, described("never fewer where the number adapts", gt=0, le=1_000_000)
+    ] = 200
     split_every_steps: Annotated[
         int,
         described(
@@ -144,9 +150,13 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float,
         described("particles at the start, for each square metre of free space", "1/m2", gt=0),
     ] = 400.0
-    min_start_particles: Annotated[int, described("never fewer at the start", gt=0)] = 50_000
-    max_start_particles: Annotated[int, described("never more at the start", gt=0)] = 2_000_000
-    particles: Annotated[int, described("particles once annealed", gt=0)] = 50_000
+    min_start_particles: Annotated[
+        int, described("never fewer at the start", gt=0, le=50_000_000)
+    ] = 50_000
+    max_start_particles: Annotated[
+        int, described("never more at the start", gt=0, le=50_000_000)
+    ] = 2_000_000
+    particles: Annotated[int, described("particles once annealed", gt=0, le=50_000_000)] = 50_000
     shards: Annotated[
         int, described("independent shares a search is cut into, whatever the workers", gt=0, le=64)
     ] = 4
@@ -174,7 +184,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 1.0
     source_heading_rad: Annotated[float, described("and this near in heading", "rad", gt=0)] = 0.5
     hand_over_particles: Annotated[
-        int, described("particles of a place that a shard hands over", gt=0)
+        int, described("particles of a place that a shard hands over", gt=0, le=100_000)
     ] = 500
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
@@ -184,7 +194,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The Bayes filter over clusters (eq. 12-17 and section 4 of the paper)."""
 
-    clusters: Annotated[int, described("clusters kept, K", gt=0)] = 10
+    clusters: Annotated[int, described("clusters kept, K", gt=0, le=1_000)] = 10
     squared_prior: Annotated[bool, described("square the prior, as eq. 17 is printed")] = False
     transition_probability: Annotated[
         float, described("share of the belief spread over all clusters each step", ge=0, le=1)

@@ -68,7 +68,7 @@ def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
     choices = get_args(plain) if get_origin(plain) is Literal else ()
     kind = str if choices else plain
     bounds = [
-        f"{sign} {bound:g}"
+        f"{sign} {bound:.12g}"
         for sign, bound in ((">", meta.gt), (">=", meta.ge), ("<", meta.lt), ("<=", meta.le))
         if bound is not None
     ]

@@ -12,8 +12,10 @@ from process_runtime.router import open_router
 from process_runtime.session import open_session
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag, StoppedError
-from process_runtime.wire import Events, Link, watch_link
+from process_runtime.wire import Events, Link, Unread, watch_link
+from protocol import keys
 from protocol.errors import UnreachableError
+from protocol.limits import max_bytes_on
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
 from tests.integration.waiting import wait_until
@@ -155,3 +157,26 @@ def test_a_process_is_told_that_its_link_is_lost_and_that_it_is_back(
     first_router.wait()
     start_router()
     assert inbox.get(20.0) == Link(up=True)
+
+
+@pytest.mark.usefixtures("router")
+def test_messages_nobody_reads_are_kept_as_many_as_asked_and_wake_nobody(
+    open_client: OpenClient,
+) -> None:
+    inbox: Events = Inbox({"state": 1})
+    unread = Unread(open_client(), keys.SCAN, inbox, "state", count=3)
+    speaker, heard = open_client(), list[bytes]()
+
+    def reads_the_last() -> bool:
+        for number in range(8):
+            speaker.put(keys.SCAN, bytes([number]))
+        time.sleep(0.1)
+        heard[:] = unread.take()
+        return bool(heard)
+
+    wait_until(reads_the_last)
+    assert heard == [bytes([number]) for number in (5, 6, 7)]
+    assert list(unread.take()) == []
+    speaker.put(keys.SCAN, bytes(max_bytes_on(keys.SCAN) + 1))
+    wait_until(lambda: not list(unread.take()) and inbox.dropped() == {"state too large": 1})
+    assert inbox.get(0.0) is None

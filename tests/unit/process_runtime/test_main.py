@@ -64,7 +64,7 @@ def test_wrong_settings_are_said_before_the_body_runs(capsys: pytest.CaptureFixt
     got: list[Invocation] = []
     assert run(got.append, "--set", "cluster.particles=none") == 2
     assert capsys.readouterr().err == (
-        "tester: --set: cluster.particles = 'none': expected a whole number > 0\n"
+        "tester: --set: cluster.particles = 'none': expected a whole number > 0 and <= 1000000\n"
     )
     assert got == []
 

@@ -158,6 +158,7 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
         ("cluster.particles=2.5", "cluster.particles = 2.5: expected a whole number > 0"),
         ("cluster.particles=true", "cluster.particles = True: expected a whole number > 0"),
         ("cluster.particles=0", "cluster.particles = 0: expected a whole number > 0"),
+        ("cluster.particles=1000000000000", "expected a whole number > 0 and <= 1000000"),
         ("sensor.hit_weight=1.5", "hit_weight = 1.5: expected a number > 0 and <= 1"),
         ("sensor.hit_sigma_m=nan", "sensor.hit_sigma_m = nan: expected a number > 0"),
         ("bridge.rate=inf", "bridge.rate = inf: expected a number >= 0"),
