@@ -9,6 +9,7 @@ import numpy as np
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked
+from process_runtime.scheduling import work_without_preempting
 from process_runtime.session import open_session
 from process_runtime.stop import StopFlag
 from process_runtime.trace import start_trace
@@ -44,6 +45,7 @@ def run_workers(invocation: Invocation) -> None:
         name = f"{prefix}-{index}"
         start_trace(settings.log.trace_folder, name)
         with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+            work_without_preempting()
             WorkerLoop(name, session, cache, incarnation=time.time_ns()).run(stop)
 
     run_forked(
