@@ -14,12 +14,14 @@ from pathlib import Path
 import zenoh
 
 from process_runtime.main import Invocation, process_main
+from process_runtime.memory import give_back_freed_memory
 from process_runtime.settings import ZenohSettings
 from process_runtime.zenoh_configuration import as_zenoh, readable, router_configuration
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 
 _log = logging.getLogger(__name__)
 
+TIDY_EVERY_S = 30.0
 _IN_USE = ("Address already in use", "Unable to acquire lock")
 
 
@@ -50,8 +52,8 @@ def run_router(invocation: Invocation) -> None:
         endpoints = config.get_json("listen/endpoints")
     with _listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
-        while not invocation.stop.wait(60.0):
-            pass
+        while not invocation.stop.wait(TIDY_EVERY_S):
+            give_back_freed_memory()
 
 
 def main() -> None:
