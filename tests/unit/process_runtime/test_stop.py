@@ -19,8 +19,7 @@ print(stop.wait(60.0))
 CLOSED_TERMINAL = """
 import os, signal, sys
 from process_runtime.stop import stop_on_signals
-if "nohup" in sys.argv:
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+signal.signal(signal.SIGHUP, signal.SIG_IGN if "nohup" in sys.argv else signal.SIG_DFL)
 stop = stop_on_signals()
 os.kill(os.getpid(), signal.SIGHUP)
 print(stop.is_set())
