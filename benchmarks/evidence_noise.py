@@ -46,7 +46,7 @@ def simulated(simulation: Simulation) -> Iterator[tuple[Scan, PoseTuple]]:
     maker = StepMaker(BridgeSettings(), map_digest="", sender="study")
     for tick in simulation:
         for reading in tick.readings:
-            scan = maker.take(reading)
+            scan = maker.on_reading(reading)
             if scan is not None:
                 yield scan, simulation.truth_at(scan.stamp_ns)
 

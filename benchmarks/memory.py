@@ -62,7 +62,7 @@ def by_part(up: psutil.Process) -> dict[str, list[float]]:
             "sensor_bridge",
             "coordinator",
             "worker",
-            "process_runtime.router",
+            "zenoh_link.router",
         )
         part = next((name for name in names if name in words), "clustermcl up")
         sizes[part].append(proportional_mb(process))

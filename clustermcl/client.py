@@ -10,11 +10,8 @@ from typing import Self, TypeVar
 
 import zenoh
 
-from process_runtime.inbox import Inbox
-from process_runtime.session import open_session
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
-from process_runtime.wire import Events, Received, ask, subscribe
 from protocol import keys
 from protocol.answers import (
     Belief,
@@ -29,6 +26,9 @@ from protocol.answers import (
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
 from protocol.message import Message, PoseTuple
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Received, ask, subscribe
 
 A = TypeVar("A", bound=Message)
 

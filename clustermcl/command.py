@@ -5,13 +5,13 @@ import math
 import signal
 import sys
 from collections.abc import Callable
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from clustermcl.experiments_command import experiments
-from clustermcl.soak.command import soak
+from evaluation.experiments.command import experiments
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import Settings
@@ -29,7 +29,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 app.command()(experiments)
-app.command()(soak)
+for _command in entry_points(group="clustermcl.commands"):  # of packages above this one
+    app.command(_command.name)(_command.load())
 
 SettingsFile = Annotated[
     Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
@@ -136,8 +137,8 @@ def evaluate(
     assignments: Assignments = None,
 ) -> None:
     """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
-    from clustermcl.evaluate import run_evaluate  # noqa: PLC0415 - see the module
-    from clustermcl.evaluation import EvaluateOptions  # noqa: PLC0415 - see the module
+    from evaluation.evaluate import run_evaluate  # noqa: PLC0415 - see the module
+    from evaluation.evaluation import EvaluateOptions  # noqa: PLC0415 - see the module
 
     options = EvaluateOptions(
         recording=recording,

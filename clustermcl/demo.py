@@ -12,18 +12,15 @@ from rich.console import Console
 
 from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_object
 from clustermcl.as_text import pose_text, spread_text
+from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
-from clustermcl.metrics import PoseError, pose_error
-from clustermcl.recordings import counted_steps
-from clustermcl.reference import Reference, load_reference
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
-from clustermcl.story import Story
+from evaluation.judge import PoseError, pose_error
+from evaluation.recordings import counted_steps
+from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map
-from process_runtime.inbox import Inbox
-from process_runtime.session import open_session
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag, stop_on_signals
-from process_runtime.wire import Events, Received, Token, ask, subscribe, watch
 from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
@@ -31,6 +28,9 @@ from protocol.errors import ClusterMclError, SettingsError, UnreachableError
 from protocol.message import PoseTuple
 from protocol.steps import TruePose
 from robot_simulator.source import PREFIX, simulated_world
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 
 DEFAULT_SOURCE = f"{PREFIX}cross_feature"
 DEFAULT_SIMULATION_RATE = 3.0
@@ -78,7 +78,7 @@ class _Show:
 
 @dataclass(frozen=True)
 class _Result:
-    story: Story
+    summary: DemoSummary
     belief: Belief
     truth: PoseTuple | None
     status: Status
@@ -162,12 +162,12 @@ def _run(stack: Stack, settings: Settings, show: _Show, view: View, stop: StopFl
             audience = _Audience(session, show, view, check)
             audience.wait_for_workers(settings.worker.count)
             stack.start_coordinator()
-            story = audience.follow()
-            belief = story.belief
-            assert belief is not None  # the story ends with one
+            summary = audience.follow()
+            belief = summary.belief
+            assert belief is not None  # the summary ends with one
             truth = audience.truth_of(belief)
             status = ask(session, keys.STATUS, Status, timeout_s=settings.zenoh.query_timeout_s)
-            return _Result(story, belief, truth, status)
+            return _Result(summary, belief, truth, status)
     except UnreachableError:
         stack.check()  # whose last words say why
         raise
@@ -183,7 +183,7 @@ class _Audience:
         self._inbox: Events = Inbox({"belief": 4096, "truth": 4096})
         self._alive: set[str] = set()
         self._truths: dict[int, PoseTuple] = {}
-        self._story = Story()
+        self._summary = DemoSummary()
         subscribe(session, keys.BELIEF, self._inbox, "belief")
         subscribe(session, keys.TRUTH, self._inbox, "truth")
         watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
@@ -195,7 +195,7 @@ class _Audience:
             self._hear()
         self._view.starting(count, count)
 
-    def follow(self) -> Story:
+    def follow(self) -> DemoSummary:
         """Hear beliefs until the last one."""
         heard_s = time.monotonic()
         while not self._over():
@@ -203,7 +203,7 @@ class _Audience:
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _SILENCE_S:
                 raise StalledError(f"no belief has come for {_SILENCE_S:.0f} s")
-        return self._story
+        return self._summary
 
     def truth_of(self, belief: Belief) -> PoseTuple | None:
         """Where the robot was at the step of a belief; None where nobody knows."""
@@ -218,12 +218,12 @@ class _Audience:
         return self._truths.get(belief.step)
 
     def _over(self) -> bool:
-        story = self._story
-        if story.belief is None:
+        summary = self._summary
+        if summary.belief is None:
             return False
-        if self._show.ends_when_localized and story.localized_steps >= LOCALIZED_STEPS:
+        if self._show.ends_when_localized and summary.localized_steps >= LOCALIZED_STEPS:
             return True
-        return story.belief.last
+        return summary.belief.last
 
     def _hear(self) -> bool:
         """Take what came, waiting a moment for it; whether it was a belief."""
@@ -238,7 +238,7 @@ class _Audience:
                     del self._truths[next(iter(self._truths))]
             case Received(key=keys.BELIEF, payload=payload):
                 belief = decode(payload, Belief)
-                self._story.take(belief)
+                self._summary.on_belief(belief)
                 self._view.believed(belief, self._truths.get(belief.step))
                 return True
         return False
@@ -268,7 +268,7 @@ def _as_object(result: _Result, wall_s: float) -> JsonObject:
 
 def _summary(result: _Result, wall_s: float) -> list[str]:
     belief, error, status = result.belief, _error(result), result.status
-    lines = list(result.story.lines())
+    lines = list(result.summary.lines())
     if belief.hypotheses:
         best = belief.hypotheses[0]
         lines.append(

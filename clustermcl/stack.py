@@ -69,7 +69,7 @@ class Stack:
             source = self._child("robot_simulator", *simulator_arguments)
         else:
             source = self._child("sensor_bridge")
-        router = self._child("process_runtime.router", name=ROUTER)
+        router = self._child("zenoh_link.router", name=ROUTER)
         self._coordinator = self._child("coordinator")
         self._supervisor = Supervisor([router, self._child("worker"), source])
 

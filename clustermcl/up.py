@@ -6,11 +6,11 @@ from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from grid_maps.load import load_map
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
-from process_runtime.zenoh_configuration import as_zenoh, client_configuration
 from protocol.errors import SettingsError
 from robot_simulator.source import PREFIX, simulated_world
 from sensor_bridge.process import LIVE_SOURCE
 from sensor_bridge.recording import open_recording
+from zenoh_link.configuration import as_zenoh, client_configuration
 
 _POLL_S = 0.1
 

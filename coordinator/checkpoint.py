@@ -8,7 +8,7 @@ import math
 
 import msgspec
 
-from coordinator.cluster_set import Cluster
+from coordinator.belief.cluster_set import Cluster
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import SearchJob, TrackJob
@@ -42,7 +42,7 @@ class FitState(msgspec.Struct, frozen=True):
     lost: bool
 
 
-class OfferState(msgspec.Struct, frozen=True):
+class PriorPose(msgspec.Struct, frozen=True):
     """A place that is possible from earlier knowledge, until the first search has ended."""
 
     step: int
@@ -62,7 +62,7 @@ class EnsembleState(msgspec.Struct, frozen=True):
     search: SearchState | None
     searches: int
     next_search_step: int
-    offer: OfferState | None = None
+    prior_pose: PriorPose | None = None
 
 
 class JobState(msgspec.Struct, frozen=True):
@@ -75,7 +75,7 @@ class JobState(msgspec.Struct, frozen=True):
     """None: a cluster whose particles its worker holds."""
 
 
-class CoordinatorState(msgspec.Struct, frozen=True):
+class CheckpointState(msgspec.Struct, frozen=True):
     """Everything that a coordinator would need to carry on."""
 
     version: int
@@ -97,12 +97,12 @@ class CoordinatorState(msgspec.Struct, frozen=True):
     """The last commands' ids to the reason why they were refused."""
 
 
-def to_bytes(state: CoordinatorState) -> bytes:
+def to_bytes(state: CheckpointState) -> bytes:
     """The state as it travels."""
     return msgspec.msgpack.encode(state)
 
 
-def from_bytes(data: bytes) -> CoordinatorState:
+def from_bytes(data: bytes) -> CheckpointState:
     """The state in a checkpoint.
 
     Raises:
@@ -112,7 +112,7 @@ def from_bytes(data: bytes) -> CoordinatorState:
         version = msgspec.msgpack.decode(data, type=_Version).version
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
-        state = msgspec.msgpack.decode(data, type=CoordinatorState)
+        state = msgspec.msgpack.decode(data, type=CheckpointState)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
     clusters = {cluster.job_id for cluster in state.ensemble.clusters}

@@ -1,7 +1,7 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
-from coordinator.books import Books
-from coordinator.given_places import candidate, diagonal
+from coordinator.belief.given_places import candidate, diagonal
+from coordinator.state import CoordinatorState
 from particle_filter.random_streams import Purpose
 from protocol.answers import Relocalize, SetPose
 from protocol.steps import Scan
@@ -11,35 +11,35 @@ KEPT_COMMANDS = 100
 TOO_EARLY = "no scan has arrived yet; start the robot or the recording first"
 
 
-def carry_out(command: SetPose | Relocalize, books: Books) -> bool:
+def carry_out(command: SetPose | Relocalize, state: CoordinatorState) -> bool:
     """Do what is commanded, at the time of the last applied scan, and remember that it was.
 
     Returns:
-        Whether it was done; if not, the books say why.
+        Whether it was done; if not, the state say why.
     """
-    scan = books.applied_scan
+    scan = state.applied_scan
     if scan is not None:
-        _obey(command, books, scan)
-    books.commands_done[command.command_id] = "" if scan is not None else TOO_EARLY
-    while len(books.commands_done) > KEPT_COMMANDS:
-        del books.commands_done[next(iter(books.commands_done))]
+        _obey(command, state, scan)
+    state.commands_done[command.command_id] = "" if scan is not None else TOO_EARLY
+    while len(state.commands_done) > KEPT_COMMANDS:
+        del state.commands_done[next(iter(state.commands_done))]
     return scan is not None
 
 
-def _obey(command: SetPose | Relocalize, books: Books, scan: Scan) -> None:
+def _obey(command: SetPose | Relocalize, state: CoordinatorState, scan: Scan) -> None:
     if isinstance(command, Relocalize):
-        books.follow(books.ensemble.relocalize(scan.step), scan)
+        state.follow(state.ensemble.relocalize(scan.step), scan)
         return
-    books.set_poses += 1
-    settings = books.ensemble.settings
+    state.set_poses += 1
+    settings = state.ensemble.settings
     given = candidate(
         settings.belief.set_pose_probability,
         command.map_from_robot,
         diagonal(command.position_sigma_m, command.heading_sigma_rad),
         seed=settings.seed,
         purpose=Purpose.GIVEN_POSE,
-        entity=books.set_poses,
+        entity=state.set_poses,
         step=scan.step,
         odom_from_robot=scan.odom_from_robot,
     )
-    books.follow(books.ensemble.set_pose(given), scan)
+    state.follow(state.ensemble.set_pose(given), scan)

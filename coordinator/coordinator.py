@@ -7,18 +7,18 @@ story is a unit test.
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from coordinator.books import Books
-from coordinator.checkpoint import OfferState
+from coordinator.answers import Answers
+from coordinator.checkpoint import PriorPose
 from coordinator.commands import carry_out
-from coordinator.inquiry import Told
+from coordinator.failover.state_recovery import Told
+from coordinator.failover.term import Term
 from coordinator.instructions import FetchScans, Instruction, PublishBelief, SendOrder
-from coordinator.last_pose import LastPose
-from coordinator.spokesman import Spokesman
-from coordinator.succession import Succession
+from coordinator.pose.last_pose import LastPose
+from coordinator.state import CoordinatorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
-from protocol.numbering import Numbering
+from protocol.step_reset_detector import StepResetDetector
 from protocol.steps import OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report
 
@@ -50,96 +50,96 @@ class Coordinator:
             settings: the coordinator's.
             version: of the software.
             now_ns: by the clock of all events.
-            term: see `Succession`; raised above all that workers know.
+            term: see `Term`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
             last_poses: where the robot was at the end of an earlier life, by the map's digest.
             live: the robot's stamps are of a clock that runs like any other.
         """
         self._sender, self._settings = sender, settings
         self._last_poses = last_poses
-        self._books = Books(sender, filter_settings, settings, live=live)
-        self._spokesman = Spokesman(sender, version, self._books, now_ns)
-        self._succession = Succession(sender, term, known, now_ns)
-        self._numbering = Numbering()
+        self._state = CoordinatorState(sender, filter_settings, settings, live=live)
+        self._answers = Answers(sender, version, self._state, now_ns)
+        self._term = Term(sender, term, known, now_ns)
+        self._step_resets = StepResetDetector()
         self._early_reports: list[tuple[Report, str]] = []
         self._linked = True
 
     @property
     def outranked_by(self) -> int | None:
         """A higher term that somebody knows of: another coordinator acts, this one must not."""
-        return self._succession.outranked_by
+        return self._term.outranked_by
 
     @property
     def map_digest(self) -> str:
         """Of the map in which the robot is looked for; empty before the first scan."""
-        return self._books.placement.map_digest
+        return self._state.placement.map_digest
 
     @property
     def begun(self) -> bool:
         """Whether it knows enough to answer."""
-        return self._succession.begun
+        return self._term.begun
 
     # --- what the robot does
 
     def scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step's scan arrived."""
-        books = self._books
-        if not books.placement.map_digest:
-            books.placement.map_digest = scan.map_digest
-        elif scan.map_digest != books.placement.map_digest:
-            books.counters["scan of another map"] += 1
+        state = self._state
+        if not state.placement.map_digest:
+            state.placement.map_digest = scan.map_digest
+        elif scan.map_digest != state.placement.map_digest:
+            state.counters["scan of another map"] += 1
             return []
-        if not books.collector.take_scan(scan, now_ns):
-            books.counters["scan repeated or late"] += 1
-            if self.begun and self._numbering.starts_anew(scan, books.applied_scan):
-                books.count_anew(scan)
+        if not state.collector.take_scan(scan, now_ns):
+            state.counters["scan repeated or late"] += 1
+            if self.begun and self._step_resets.starts_anew(scan, state.applied_scan):
+                state.count_anew(scan)
                 return self.scan(scan, now_ns)
             return self._say_again(scan, now_ns)
-        books.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
+        state.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
         if not self.begun:
             return self.tick(now_ns)
         self._begin_search(scan)
-        lost = books.collector.lost_before(scan)
+        lost = state.collector.lost_before(scan)
         return ([FetchScans(*lost)] if lost else []) + self.tick(now_ns)
 
     def history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Steps of the past; a coordinator without any begins with the newest of them."""
-        if self.begun and not self._books.ensemble.searches:
-            self._books.collector.begin_after(scans[-1].step - 1 if scans else -1)
+        if self.begun and not self._state.ensemble.searches:
+            self._state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
         return [do for scan in scans for do in self.scan(scan, now_ns)]
 
     def odometry(self, reading: OdometryReading, now_ns: int) -> None:
         """The robot moved."""
-        self._books.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
+        self._state.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
 
     # --- what workers do
 
     def report(self, report: Report, worker: str, now_ns: int) -> list[Instruction]:
         """A worker's job took a step."""
         if self.begun:
-            self._books.take(report, worker)
+            self._state.on_report(report, worker)
         else:
             self._early_reports.append((report, worker))
         return self.tick(now_ns)
 
     def worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token appeared."""
-        missed = self._books.placement.misses(name)
-        silent_until_ns = self._succession.joined(name, now_ns, missed=missed)
-        self._books.placement.joined(name, silent_until_ns)
-        self._books.changed = True  # a newcomer has heard no checkpoint yet
+        missed = self._state.placement.misses(name)
+        silent_until_ns = self._term.joined(name, now_ns, missed=missed)
+        self._state.placement.joined(name, silent_until_ns)
+        self._state.changed = True  # a newcomer has heard no checkpoint yet
         return self.tick(now_ns)
 
     def worker_told(self, name: str, told: Told, now_ns: int) -> list[Instruction]:
         """A worker says what it does, and what the last coordinator had decided."""
-        if not self._books.placement.has(name):
+        if not self._state.placement.has(name):
             return []
-        self._succession.answered(name, told)
+        self._term.answered(name, told)
         if not self.begun:
             return self.tick(now_ns)
         newest, resumed = told.checkpoint, list[Instruction]()
-        if newest is not None and newest.founded and not self._succession.founded:
+        if newest is not None and newest.founded and not self._term.founded:
             resumed = self._resume(newest, now_ns)
         if not resumed:
             self._hear_out(name, told, now_ns)
@@ -147,28 +147,28 @@ class Coordinator:
 
     def worker_left(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token is gone."""
-        self._books.placement.left(name)
-        self._succession.left(name)
-        self._books.changed = True
+        self._state.placement.left(name)
+        self._term.left(name)
+        self._state.changed = True
         return self.tick(now_ns)
 
     def worker_returned(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker that was away with our link is back; whether it is the same, it will say."""
-        self._books.placement.returned(name)
+        self._state.placement.returned(name)
         return self.tick(now_ns)
 
     def order_answered(self, worker: str, answer: OrderAnswer) -> None:
         """A worker took an order, or says why not."""
         if answer.problem:
-            self._books.counters["order refused"] += 1  # the worker's log says why
-        self._succession.hear_term(answer.term)
-        self._books.placement.answered(worker, answer)
+            self._state.counters["order refused"] += 1  # the worker's log says why
+        self._term.hear_term(answer.term)
+        self._state.placement.answered(worker, answer)
 
     # --- what others do
 
     def checkpoint_heard(self, checkpoint: Checkpoint) -> None:
         """Some coordinator, perhaps this one, published its checkpoint."""
-        self._succession.hear(checkpoint)
+        self._term.hear(checkpoint)
 
     def link_lost(self) -> None:
         """Our own link is down: nothing is decided until it is back."""
@@ -177,7 +177,7 @@ class Coordinator:
     def link_back(self, now_ns: int) -> list[Instruction]:
         """Our own link is back: steps under way get their whole deadline again."""
         self._linked = True
-        self._books.collector.wait_anew(now_ns)
+        self._state.collector.wait_anew(now_ns)
         return self.tick(now_ns)
 
     def command(
@@ -185,59 +185,59 @@ class Coordinator:
     ) -> tuple[CommandDone, list[Instruction]]:
         """A person says where the robot is, or to search everywhere; done once for each id."""
         instructions: list[Instruction] = []
-        if command.command_id not in self._books.commands_done:
-            if carry_out(command, self._books):
-                self._succession.founded = True
+        if command.command_id not in self._state.commands_done:
+            if carry_out(command, self._state):
+                self._term.founded = True
                 instructions += self._believed(now_ns)
             instructions += self.tick(now_ns)
-        problem = self._books.commands_done[command.command_id]
+        problem = self._state.commands_done[command.command_id]
         return CommandDone(sender=self._sender, problem=problem), instructions
 
     def tick(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due and tell workers what is news to them."""
         if not self._linked or self.outranked_by is not None:
             return []
-        books, instructions = self._books, list[Instruction](self._succession.questions(now_ns))
+        state, instructions = self._state, list[Instruction](self._term.questions(now_ns))
         if not self.begun:
-            if not self._succession.may_begin(now_ns):
+            if not self._term.may_begin(now_ns):
                 return instructions
             instructions += self._begin(now_ns)
-        while ready := books.collector.ready(
-            books.placement.waited_for(books.ensemble.expected), books.placement.placed_ns, now_ns
+        while ready := state.collector.ready(
+            state.placement.waited_for(state.ensemble.expected), state.placement.placed_ns, now_ns
         ):
-            books.apply(ready, now_ns)
+            state.apply(ready, now_ns)
             instructions += self._believed(now_ns)
-        orders = books.placement.orders(now_ns)
-        if books.changed or orders:
-            self._succession.founded |= len(books.ensemble.clusters) > 0
-            first: list[Instruction] = [self._succession.hand_on(books.state(now_ns), now_ns)]
-            books.changed = False
+        orders = state.placement.orders(now_ns)
+        if state.changed or orders:
+            self._term.founded |= len(state.ensemble.clusters) > 0
+            first: list[Instruction] = [self._term.hand_on(state.state(now_ns), now_ns)]
+            state.changed = False
         else:
-            first = list(self._succession.sign_of_life(now_ns))
+            first = list(self._term.sign_of_life(now_ns))
         return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 
     # --- answers
 
     def pose(self, now_ns: int) -> PoseAnswer:
         """Where the robot is now."""
-        return self._spokesman.pose(now_ns)
+        return self._answers.pose(now_ns)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
         """All places with their probabilities."""
-        return self._spokesman.hypotheses(now_ns)
+        return self._answers.hypotheses(now_ns)
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
         """How the system is; `counters` are those of the process around."""
-        return self._spokesman.status(now_ns, counters)
+        return self._answers.status(now_ns, counters)
 
     def _believed(self, now_ns: int) -> list[Instruction]:
         """Tell what is believed now."""
-        belief = self._spokesman.belief()
+        belief = self._answers.belief()
         return [PublishBelief(belief, self.pose(now_ns))] if belief is not None else []
 
     def _say_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step that comes again waits for its belief, which may have been lost."""
-        applied = self._books.applied_scan
+        applied = self._state.applied_scan
         if not scan.paced or applied is None or scan.step != applied.step:
             return []
         return self._believed(now_ns)
@@ -246,34 +246,34 @@ class Coordinator:
 
     def _begin(self, now_ns: int) -> list[Instruction]:
         """All has been heard: carry on from another's state, or begin anew."""
-        self._succession.begun = self._books.changed = True
-        self._spokesman.term = self._succession.term
-        self._books.placement.rule(self._succession.term)
-        newest = self._succession.newest
+        self._term.begun = self._state.changed = True
+        self._answers.term = self._term.term
+        self._state.placement.rule(self._term.term)
+        newest = self._term.newest
         instructions = self._resume(newest, now_ns) if newest is not None else []
         if not instructions:
-            for worker in self._succession.told:
-                self._books.placement.held(worker, (), now_ns)
-            waiting = self._books.collector.oldest_scan
+            for worker in self._term.told:
+                self._state.placement.held(worker, (), now_ns)
+            waiting = self._state.collector.oldest_scan
             if waiting is not None:
                 self._begin_search(waiting)
             else:
                 instructions.append(FetchScans(0, None))
         for report, worker in self._early_reports:
-            self._books.take(report, worker)
+            self._state.on_report(report, worker)
         self._early_reports.clear()
         return instructions
 
     def _begin_search(self, scan: Scan) -> None:
         """The first search begins with this scan, or those that were lost just before it."""
-        if self._books.ensemble.searches:
+        if self._state.ensemble.searches:
             return
-        before = self._books.collector.before
+        before = self._state.collector.before
         lost = 0 if before is None else scan.step - before - 1
         first = scan.step - (lost if lost <= NEVER_LATER else 0)
-        self._books.begin_search(first, self._offer(scan))
+        self._state.begin_search(first, self._prior_pose(scan))
 
-    def _offer(self, scan: Scan) -> OfferState | None:
+    def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Where the robot was at the end of an earlier life, as one place that is possible."""
         last = self._last_poses.get(scan.map_digest)
         probability = self._settings.last_pose_probability
@@ -284,16 +284,16 @@ class Coordinator:
 
         The belief that was last is published again: the one before may not have come to it.
         """
-        next_step = self._books.resume(checkpoint, now_ns)
+        next_step = self._state.resume(checkpoint, now_ns)
         if next_step is None:
             return []
-        self._succession.founded = checkpoint.founded
-        for worker, told in self._succession.told.items():
+        self._term.founded = checkpoint.founded
+        for worker, told in self._term.told.items():
             self._hear_out(worker, told, now_ns)
         return [FetchScans(next_step, None), *self._believed(now_ns)]
 
     def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
         """Take what a worker holds, and what it has reported while nobody was there."""
-        self._books.placement.held(worker, told.holds, now_ns)
+        self._state.placement.held(worker, told.holds, now_ns)
         for report in told.reports:
-            self._books.take(report, worker)
+            self._state.on_report(report, worker)

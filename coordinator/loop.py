@@ -8,20 +8,27 @@ import msgspec
 import zenoh
 
 from coordinator.coordinator import Coordinator
-from coordinator.doubt import Doubt
-from coordinator.health_board import MAX_PROCESSES, HealthBoard
-from coordinator.inquiry import told_by
+from coordinator.failover.self_fencing import SelfFencing
+from coordinator.failover.state_recovery import told_by
 from coordinator.instructions import Instruction, PublishBelief
-from coordinator.last_pose import LastPose
+from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
+from coordinator.membership.membership import Change, Membership
 from coordinator.outgoing import Outgoing
-from coordinator.pose_keeper import PoseKeeper
-from coordinator.roster import Change, Roster
-from process_runtime.health import HealthReporter
-from process_runtime.inbox import Inbox
+from coordinator.pose.last_pose import LastPose
+from coordinator.pose.pose_keeper import PoseKeeper
+from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
-from process_runtime.trace import mark
-from process_runtime.wire import (
+from protocol import keys
+from protocol.answers import Belief, Relocalize, SetPose, Status
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError, MapMismatchError
+from protocol.health import Health
+from protocol.steps import OdometryReading, Scan, ScanHistory
+from protocol.work import Checkpoint, OrderAnswer, Report
+from zenoh_link.health import HealthReporter
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import (
     Asked,
     Event,
     Events,
@@ -34,13 +41,6 @@ from process_runtime.wire import (
     watch,
     watch_link,
 )
-from protocol import keys
-from protocol.answers import Belief, Relocalize, SetPose, Status
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError, MapMismatchError
-from protocol.health import Health
-from protocol.steps import OdometryReading, Scan, ScanHistory
-from protocol.work import Checkpoint, OrderAnswer, Report
 
 ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
@@ -61,8 +61,8 @@ class CoordinatorLoop:
         self._causes, self._another_map = CauseCounter(), CauseCounter()
         self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
         self._board = HealthBoard()
-        self._roster = Roster()
-        self._doubt = Doubt(time.monotonic_ns())
+        self._membership = Membership()
+        self._fencing = SelfFencing(time.monotonic_ns())
         self._outgoing = Outgoing(session, self._inbox)
 
     def run(self, stop: StopFlag) -> None:
@@ -91,9 +91,9 @@ class CoordinatorLoop:
         """Take what arrived first and do what comes of it."""
         event = self._inbox.get(TICK_S)
         now_ns = time.monotonic_ns()
-        self._doubt.turn(now_ns)
+        self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns), now_ns)
-        self._carry_out(self._change(self._roster.due(now_ns), now_ns), now_ns)
+        self._carry_out(self._change(self._membership.due(now_ns), now_ns), now_ns)
 
     def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
         try:
@@ -104,7 +104,7 @@ class CoordinatorLoop:
                     return self._on_query(event, now_ns)
                 case Token():
                     name = keys.worker_name(event.key)
-                    return self._change(self._roster.token(name, event.alive, now_ns), now_ns)
+                    return self._change(self._membership.token(name, event.alive, now_ns), now_ns)
                 case Link():
                     return self._on_link(event, now_ns)
         except MalformedMessageError as error:
@@ -166,13 +166,13 @@ class CoordinatorLoop:
         return msgspec.structs.replace(status, processes=(own, *self._board.all(now_ns)))
 
     def _on_link(self, event: Link, now_ns: int) -> list[Instruction]:
-        was_linked = self._roster.linked
-        self._roster.link(event.up, now_ns)
+        was_linked = self._membership.linked
+        self._membership.link(event.up, now_ns)
         if event.up == was_linked:
             return []
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
-            self._doubt.arise(now_ns)
+            self._fencing.arise(now_ns)
             return self._coordinator.link_back(now_ns)
         self._coordinator.link_lost()
         return []
@@ -188,7 +188,7 @@ class CoordinatorLoop:
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
-        if self._doubt.lasts(now_ns):
+        if self._fencing.lasts(now_ns):
             asked.refuse("another coordinator may have taken over; ask again")
             return []
         match asked.key:
@@ -219,7 +219,7 @@ class CoordinatorLoop:
     def _carry_out(self, instructions: list[Instruction], now_ns: int) -> None:
         if self._coordinator.outranked_by is not None:
             return
-        cleared = self._doubt.cleared(instructions, now_ns)
+        cleared = self._fencing.cleared(instructions, now_ns)
         self._outgoing.carry_out(cleared)
         for instruction in cleared:
             if isinstance(instruction, PublishBelief):

@@ -15,10 +15,10 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from process_runtime.wire import Events, Publisher, Received
 from protocol import keys
 from protocol.codec import encode
 from protocol.message import Message
+from zenoh_link.wire import Events, Publisher, Received
 
 ASK_AGAIN_WITHIN_S = 0.5
 """Just after a link came up, a query for lost scans finds nobody; it is repeated so long."""

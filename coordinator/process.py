@@ -9,19 +9,19 @@ from pathlib import Path
 import zenoh
 
 from coordinator.coordinator import Coordinator
-from coordinator.last_pose import default_state_folder, read_all
+from coordinator.failover.standby import StandbyLoop
 from coordinator.loop import CoordinatorLoop
-from coordinator.pose_keeper import PoseKeeper
-from coordinator.standby import StandbyLoop
+from coordinator.pose.last_pose import default_state_folder, read_all
+from coordinator.pose.pose_keeper import PoseKeeper
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
-from process_runtime.metrics import metrics_served
-from process_runtime.session import open_session
 from process_runtime.settings import Settings
-from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from protocol.work import Checkpoint
+from zenoh_link.metrics import metrics_served
+from zenoh_link.session import open_session
+from zenoh_link.wire import is_alive
 
 LIVE_SOURCE = "zenoh"
 """A `bridge.source` that is a robot of its own, whose place outlives our processes."""
@@ -68,10 +68,10 @@ def run_coordinator(invocation: Invocation) -> None:
                         f"{settings.zenoh.router}: stop it, start this one with --standby, "
                         f"or choose another robot.name"
                     )
-                vigil = StandbyLoop(session, settings.coordinator.take_over_after_s)
-                if not vigil.run(stop):
+                standby = StandbyLoop(session, settings.coordinator.take_over_after_s)
+                if not standby.run(stop):
                     return
-                known = vigil.newest
+                known = standby.newest
                 _log.warning("the coordinator is dead: taking over")
             lead(invocation, session, known)
             may_wait = True  # another acts: whatever this one was told, it may only wait

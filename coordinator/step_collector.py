@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from coordinator.placement import HAND_OVER_NS
+from coordinator.membership.placement import HAND_OVER_NS
 from process_runtime.settings import CoordinatorSettings
 from protocol.steps import Scan
 from protocol.work import Report, SearchReport

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from grid_maps.compressed import read_decompressed
 from grid_maps.grid_map import GridMap
 from grid_maps.wean_map import is_wean_map, parse_wean_map
+from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from process_runtime.latency_trace import start_trace
 from process_runtime.logs import configure_logging
 from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
-from process_runtime.trace import start_trace
 from protocol.errors import ClusterMclError
 
 EXIT_OK, EXIT_BUG, EXIT_ERROR = 0, 1, 2

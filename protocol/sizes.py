@@ -5,6 +5,6 @@ SMALL_BYTES = 64 * 1024
 SCAN_BYTES = 256 * 1024
 """20,000 beams, more than any laser has, in eight bytes each."""
 LIST_BYTES = 1024 * 1024
-"""Hypotheses of thousands of clusters, the roster of a thousand processes."""
+"""Hypotheses of thousands of clusters, the list of a thousand processes."""
 LARGEST_BYTES = 32 * 1024 * 1024
 """A million particles; 300 scans of 20,000 beams; the map of a square kilometre, compressed."""

@@ -7,7 +7,6 @@ import zenoh
 
 from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
-from process_runtime.wire import Asked, Publisher
 from protocol import keys
 from protocol.answers import CommandDone, Kidnap
 from protocol.codec import decode
@@ -17,6 +16,7 @@ from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
 from sensor_bridge.extension import Extension
 from sensor_bridge.process import serve_robot
+from zenoh_link.wire import Asked, Publisher
 
 _log = logging.getLogger(__name__)
 

@@ -78,7 +78,7 @@ def simulated_steps(
     maker = StepMaker(settings, map_digest, sender="robot_simulator")
     made = 0
     while (reading := source.next_reading()) is not None:
-        scan = maker.take(reading)
+        scan = maker.on_reading(reading)
         if scan is not None:
             made += 1
             scan = msgspec.structs.replace(scan, last=made == source.steps)

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from process_runtime.wire import Asked
 from protocol.steps import LaserReading, OdometryReading, Scan
+from zenoh_link.wire import Asked
 
 Reading = OdometryReading | LaserReading
 

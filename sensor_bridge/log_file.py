@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from grid_maps.compressed import (
+from process_runtime.compressed import (
     BROKEN_STREAM_ERRORS,
     MAX_FILE_BYTES,
     broken_stream_problem,

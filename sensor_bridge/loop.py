@@ -9,12 +9,21 @@ import zenoh
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
-from process_runtime.health import HealthReporter
-from process_runtime.inbox import Inbox
 from process_runtime.logs import CauseCounter
 from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
-from process_runtime.wire import (
+from protocol import keys
+from protocol.answers import Belief, Status
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, MalformedMessageError, printable
+from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
+from sensor_bridge.extension import Extension, Reading, Source
+from sensor_bridge.pacing import Pacing
+from sensor_bridge.step_history import StepHistory
+from sensor_bridge.step_maker import StepMaker
+from zenoh_link.health import HealthReporter
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import (
     Asked,
     Event,
     Events,
@@ -26,15 +35,6 @@ from process_runtime.wire import (
     subscribe,
     watch,
 )
-from protocol import keys
-from protocol.answers import Belief, Status
-from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError, printable
-from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
-from sensor_bridge.extension import Extension, Reading, Source
-from sensor_bridge.pacing import Pacing
-from sensor_bridge.step_history import StepHistory
-from sensor_bridge.step_maker import StepMaker
 
 POLL_S = 0.1
 
@@ -112,7 +112,7 @@ class BridgeLoop:
     def _take(self, reading: Reading) -> None:
         if self._maker is None:
             self._maker = self._new_maker()
-        scan = self._maker.take(reading)
+        scan = self._maker.on_reading(reading)
         self._health.happened("odometry" if isinstance(reading, OdometryReading) else "scans")
         if self._maker.dropped != self._refused:
             self._count_refused(self._maker.dropped, reading.stamp_ns)

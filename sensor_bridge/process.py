@@ -9,9 +9,7 @@ import zenoh
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
-from process_runtime.session import open_session
 from process_runtime.settings import BridgeSettings
-from process_runtime.wire import is_alive
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
 from protocol.steps import LaserReading, OdometryReading
@@ -19,6 +17,8 @@ from sensor_bridge.extension import Extension, Source
 from sensor_bridge.loop import BridgeLoop
 from sensor_bridge.recording import open_recording
 from sensor_bridge.step_maker import steps_of
+from zenoh_link.session import open_session
+from zenoh_link.wire import is_alive
 
 LIVE_SOURCE = "zenoh"
 

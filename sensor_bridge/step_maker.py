@@ -15,14 +15,14 @@ from sensor_bridge.extension import Reading
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
+from sensor_bridge.outlier_filter import OutlierFilter
 from sensor_bridge.recording import Recording
-from sensor_bridge.strays import Strays
 
 STAMP_STEPS_BACK = "stamp_steps_back"
 CLOCK_RESTARTED = "clock_restarted"
 NO_ODOMETRY = "no_odometry"
 ODOMETRY_JUMPED = "odometry_jumped"
-STRAYED = "strayed_in_time_or_place"
+OUTLIER = "strayed_in_time_or_place"
 
 MAX_STEP_BACK_NS = 1_000_000_000
 """Readings may come so much late [ns]; stamps of real recordings step back by up to 0.9 s."""
@@ -69,7 +69,7 @@ class StepMaker:
         self._ready: deque[Scan] = deque()
         self._newest_ns: int | None = None
         self._late_in_a_row = 0
-        self._strays = Strays()
+        self._outliers = OutlierFilter()
         self._odometry: tuple[int, PoseTuple] | None = None
 
     @property
@@ -77,19 +77,19 @@ class StepMaker:
         """Stamp and pose of the newest odometry, in the same frame as that of the steps."""
         return self._odometry
 
-    def take(self, reading: Reading) -> Scan | None:
+    def on_reading(self, reading: Reading) -> Scan | None:
         """Take the next reading; the next step, if there is one."""
         if problem := _problem(reading):
             self.dropped[problem] += 1
         else:
-            usual, strays = self._strays.sifted(reading, self._newest_ns)
-            self.dropped.update({STRAYED: len(strays)} if strays else {})
+            usual, outliers = self._outliers.sifted(reading, self._newest_ns)
+            self.dropped.update({OUTLIER: len(outliers)} if outliers else {})
             self._use(usual)
         return self._ready.popleft() if self._ready else None
 
     def finish(self) -> Scan | None:
         """No reading follows: what still waits makes do. Call it until it answers None."""
-        self._use(self._strays.released())
+        self._use(self._outliers.released())
         self._release(at_most_waiting=0)
         return self._ready.popleft() if self._ready else None
 
@@ -225,7 +225,7 @@ def _problem(reading: Reading) -> str | None:
 
 def _steps(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
     for reading in readings:
-        if (scan := maker.take(reading)) is not None:
+        if (scan := maker.on_reading(reading)) is not None:
             yield scan
     while (scan := maker.finish()) is not None:
         yield scan

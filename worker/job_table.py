@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from protocol.numbering import Numbering
+from protocol.step_reset_detector import StepResetDetector
 from protocol.steps import Scan
 from protocol.work import Assignment, Report, WorkOrder
 from worker.jobs import RunningJob, running
@@ -33,7 +33,7 @@ class JobTable:
         self._jobs: dict[str, RunningJob] = {}
         self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
         self._reports = RecentReports()
-        self._numbering = Numbering()
+        self._step_resets = StepResetDetector()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
@@ -111,14 +111,14 @@ class JobTable:
         known = {scan.step: scan for scan in (*history, *self._recent)}
         return [report for step in sorted(known) for report in self._advance(known[step])]
 
-    def take(self, scan: Scan) -> list[Report]:
+    def on_scan(self, scan: Scan) -> list[Report]:
         """One scan: every job that has not done its step does it.
 
         The newest scan once more is a question: its reports seem to be lost, and go out again.
         """
         newest = self._recent[-1].step if self._recent else -1
         if scan.step < newest:
-            if not self._numbering.starts_anew(scan, self._recent[-1]):
+            if not self._step_resets.starts_anew(scan, self._recent[-1]):
                 return []
             self._recent.clear()
             newest = -1

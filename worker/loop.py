@@ -13,21 +13,9 @@ from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from process_runtime.health import HealthReporter
-from process_runtime.inbox import Inbox
+from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
-from process_runtime.trace import mark
-from process_runtime.wire import (
-    Asked,
-    Events,
-    Publisher,
-    Received,
-    Unread,
-    ask,
-    serve,
-    subscribe,
-)
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.errors import (
@@ -47,9 +35,21 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
-from worker.allegiance import Allegiance
 from worker.job_table import JobTable, MissingScans
 from worker.map_model import sensor_model
+from worker.term_fence import TermFence
+from zenoh_link.health import HealthReporter
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import (
+    Asked,
+    Events,
+    Publisher,
+    Received,
+    Unread,
+    ask,
+    serve,
+    subscribe,
+)
 
 MAP_TIMEOUT_S = 30.0
 HISTORY_TIMEOUT_S = 5.0
@@ -82,7 +82,7 @@ class WorkerLoop:
         self._reports = Publisher(session, keys.worker_report(name), may_wait=True)
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
         self._health_key = Publisher(session, keys.worker_health(name))
-        self._allegiance = Allegiance()
+        self._fence = TermFence()
         self._map: GridMap | None = None
         self._model: SensorModel | None = None
 
@@ -104,7 +104,7 @@ class WorkerLoop:
                     if unread_scans < KEPT_CHECKPOINTS:
                         continue
                 unread_scans = 0
-                for payload in checkpoints.take():
+                for payload in checkpoints.drain():
                     self._on_checkpoint(payload)
                 if isinstance(event, Asked):
                     self._on_query(event)
@@ -127,8 +127,8 @@ class WorkerLoop:
         lost = self._table.lost_before(scan)
         if lost and not self._has_fallen_behind():
             for past in self._fetch(lost, LOST_SCANS_TIMEOUT_S):
-                self._publish(self._table.take(past))
-        reports = self._table.take(scan)
+                self._publish(self._table.on_scan(past))
+        reports = self._table.on_scan(scan)
         mark("computed", scan)
         self._publish(reports)
 
@@ -140,7 +140,7 @@ class WorkerLoop:
 
     def _on_checkpoint(self, payload: bytes) -> None:
         try:
-            self._allegiance.keep(decode(payload, Checkpoint), payload)
+            self._fence.keep(decode(payload, Checkpoint), payload)
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
 
@@ -166,24 +166,24 @@ class WorkerLoop:
             asked.answer(self._answer())
             return
         try:
-            self._allegiance.hear(decode(asked.payload, TakeOver).term)
+            self._fence.hear(decode(asked.payload, TakeOver).term)
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
             asked.refuse(str(error))
             return
         state = WorkerState(
             sender=self._name,
-            term=self._allegiance.term,
+            term=self._fence.term,
             incarnation=self._incarnation,
             holds=self._table.holds(),
-            checkpoint=self._allegiance.checkpoint,
-            reports=tuple(map(encode, self._table.reports_since(self._allegiance.step))),
+            checkpoint=self._fence.checkpoint,
+            reports=tuple(map(encode, self._table.reports_since(self._fence.step))),
         )
         asked.answer(state)
 
     def _follow(self, order: WorkOrder) -> None:
-        if not self._allegiance.check(order):
-            detail = f"order {order.order} after {self._allegiance.order}"
+        if not self._fence.check(order):
+            detail = f"order {order.order} after {self._fence.order}"
             self._causes.warn(_log, "order overtaken", detail, time.monotonic())
             return
         settings = msgspec.convert(order.filter_settings, FilterSettings)
@@ -191,7 +191,7 @@ class WorkerLoop:
             self._prepare(order.map_digest, settings)
         if self._model is not None:
             self._table.follow(order, self._model, settings)
-        self._allegiance.order = order.order
+        self._fence.order = order.order
 
     def _prepare(self, map_digest: str, settings: FilterSettings) -> None:
         """Have the map of that digest, as the settings' sensor sees it."""
@@ -230,8 +230,8 @@ class WorkerLoop:
     def _answer(self, problem: str = "") -> OrderAnswer:
         return OrderAnswer(
             sender=self._name,
-            order=self._allegiance.order,
-            term=self._allegiance.term,
+            order=self._fence.order,
+            term=self._fence.term,
             incarnation=self._incarnation,
             jobs=self._table.summary(),
             problem=problem,

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from particle_filter.settings import FilterSettings
+from process_runtime.latency_trace import start_trace
 from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked
 from process_runtime.scheduling import work_without_preempting
-from process_runtime.session import open_session
 from process_runtime.stop import StopFlag
-from process_runtime.trace import start_trace
 from worker.loop import WorkerLoop
 from worker.map_model import default_cache_folder
 from worker.warm_up import compile_kernels
+from zenoh_link.session import open_session
 
 
 def main() -> None:

@@ -7,17 +7,17 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.access_control import ROLES, WORKER, Rights, access_control, rights_of
-from process_runtime.secure_router import (
+from protocol import keys
+from protocol.errors import SettingsError
+from zenoh_link.access_control import ROLES, WORKER, Rights, access_control, rights_of
+from zenoh_link.configuration import as_zenoh
+from zenoh_link.secure_router import (
     DEFAULT_CERTIFICATES,
     DEFAULT_ENDPOINT,
     as_commented_json5,
     main,
     secure_router_configuration,
 )
-from process_runtime.zenoh_configuration import as_zenoh
-from protocol import keys
-from protocol.errors import SettingsError
 
 DEPLOYED = Path(__file__).resolve().parents[2] / "deploy" / "router-secure.json5"
 READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"}

@@ -11,11 +11,11 @@ from typing import get_args
 
 import pytest
 
-from process_runtime.access_control import ROLES, rights_of
 from process_runtime.settings_table import TABLE
 from protocol.answers import State, Status
 from protocol.health import Health
 from tests.integration.security.certificates import require_openssl
+from zenoh_link.access_control import ROLES, rights_of
 
 REPOSITORY = Path(__file__).parents[2]
 OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
@@ -54,7 +54,7 @@ def test_every_cause_is_explained(cause: str) -> None:
 
 
 def test_every_metric_is_explained() -> None:
-    collector = pytest.importorskip("process_runtime.metrics_of_status").StatusCollector
+    collector = pytest.importorskip("zenoh_link.metrics_of_status").StatusCollector
     health = Health(
         sender="w", role="worker", version="1", uptime_s=1.0, memory_bytes=1,
         done={"scans": 1}, rates_per_s={"scans": 1.0}, ages_s={"scans": 1.0}, dropped={"x": 1},

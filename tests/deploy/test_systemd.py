@@ -58,7 +58,7 @@ def test_every_process_knows_its_arguments(command: list[str]) -> None:
 
 
 def test_all_four_processes_have_a_unit() -> None:
-    processes = {"process_runtime.router", "sensor_bridge", "coordinator", "worker"}
+    processes = {"zenoh_link.router", "sensor_bridge", "coordinator", "worker"}
     assert {command[0] for command in starts()} == processes
 
 

@@ -21,7 +21,7 @@ from sensor_bridge.extension import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
-from tests.unit.coordinator.test_coordinator import SECOND, Story
+from tests.unit.coordinator.test_coordinator import SECOND, DemoSummary
 from tests.unit.worker.test_job_table import SETTINGS, cloud, order, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
 from worker.job_table import JobTable
@@ -59,7 +59,7 @@ ODOMETRY = st.builds(
 @given(st.lists(LASERS | ODOMETRY, max_size=12))
 def test_whatever_a_robot_sends_the_bridge_makes_valid_steps(readings: list[Reading]) -> None:
     maker = StepMaker(BridgeSettings(), "map", "bridge")
-    made = [maker.take(reading) for reading in readings]
+    made = [maker.on_reading(reading) for reading in readings]
     made += [maker.finish() for _ in range(len(readings) + 1)]
     steps = [step for step in made if step is not None]
     assert [step.step for step in steps] == list(range(len(steps)))
@@ -99,7 +99,7 @@ def test_whatever_scans_come_a_worker_reports_what_is_valid(
     begun = track("c0", cloud()), Assignment(job_id="s0.0", epoch=2, job=search)
     table.follow(order(*begun, snapshots=2), model, SETTINGS)
     for one in given_scans:
-        for report in table.take(one):
+        for report in table.on_scan(one):
             back = decode(encode(report), type(report))
             assert problem_of(back) is None
 
@@ -140,7 +140,7 @@ EVENTS = st.one_of(
 def test_whatever_happens_the_coordinators_belief_is_one(
     events: list[tuple[float, tuple[str, Any]]], begun: bool
 ) -> None:
-    story = Story("a", "b")
+    story = DemoSummary("a", "b")
     if begun:
         story.bootstrapped()
     now_ns = SECOND
@@ -155,7 +155,7 @@ def test_whatever_happens_the_coordinators_belief_is_one(
         assert not probabilities or sum(probabilities) == pytest.approx(1.0)
 
 
-def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
+def happen(story: DemoSummary, what: str, told: Any, now_ns: int) -> None:
     coordinator = story.coordinator
     match what:
         case "scan":

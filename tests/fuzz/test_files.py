@@ -14,9 +14,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from clustermcl.reference import load_reference
-from grid_maps import compressed
+from evaluation.references import load_reference
 from grid_maps.load import load_map
+from process_runtime import compressed
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import TABLE, settings_as_toml

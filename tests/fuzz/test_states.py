@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.checkpoint import CoordinatorState, from_bytes, to_bytes
-from coordinator.last_pose import LastPose, file_of, read_all, write
+from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
+from coordinator.pose.last_pose import LastPose, file_of, read_all, write
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations
@@ -25,7 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @cases(0.02)
-@given(damaged(values_of(CoordinatorState).map(to_bytes)) | st.binary(max_size=200))
+@given(damaged(values_of(CheckpointState).map(to_bytes)) | st.binary(max_size=200))
 def test_a_checkpoints_state_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(ValueError):
         from_bytes(data)

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.router import open_router
-from process_runtime.session import open_session
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
+from zenoh_link.router import open_router
+from zenoh_link.session import open_session
 
 StartProcess = Callable[[Sequence[str]], RunningProcess]
 OpenClient = Callable[[], zenoh.Session]
@@ -79,7 +79,7 @@ def start_router(
 
     def start() -> RunningProcess:
         endpoint = f"zenoh.router={zenoh_settings.router}"
-        process = start_process(python_module("process_runtime.router", "--set", endpoint))
+        process = start_process(python_module("zenoh_link.router", "--set", endpoint))
         process.wait_for("router listens at")
         return process
 

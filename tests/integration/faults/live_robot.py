@@ -7,11 +7,11 @@ from pathlib import Path
 
 import msgspec
 
-from clustermcl.soak.map_file import write_map
 from clustermcl.stack import COORDINATOR
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.supervisor import python_module
 from robot_simulator.source import simulated_world
+from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
@@ -30,7 +30,7 @@ def with_live_robot(
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
-            command = python_module("clustermcl.soak.robot", *words, "--rate-hz", str(rate_hz))
+            command = python_module("soak_test.robot", *words, "--rate-hz", str(rate_hz))
             wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
             robot = RunningProcess(command, Path(folder), "robot")
             try:

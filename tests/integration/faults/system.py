@@ -16,7 +16,6 @@ import zenoh
 from clustermcl.client import Client
 from clustermcl.stack import WORKERS, Stack, meeting_in, running
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.session import open_session
 from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
@@ -25,6 +24,7 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
+from zenoh_link.session import open_session
 
 SIMULATOR = "robot_simulator"
 SMALL = Settings(

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 import msgspec
 
-from clustermcl.in_process import outcomes
 from clustermcl.stack import COORDINATOR
-from coordinator.outcome import Outcome
+from coordinator.belief.outcome import Outcome
 from coordinator.process import filter_settings
+from evaluation.in_process import outcomes
 from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
-from process_runtime.wire import ask
 from protocol import keys
 from protocol.answers import Belief
 from protocol.steps import ScanHistory
@@ -23,6 +22,7 @@ from tests.integration.faults.system import SMALL, System, system
 from tests.integration.system.listening import outcomes_of
 from tests.integration.waiting import stretched_s, wait_until
 from worker.map_model import sensor_model
+from zenoh_link.wire import ask
 
 STEPS = 60
 PACED = msgspec.structs.replace(

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import msgspec
 
-from coordinator import last_pose
-from coordinator.last_pose import LastPose
+from coordinator.pose import last_pose
+from coordinator.pose.last_pose import LastPose
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from robot_simulator.source import simulated_world
 from tests.integration.faults.system import SMALL, System, system

@@ -3,13 +3,13 @@
 import signal
 import time
 
-from process_runtime.wire import Publisher
 from protocol import keys
 from protocol.answers import PoseAnswer
 from protocol.steps import OdometryReading
 from tests.integration.faults.live_robot import BRIDGE, with_live_robot
 from tests.integration.faults.system import System
 from tests.integration.waiting import stretched_s, wait_until
+from zenoh_link.wire import Publisher
 
 STALE_AFTER_S = 1.0
 """The default of `coordinator.stale_after_s`."""

@@ -4,11 +4,11 @@ import os
 import signal
 from pathlib import Path
 
-from clustermcl.soak.map_file import write_map
 from clustermcl.stack import COORDINATOR, WORKERS
 from grid_maps.load import load_map
 from process_runtime.supervisor import python_module
 from robot_simulator.source import simulated_world
+from soak_test.map_file import write_map
 from tests.integration.conftest import StartProcess
 from tests.integration.faults.system import SIMULATOR, SMALL, system
 from tests.integration.waiting import wait_until

@@ -6,8 +6,8 @@ from collections import defaultdict
 
 import zenoh
 
-from coordinator.ensemble import Ensemble
-from coordinator.outcome import Job
+from coordinator.belief.ensemble import Ensemble
+from coordinator.belief.outcome import Job
 from coordinator.process import filter_settings
 from process_runtime.settings import Settings
 from protocol import keys

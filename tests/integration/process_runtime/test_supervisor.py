@@ -32,7 +32,7 @@ def supervisors() -> Iterator[list[Supervisor]]:
 
 def router_command(folder: str) -> list[str]:
     endpoint = f"zenoh.router=unixsock-stream/{folder}/supervised.sock"
-    return python_module("process_runtime.router", "--set", endpoint)
+    return python_module("zenoh_link.router", "--set", endpoint)
 
 
 def poll_until_exit(supervisor: Supervisor) -> ChildExit:
@@ -77,7 +77,7 @@ def test_a_killed_child_is_started_again(supervisors: list[Supervisor]) -> None:
 def test_a_child_that_refuses_its_settings_stays_down_and_its_words_are_told(
     tmp_path: Path, supervisors: list[Supervisor]
 ) -> None:
-    command = python_module("process_runtime.router", "--set", "seed=none")
+    command = python_module("zenoh_link.router", "--set", "seed=none")
     supervisor = Supervisor([ChildSpec("router", command, log=tmp_path / "router.log")])
     supervisors.append(supervisor)
     supervisor.start()

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from process_runtime.secure_router import secure_router_configuration
-from process_runtime.session import open_session
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
-from process_runtime.zenoh_configuration import as_zenoh
 from tests.integration.security.certificates import client_with, make_certificates
+from zenoh_link.configuration import as_zenoh
+from zenoh_link.secure_router import secure_router_configuration
+from zenoh_link.session import open_session
 
 NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "viewer", "operator")
 """Every role, with two workers' machines; of the role ``router`` there is one besides."""

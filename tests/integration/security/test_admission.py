@@ -8,7 +8,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from process_runtime.session import open_session
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import UnreachableError
@@ -20,6 +19,7 @@ from tests.integration.security.certificates import (
     without_certificate,
 )
 from tests.integration.waiting import wait_until
+from zenoh_link.session import open_session
 
 require_openssl()
 

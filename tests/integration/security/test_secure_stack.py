@@ -10,7 +10,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from process_runtime.session import open_session
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.stop import StopFlag
@@ -24,6 +23,7 @@ from tests.integration.security.conftest import free_port
 from tests.integration.system.commands import COMMAND
 from tests.integration.system.conftest import SMALL
 from tests.integration.waiting import wait_until
+from zenoh_link.session import open_session
 
 require_openssl()
 
@@ -54,11 +54,11 @@ class SecureStack:
         """Start everything, the router first, with a configuration as it is deployed."""
         listen, folder = ("--listen", self._endpoint), ("--certificates", str(self._certificates))
         workers = ("--worker", "worker-a", "--worker", "worker-b")
-        command = python_module("process_runtime.secure_router", *listen, *folder, *workers)
+        command = python_module("zenoh_link.secure_router", *listen, *folder, *workers)
         written = subprocess.run(command, capture_output=True, text=True, check=True)
         configuration = self._folder / "router.json5"
         configuration.write_text(written.stdout)
-        self._start("router", "process_runtime.router", "--config", str(configuration))
+        self._start("router", "zenoh_link.router", "--config", str(configuration))
         self._processes[0].wait_for("router listens at")
         for name in ("worker-a", "worker-b"):
             self._start_client(name, "worker", "--name", name, "--count", "1")

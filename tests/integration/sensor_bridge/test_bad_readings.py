@@ -10,10 +10,8 @@ import zenoh
 from PIL import Image
 
 from grid_maps.load import load_map
-from process_runtime.inbox import Inbox
 from process_runtime.settings import BridgeSettings, ZenohSettings
 from process_runtime.supervisor import python_module
-from process_runtime.wire import Events, Received, ask, subscribe
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
@@ -25,6 +23,8 @@ from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.system.rubbish import NO_MESSAGES
 from tests.integration.waiting import wait_until
 from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import Events, Received, ask, subscribe
 
 NAN, INF = math.nan, math.inf
 ROUNDS = 40
@@ -149,5 +149,5 @@ def test_rubbish_among_readings_changes_no_step(
 
 def steps_of_a_quiet_drive(digest: str) -> list[Scan]:
     maker = StepMaker(BridgeSettings(), digest, "sensor_bridge")
-    steps = [maker.take(reading) for reading in quiet_drive()]
+    steps = [maker.on_reading(reading) for reading in quiet_drive()]
     return [step for step in steps if step is not None]

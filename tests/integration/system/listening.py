@@ -3,15 +3,12 @@
 from collections.abc import Callable
 from itertools import count
 
-from clustermcl import in_process
 from clustermcl.stack import Stack
-from coordinator.outcome import Outcome
+from coordinator.belief.outcome import Outcome
 from coordinator.process import filter_settings
-from process_runtime.inbox import Inbox
-from process_runtime.session import open_session
+from evaluation import in_process
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
-from process_runtime.wire import Events, Received, Token, subscribe, watch
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
@@ -19,6 +16,9 @@ from protocol.errors import MalformedMessageError
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
 from worker.map_model import sensor_model
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Received, Token, subscribe, watch
 
 POLL_S, SILENCE_S = 0.05, 40.0
 

@@ -6,7 +6,6 @@ import pytest
 import zenoh
 
 from clustermcl.client import Client
-from process_runtime.session import open_session
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -18,6 +17,7 @@ from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of
 from tests.integration.system.rubbish import ANOTHER_MAP, Stranger
 from tests.integration.waiting import wait_until
+from zenoh_link.session import open_session
 
 STEPS = 30
 SPEAKS_FROM, SHOUTS_AT, SPEAKS_TO = 3, 13, STEPS - 4

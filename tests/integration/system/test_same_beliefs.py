@@ -5,7 +5,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from coordinator.outcome import Outcome
+from coordinator.belief.outcome import Outcome
 from protocol.answers import Belief
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of

@@ -21,7 +21,7 @@ HEAVY = {"numba", "llvmlite", "scipy"}
 
 @pytest.mark.parametrize(
     "module",
-    ["sensor_bridge.process", "coordinator.process", "process_runtime.router", "clustermcl.client"],
+    ["sensor_bridge.process", "coordinator.process", "zenoh_link.router", "clustermcl.client"],
 )
 def test_processes_without_mathematics_import_neither_numba_nor_scipy(module: str) -> None:
     program = f"import sys, {module}; print(sorted({HEAVY} & set(sys.modules)))"
@@ -50,9 +50,9 @@ def test_they_do_without_them_while_they_work_too(
         loaded = {
             module: heavy_libraries(process)
             for process in up.meet_family()
-            for module in ("coordinator", "process_runtime.router", "worker")
+            for module in ("coordinator", "zenoh_link.router", "worker")
             if module in process.cmdline()
         }
         assert up.end(signal.SIGINT) == 0
     assert loaded.pop("worker") & {"numba", "llvmlite"}
-    assert loaded == {"coordinator": set(), "process_runtime.router": set()}
+    assert loaded == {"coordinator": set(), "zenoh_link.router": set()}

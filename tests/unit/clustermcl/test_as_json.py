@@ -9,7 +9,7 @@ from clustermcl.as_json import (
     status_object,
 )
 from protocol.answers import Hypotheses, PoseAnswer
-from tests.unit.clustermcl.places import COVARIANCE, STATUS, belief, place
+from tests.unit.evaluation.places import COVARIANCE, STATUS, belief, place
 
 ANSWER = PoseAnswer(
     sender="coordinator",

@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from clustermcl.as_text import belief_line, pose_lines, pose_text, spread_text, status_lines
-from tests.unit.clustermcl.places import STATUS, belief, place
 from tests.unit.clustermcl.test_as_json import ANSWER
+from tests.unit.evaluation.places import STATUS, belief, place
 
 
 def test_a_pose_is_written_in_metres_and_degrees() -> None:

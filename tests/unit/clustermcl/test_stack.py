@@ -9,7 +9,7 @@ import pytest
 from clustermcl.stack import ProcessEndedError, meeting_in, temporary_folder
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.supervisor import ChildExit
-from process_runtime.zenoh_configuration import check_endpoint
+from zenoh_link.configuration import check_endpoint
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from coordinator.coordinator import Coordinator
-from coordinator.inquiry import told_by
+from coordinator.failover.state_recovery import told_by
 from coordinator.instructions import (
     AskState,
     FetchScans,
@@ -45,8 +45,8 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
-from worker.allegiance import Allegiance
 from worker.job_table import JobTable
+from worker.term_fence import TermFence
 
 SETTINGS = FilterSettings(
     seed=5,
@@ -98,19 +98,19 @@ class InMemoryWorker:
 
     def __init__(self, name: str, model: SensorModel, history: Callable[[int], list[Scan]]) -> None:
         self.name, self._model, self._history = name, model, history
-        self.table, self.allegiance = JobTable(name), Allegiance()
+        self.table, self.term_fence = JobTable(name), TermFence()
         self.reports: list[Report] = []
 
     def scan(self, scan: Scan) -> list[Report]:
-        return self._said(self.table.take(scan))
+        return self._said(self.table.on_scan(scan))
 
     def order(self, payload: bytes) -> tuple[OrderAnswer, list[Report]]:
         order = decode(payload, WorkOrder)
         problem, reports = "", []
         try:
-            if self.allegiance.check(order):
+            if self.term_fence.check(order):
                 self.table.follow(order, self._model, SETTINGS)
-                self.allegiance.order = order.order
+                self.term_fence.order = order.order
         except (OldTermError, ValueError) as error:
             problem = str(error)
         else:
@@ -118,23 +118,23 @@ class InMemoryWorker:
             reports = self.table.catch_up(self._history(missing.first) if missing else ())
         answer = OrderAnswer(
             sender=self.name,
-            order=self.allegiance.order,
+            order=self.term_fence.order,
             incarnation=1,
             jobs=self.table.summary(),
             problem=problem,
-            term=self.allegiance.term,
+            term=self.term_fence.term,
         )
         return answer, self._said(reports)
 
     def state(self, term: int) -> bytes:
-        self.allegiance.hear(term)
+        self.term_fence.hear(term)
         state = WorkerState(
             sender=self.name,
-            term=self.allegiance.term,
+            term=self.term_fence.term,
             incarnation=1,
             holds=self.table.holds(),
-            checkpoint=self.allegiance.checkpoint,
-            reports=tuple(map(encode, self.table.reports_since(self.allegiance.step))),
+            checkpoint=self.term_fence.checkpoint,
+            reports=tuple(map(encode, self.table.reports_since(self.term_fence.step))),
         )
         return encode(state)
 
@@ -240,7 +240,7 @@ class Living:
             case PublishCheckpoint(checkpoint=checkpoint):
                 payload = encode(checkpoint)
                 for worker in self.workers.values():
-                    worker.allegiance.keep(decode(payload, Checkpoint), payload)
+                    worker.term_fence.keep(decode(payload, Checkpoint), payload)
             case FetchScans(first=first, last=last):
                 end = 2**60 if last is None else last
                 found = [s for s in self.scans if first <= s.step <= end]

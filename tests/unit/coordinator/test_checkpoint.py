@@ -3,9 +3,9 @@ import math
 import msgspec
 import pytest
 
-from coordinator.checkpoint import STATE_VERSION, CoordinatorState, from_bytes, to_bytes
+from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
-from coordinator.inquiry import Told
+from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
@@ -17,30 +17,30 @@ NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
 
 
 @pytest.fixture(scope="module")
-def state() -> CoordinatorState:
+def state() -> CheckpointState:
     """Of a coordinator that tracks several clusters."""
     living = Living(symmetric_room())
     for step in range(12):
         living.drive(step)
     worker = next(iter(living.workers.values()))
-    return from_bytes(msgspec.msgpack.decode(worker.allegiance.checkpoint)["state"])
+    return from_bytes(msgspec.msgpack.decode(worker.term_fence.checkpoint)["state"])
 
 
-def changed(state: CoordinatorState, **fields: object) -> bytes:
+def changed(state: CheckpointState, **fields: object) -> bytes:
     return to_bytes(msgspec.structs.replace(state, **fields))
 
 
-def test_a_state_comes_back_as_it_was(state: CoordinatorState) -> None:
+def test_a_state_comes_back_as_it_was(state: CheckpointState) -> None:
     assert from_bytes(to_bytes(state)) == state
     assert len(state.ensemble.clusters) > 1
 
 
-def test_it_is_small_for_particles_stay_with_the_workers(state: CoordinatorState) -> None:
+def test_it_is_small_for_particles_stay_with_the_workers(state: CheckpointState) -> None:
     assert all(job.job is None for job in state.jobs if job.job_id.startswith("c"))
     assert len(to_bytes(state)) < 4_000
 
 
-def test_states_that_cannot_be_used_are_refused_with_the_reason(state: CoordinatorState) -> None:
+def test_states_that_cannot_be_used_are_refused_with_the_reason(state: CheckpointState) -> None:
     lost = msgspec.structs.replace(state.ensemble, clusters=())
     first, *rest = state.ensemble.clusters
     poisoned = msgspec.structs.replace(
@@ -71,7 +71,7 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
 
 
-def test_a_checkpoint_of_another_map_is_not_carried_on(state: CoordinatorState) -> None:
+def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -> None:
     other = Checkpoint(
         sender="c", term=5, serial=1, step=11, founded=True, state=changed(state, map_digest="old")
     )

@@ -3,7 +3,7 @@
 import pytest
 
 from coordinator.coordinator import Coordinator
-from coordinator.inquiry import Told
+from coordinator.failover.state_recovery import Told
 from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 
 
-class Story:
+class DemoSummary:
     """A coordinator and obedient workers that report what the story says."""
 
     def __init__(self, *workers: str) -> None:
@@ -57,7 +57,7 @@ class Story:
         worker = self.places[report.job_id]
         self.follow(self.coordinator.report(report, worker, int(at_s * SECOND)))
 
-    def bootstrapped(self) -> "Story":
+    def bootstrapped(self) -> "DemoSummary":
         self.scan(0, at_s=0.0)
         places = {NORTH: 0.5, SOUTH: 0.5}
         self.report(searched("s0.0", 0, places, epoch=self.epochs["s0.0"]), at_s=0.1)
@@ -73,7 +73,7 @@ class Story:
 
 
 def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
-    story = Story("a", "b").bootstrapped()
+    story = DemoSummary("a", "b").bootstrapped()
     story.scan(1, at_s=1.0)
     north = tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"])
     south = tracked("c1", 1, 0.1, SOUTH, epoch=story.epochs["c1"])
@@ -89,14 +89,14 @@ def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
 
 
 def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
-    story = Story("a", "b").bootstrapped()
+    story = DemoSummary("a", "b").bootstrapped()
     story.tracks(1, at_s=1.0, north=0.3, south=0.1)
     assert [belief.step for belief in story.beliefs] == [0, 1]
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
 
 
 def test_a_slow_worker_is_waited_for_until_the_deadline_and_not_longer() -> None:
-    story = Story("a", "b").bootstrapped()
+    story = DemoSummary("a", "b").bootstrapped()
     for step in range(1, 4):  # past the grace of jobs just handed out
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
@@ -108,7 +108,7 @@ def test_a_slow_worker_is_waited_for_until_the_deadline_and_not_longer() -> None
 
 
 def test_a_resurrected_worker_cannot_vote() -> None:
-    story = Story("a", "b").bootstrapped()
+    story = DemoSummary("a", "b").bootstrapped()
     story.tracks(1, at_s=1.0, north=0.1, south=0.1)
     old_epoch, old_place = story.epochs["c1"], story.places["c1"]
     story.follow(story.coordinator.worker_left(old_place, 2 * SECOND))
@@ -123,7 +123,7 @@ def test_a_resurrected_worker_cannot_vote() -> None:
 
 
 def test_without_workers_the_belief_stands_and_status_says_so() -> None:
-    story = Story("a").bootstrapped()
+    story = DemoSummary("a").bootstrapped()
     story.follow(story.coordinator.worker_left("a", SECOND))
     story.scan(1, at_s=5.0)
     story.follow(story.coordinator.tick(6 * SECOND))
@@ -134,14 +134,14 @@ def test_without_workers_the_belief_stands_and_status_says_so() -> None:
 
 
 def test_a_scan_of_another_map_is_refused_and_counted() -> None:
-    story = Story("a").bootstrapped()
+    story = DemoSummary("a").bootstrapped()
     story.follow(story.coordinator.scan(scan(1, digest="another"), SECOND))
     assert story.beliefs[-1].step == 0
     assert story.coordinator.status(SECOND, {}).counters["scan of another map"] == 1
 
 
 def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
-    story = Story("a").bootstrapped()
+    story = DemoSummary("a").bootstrapped()
     command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
     story.follow(story.coordinator.command(command, SECOND)[1])
     assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
@@ -151,13 +151,13 @@ def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
 
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
     command = Relocalize(sender="client", command_id="1")
-    done, instructions = Story("a").coordinator.command(command, 0)
+    done, instructions = DemoSummary("a").coordinator.command(command, 0)
     assert "no scan has arrived" in done.problem
     assert not any(isinstance(one, PublishBelief) for one in instructions)
 
 
 def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:
-    story = Story("a", "b").bootstrapped()
+    story = DemoSummary("a", "b").bootstrapped()
     for step in range(1, 4):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)

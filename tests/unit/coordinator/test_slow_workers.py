@@ -1,15 +1,15 @@
 """A worker that freezes or is slow: told as events, without a network."""
 
 from coordinator.instructions import Instruction, SendOrder
-from coordinator.patience import FIRST_PAUSE_NS, GIVEN_UP_AFTER
+from coordinator.membership.straggler_policy import FIRST_PAUSE_NS, GIVEN_UP_AFTER
 from tests.unit.coordinator.reports import tracked
-from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
+from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, DemoSummary
 
 DEADLINE_S = 0.5
 """The default of `coordinator.step_deadline_s`."""
 
 
-class StoryWithFrozen(Story):
+class StoryWithFrozen(DemoSummary):
     """Some workers do not answer orders."""
 
     def __init__(self, *workers: str) -> None:

@@ -80,8 +80,8 @@ def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
 def test_the_runtime_loads_nothing_heavy() -> None:
     # Every process imports all of this before its first word; numba alone takes half a second.
     program = (
-        "import sys, process_runtime.main, process_runtime.inbox, process_runtime.session,"
-        "process_runtime.router, process_runtime.supervisor, process_runtime.prefork;"
+        "import sys, process_runtime.main, zenoh_link.inbox, zenoh_link.session,"
+        "zenoh_link.router, process_runtime.supervisor, process_runtime.prefork;"
         "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
     )
     ran = subprocess.run(

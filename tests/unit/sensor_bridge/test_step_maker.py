@@ -61,10 +61,10 @@ def test_steps_are_numbered_without_gaps() -> None:
 def test_a_step_can_be_forced() -> None:
     maker = a_maker()
     first, second, third = driving(0.0, 0.0, 0.0)
-    assert maker.take(first) is not None
-    assert maker.take(second) is None
+    assert maker.on_reading(first) is not None
+    assert maker.on_reading(second) is None
     maker.force_next()
-    assert maker.take(third) is not None
+    assert maker.on_reading(third) is not None
 
 
 def test_a_step_carries_what_its_scan_said() -> None:
@@ -99,9 +99,9 @@ def test_steps_are_never_closer_than_the_gate(places: list[float]) -> None:
 
 def test_a_scan_waits_for_the_odometry_after_it() -> None:
     maker = a_maker()
-    assert maker.take(odometry_reading(1.0, (0.0, 0.0, 0.0))) is None
-    assert maker.take(laser_reading(1.5)) is None
-    step = maker.take(odometry_reading(2.0, (1.0, 0.0, 0.0)))
+    assert maker.on_reading(odometry_reading(1.0, (0.0, 0.0, 0.0))) is None
+    assert maker.on_reading(laser_reading(1.5)) is None
+    step = maker.on_reading(odometry_reading(2.0, (1.0, 0.0, 0.0)))
     assert step is not None
     assert step.odom_from_robot == pytest.approx((0.5, 0.0, 0.0))
 
@@ -123,7 +123,7 @@ def test_a_scan_that_no_odometry_is_near_is_dropped() -> None:
 def test_no_more_than_a_few_scans_wait() -> None:
     maker = a_maker()
     for i in range(MAX_WAITING_SCANS + 3):
-        assert maker.take(laser_reading(i / 10)) is None
+        assert maker.on_reading(laser_reading(i / 10)) is None
     assert maker.dropped == {"no_odometry": 3}
 
 
@@ -138,9 +138,9 @@ def test_of_several_steps_that_become_ready_at_once_none_is_lost() -> None:
 def test_the_newest_odometry_is_told() -> None:
     maker = a_maker()
     assert maker.odometry is None
-    maker.take(odometry_reading(1.0, (1.0, 0.0, 0.0)))
-    maker.take(laser_reading(2.0, (2.0, 0.0, 0.0)))
-    maker.take(odometry_reading(1.5, (1.5, 0.0, 0.0)))
+    maker.on_reading(odometry_reading(1.0, (1.0, 0.0, 0.0)))
+    maker.on_reading(laser_reading(2.0, (2.0, 0.0, 0.0)))
+    maker.on_reading(odometry_reading(1.5, (1.5, 0.0, 0.0)))
     assert maker.odometry == (seconds(2.0), (2.0, 0.0, 0.0))
 
 
@@ -220,10 +220,10 @@ def test_a_jump_of_odometry_moves_nobody() -> None:
 
 def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
     maker = a_maker()
-    maker.take(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
-    maker.take(odometry_reading(0.1, ORIGIN))
-    maker.take(odometry_reading(0.2, ORIGIN))
-    maker.take(odometry_reading(0.5, (1.0, 0.0, 0.0)))  # one metre straight ahead
+    maker.on_reading(odometry_reading(0.0, (50.0, 0.0, math.pi / 2)))
+    maker.on_reading(odometry_reading(0.1, ORIGIN))
+    maker.on_reading(odometry_reading(0.2, ORIGIN))
+    maker.on_reading(odometry_reading(0.5, (1.0, 0.0, 0.0)))  # one metre straight ahead
     assert maker.odometry is not None
     assert maker.odometry[1] == pytest.approx((50.0, 1.0, math.pi / 2))
 
@@ -231,7 +231,7 @@ def test_driving_goes_on_in_the_old_direction_after_a_jump() -> None:
 def test_one_wild_pose_leaves_no_trace() -> None:
     maker = a_maker()
     for i, x in enumerate((0.0, 0.1, 500.0, 0.3, 0.4)):
-        maker.take(odometry_reading(i / 10, (x, 0.0, 0.0)))
+        maker.on_reading(odometry_reading(i / 10, (x, 0.0, 0.0)))
     assert maker.dropped == {"strayed_in_time_or_place": 1}
     assert maker.odometry == (seconds(0.4), (0.4, 0.0, 0.0))
 
@@ -295,8 +295,8 @@ def test_readings_minutes_apart_are_no_strays() -> None:
 )
 def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, jumps: int) -> None:
     maker = a_maker()
-    maker.take(odometry_reading(0.0))
-    maker.take(odometry_reading(elapsed_s, pose))
+    maker.on_reading(odometry_reading(0.0))
+    maker.on_reading(odometry_reading(elapsed_s, pose))
     maker.finish()
     assert maker.dropped["odometry_jumped"] == jumps
 

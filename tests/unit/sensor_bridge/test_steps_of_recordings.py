@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from clustermcl.reference import load_reference
+from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from particle_filter.arrays import OCCUPIED, Pose

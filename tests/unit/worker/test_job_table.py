@@ -86,7 +86,7 @@ def order(
 
 
 def reports_of(table: JobTable, steps: range) -> list[TrackReport]:
-    taken = [report for step in steps for report in table.take(scan(step))]
+    taken = [report for step in steps for report in table.on_scan(scan(step))]
     assert all(isinstance(report, TrackReport) for report in taken)
     return [report for report in taken if isinstance(report, TrackReport)]
 
@@ -120,7 +120,7 @@ def test_a_job_that_begins_late_catches_up_with_what_the_worker_has_seen(
 ) -> None:
     table = JobTable("w")
     for step in range(1, 6):
-        table.take(scan(step))
+        table.on_scan(scan(step))
     table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
     assert table.missing() is None
     assert [report.step for report in table.catch_up()] == [3, 4, 5]
@@ -129,7 +129,7 @@ def test_a_job_that_begins_late_catches_up_with_what_the_worker_has_seen(
 def test_what_the_worker_has_not_seen_is_asked_for(model: SensorModel) -> None:
     table = JobTable("w")
     for step in range(5, 7):
-        table.take(scan(step))
+        table.on_scan(scan(step))
     table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
     missing = table.missing()
     assert missing is not None
@@ -151,10 +151,10 @@ def test_a_worker_that_has_seen_nothing_asks_for_all_since_its_jobs_start(
 def test_the_newest_scan_once_more_is_answered_once_more(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
-    first = table.take(scan(1))
-    assert table.take(scan(1)) == first
-    table.take(scan(2))
-    assert table.take(scan(1)) == [], "an older one is past"
+    first = table.on_scan(scan(1))
+    assert table.on_scan(scan(1)) == first
+    table.on_scan(scan(2))
+    assert table.on_scan(scan(1)) == [], "an older one is past"
 
 
 def test_a_job_carried_on_from_a_snapshot_gives_the_same_numbers(model: SensorModel) -> None:
@@ -171,7 +171,7 @@ def test_a_job_carried_on_from_a_snapshot_gives_the_same_numbers(model: SensorMo
 def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
-    table.take(scan(1))
+    table.on_scan(scan(1))
     (report,) = reports_of(table, range(5, 6))
     moved = report.mean[0] - np.mean(cloud().map_from_robot.array()[:, 0])
     assert moved == pytest.approx(1.0, abs=0.3), "five steps of 0.2 m, by odometry"
@@ -181,7 +181,7 @@ def test_a_search_tells_no_places_before_it_is_annealed(model: SensorModel) -> N
     table = JobTable("w")
     job = SearchJob(search=0, shard=0, first_step=0)
     table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
-    reports = [report for step in range(4) for report in table.take(scan(step))]
+    reports = [report for step in range(4) for report in table.on_scan(scan(step))]
     assert [bool(r.places) for r in reports if isinstance(r, SearchReport)] == [
         False,
         True,
@@ -229,7 +229,7 @@ def test_scans_that_were_lost_before_one_are_asked_for(model: SensorModel) -> No
     table = JobTable("w")
     assert table.lost_before(scan(7)) is None, "nothing has been seen yet"
     table.follow(order(track("c0", cloud())), model, SETTINGS)
-    table.take(scan(1))
+    table.on_scan(scan(1))
     assert table.lost_before(scan(2)) is None
     lost = table.lost_before(scan(5))
     assert lost is not None
@@ -241,7 +241,7 @@ def test_an_order_that_changes_nothing_is_a_question(model: SensorModel) -> None
     begin = order(track("c0", cloud()))
     assert table.is_news(begin)
     table.follow(begin, model, SETTINGS)
-    (report,) = table.take(scan(1))
+    (report,) = table.on_scan(scan(1))
     assert not table.is_news(order(keep=(("c0", 1),)))
     assert table.is_news(order(keep=()))
     assert table.said_last() == [report]

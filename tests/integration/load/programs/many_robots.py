@@ -15,8 +15,6 @@ from pathlib import Path
 import msgspec
 import zenoh
 
-from clustermcl.soak.fleet import Fleet, robots_settings
-from clustermcl.soak.robot import TRUTH_KEY, TrueMotion
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
 from process_runtime.settings import (
     BridgeSettings,
@@ -25,12 +23,14 @@ from process_runtime.settings import (
     WorkerSettings,
     ZenohSettings,
 )
-from process_runtime.zenoh_configuration import as_zenoh, client_configuration
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
+from soak_test.fleet import Fleet, robots_settings
+from soak_test.robot import TRUTH_KEY, TrueMotion
+from zenoh_link.configuration import as_zenoh, client_configuration
 
 WORLD = "hall"
 RATE_HZ = 2.0

@@ -15,10 +15,7 @@ import msgspec
 import numpy as np
 import zenoh
 
-from clustermcl.soak.fleet import Fleet
-from clustermcl.soak.rooms import PLACES
 from particle_filter.settings import BeliefSettings, SearchSettings
-from process_runtime.session import open_session
 from process_runtime.settings import (
     BridgeSettings,
     CoordinatorSettings,
@@ -27,11 +24,14 @@ from process_runtime.settings import (
     ZenohSettings,
 )
 from process_runtime.stop import StopFlag
-from process_runtime.wire import ask
 from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.steps import Scan
+from soak_test.fleet import Fleet
+from soak_test.rooms import PLACES
+from zenoh_link.session import open_session
+from zenoh_link.wire import ask
 
 RATE_HZ = 40.0
 SETTINGS = Settings(

@@ -5,8 +5,8 @@ import os
 
 from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked, use_one_thread_for_arithmetic
-from process_runtime.session import open_session
 from process_runtime.stop import StopFlag
+from zenoh_link.session import open_session
 
 
 def body(invocation: Invocation) -> None:

@@ -1,0 +1,75 @@
+"""What the coordinator says to those who ask, and to everybody after a step."""
+
+from collections import Counter
+
+import msgspec
+
+from coordinator.state import CoordinatorState
+from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
+
+
+class Answers:
+    """Puts what the state hold into words.
+
+    Args:
+        sender: name of the process.
+        version: of the software.
+        state: of the coordinator.
+        now_ns: when it was started.
+    """
+
+    def __init__(self, sender: str, version: str, state: CoordinatorState, now_ns: int) -> None:
+        self._sender, self._version, self._state = sender, version, state
+        self._started_ns = now_ns
+        self.term = 0
+
+    def pose(self, now_ns: int) -> PoseAnswer:
+        """Where the robot is now."""
+        answer = self._state.pose.answer(now_ns, len(self._state.placement.workers))
+        return msgspec.structs.replace(answer, term=self.term)
+
+    def hypotheses(self, now_ns: int) -> Hypotheses:
+        """All places with their probabilities."""
+        return Hypotheses(
+            sender=self._sender, pose=self.pose(now_ns), hypotheses=self._state.pose.hypotheses()
+        )
+
+    def status(self, now_ns: int, counters: dict[str, int]) -> Status:
+        """How the system is; `counters` are those of the process around."""
+        pose = self.pose(now_ns)
+        return Status(
+            sender=self._sender,
+            version=self._version,
+            state=pose.state,
+            freshness=pose.freshness,
+            age_s=pose.age_s,
+            step=pose.step,
+            steps_applied=self._state.steps_applied,
+            steps_lost=self._state.collector.steps_lost,
+            reports_missing=self._state.reports_missing,
+            map_digest=self._state.placement.map_digest,
+            clusters=len(self._state.ensemble.clusters),
+            searching=self._state.outcome.searching if self._state.outcome else False,
+            workers=self._state.placement.workers,
+            counters=dict(sorted((self._state.counters + Counter(counters)).items())),
+            uptime_s=(now_ns - self._started_ns) / 1e9,
+            term=self.term,
+        )
+
+    def belief(self) -> Belief | None:
+        """What is believed after the last step or command; None before the first."""
+        outcome, scan = self._state.outcome, self._state.applied_scan
+        if outcome is None or scan is None:
+            return None
+        return Belief(
+            sender=self._sender,
+            step=outcome.step,
+            stamp_ns=scan.stamp_ns,
+            odom_from_robot=scan.odom_from_robot,
+            state=outcome.state,
+            hypotheses=outcome.hypotheses,
+            searching=outcome.searching,
+            missing=outcome.missing,
+            last=scan.last,
+            term=self.term,
+        )

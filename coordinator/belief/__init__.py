@@ -1,0 +1,1 @@
+"""The belief: which places are possible, and how probable each is."""

@@ -1,0 +1,81 @@
+"""Which places of a restart enter beside the clusters, and with what probability (section 4)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from coordinator.belief.cluster_set import Candidate
+from coordinator.belief.fit_monitor import FitMonitor
+from coordinator.belief.search_pool import Pool
+from particle_filter.overlaps import is_near
+from particle_filter.settings import BeliefSettings, FilterSettings
+from protocol.message import PoseTuple
+
+
+@dataclass(frozen=True)
+class Terms:
+    """On what terms newcomers enter."""
+
+    most: int
+    """So many at most."""
+    least_share: float
+    """Of its search, that a place needs."""
+    probability: float
+    """Given to all newcomers together."""
+
+
+def terms(pool: Pool, fit: FitMonitor, rules: BeliefSettings) -> Terms:
+    """How much of the belief what a search has found may take.
+
+    A lost robot of which the search has found a place that fits as scans usually do has been
+    moved: most clusters make room. Where nothing fits as usual, people may stand around.
+    """
+    if not fit.lost:
+        return Terms(rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability)
+    if fit.is_usual(pool.log_likelihood_per_beam):
+        return Terms(rules.found_newcomers, rules.found_min_share, rules.found_probability)
+    return Terms(rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability)
+
+
+def newcomers(
+    pool: Pool,
+    held: Sequence[PoseTuple],
+    yielding: Sequence[float],
+    given: Terms,
+    settings: FilterSettings,
+) -> list[Candidate]:
+    """The best places of a restart that no cluster holds.
+
+    A search tells places apart no better than by its source radius. A place so near to a cluster
+    is more likely that cluster's own than a new one, and its particles soon run together with
+    it: nobody more probable than itself leaves for it.
+
+    Args:
+        pool: what the search has found.
+        held: where the clusters were at the step of the pool.
+        yielding: how probable the clusters are whose places could be taken, least first; 0 is a
+            free place.
+        given: on what terms they enter.
+        settings: how near is near.
+    """
+    rules, search = settings.belief, settings.search
+    fresh = [
+        place
+        for place in pool.places
+        if place.share >= given.least_share
+        and not is_near(place.mean, held, rules.merge_distance_m, rules.merge_heading_rad)
+    ]
+    beside = [
+        is_near(place.mean, held, search.source_radius_m, search.source_heading_rad)
+        for place in fresh
+    ]
+    apart_first = sorted(zip(beside, fresh, strict=True), key=lambda pair: pair[0])
+    most = min(given.most, len(yielding))
+    total = math.fsum(place.share for _, place in apart_first[:most])
+    entering = [
+        place
+        for (is_beside, place), leaving in zip(apart_first[:most], yielding, strict=False)
+        if not is_beside or given.probability * place.share / total > leaving
+    ]
+    total = math.fsum(place.share for place in entering)
+    return [place.as_candidate(given.probability * place.share / total) for place in entering]

@@ -1,0 +1,53 @@
+"""Clouds round a place that nobody has tracked: a person gave it, or it was known before."""
+
+import numpy as np
+
+from coordinator.belief.cluster_set import Candidate
+from particle_filter.random_streams import Purpose, generator
+from protocol.arrays import ArrayBlob
+from protocol.message import Covariance, PoseTuple
+from protocol.work import Particles
+
+GIVEN_PARTICLES = 1_000
+
+
+def diagonal(position_sigma_m: float, heading_sigma_rad: float) -> Covariance:
+    """A covariance of uncorrelated x, y and heading."""
+    place, turn = position_sigma_m**2, heading_sigma_rad**2
+    return (place, 0.0, 0.0, 0.0, place, 0.0, 0.0, 0.0, turn)
+
+
+def cloud(
+    mean: PoseTuple,
+    covariance: Covariance,
+    rng: np.random.Generator,
+    *,
+    step: int,
+    odom_from_robot: PoseTuple,
+) -> Particles:
+    """A Gaussian cloud; a covariance that is not quite one loses its negative part."""
+    variances, axes = np.linalg.eigh(np.reshape(covariance, (3, 3)))
+    spread = rng.standard_normal((GIVEN_PARTICLES, 3)) * np.sqrt(np.maximum(variances, 0.0))
+    return Particles(
+        step=step,
+        odom_from_robot=odom_from_robot,
+        map_from_robot=ArrayBlob.of(np.array(mean) + spread @ axes.T, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(GIVEN_PARTICLES), "float64"),
+    )
+
+
+def candidate(
+    probability: float,
+    mean: PoseTuple,
+    covariance: Covariance,
+    *,
+    seed: int,
+    purpose: Purpose,
+    entity: int,
+    step: int,
+    odom_from_robot: PoseTuple,
+) -> Candidate:
+    """A place that asks to be tracked, with a Gaussian cloud as it was after `step`."""
+    rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
+    sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
+    return Candidate(probability, mean, covariance, sample)

@@ -1,0 +1,74 @@
+"""A place that is possible from earlier knowledge: one hypothesis beside those that are found."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from coordinator.belief.cluster_set import Candidate
+from coordinator.belief.given_places import candidate
+from coordinator.checkpoint import PriorPose
+from particle_filter.overlaps import is_near
+from particle_filter.poses import between, compose
+from particle_filter.random_streams import Purpose
+from particle_filter.settings import FilterSettings
+from protocol.message import PoseTuple
+
+
+def with_prior_pose(
+    found: Sequence[Candidate],
+    prior: PriorPose,
+    odom_from_robot: PoseTuple,
+    settings: FilterSettings,
+) -> list[Candidate]:
+    """Give the offered place its probability beside the places that a search has found.
+
+    A place that was found there anyway gets it; else the offered one takes the last place of K.
+
+    Args:
+        found: most probable first; their probabilities sum to one.
+        prior: the place as it was after an earlier step; it is tracked from there.
+        odom_from_robot: odometry now, which carries the offered place to where it would be.
+        settings: of the filter.
+    """
+    rules = settings.belief
+    moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
+    x, y, heading = (float(v) for v in compose(np.array(prior.map_from_robot), moved))
+    there = next(
+        (
+            index
+            for index, place in enumerate(found)
+            if is_near(
+                (x, y, heading), [place.mean], rules.merge_distance_m, rules.merge_heading_rad
+            )
+        ),
+        None,
+    )
+    kept = list(found) if there is not None else list(found[: rules.clusters - 1])
+    total = math.fsum(place.probability for place in kept)
+    if not kept or total <= 0.0:
+        return [_offered((x, y, heading), prior, 1.0, settings)]
+    left = (1.0 - prior.probability) / total
+    scaled = [replace(place, probability=place.probability * left) for place in kept]
+    if there is None:
+        return [*scaled, _offered((x, y, heading), prior, prior.probability, settings)]
+    raised = scaled[there].probability + prior.probability
+    scaled[there] = replace(scaled[there], probability=raised)
+    return scaled
+
+
+def _offered(
+    mean: PoseTuple, prior: PriorPose, probability: float, settings: FilterSettings
+) -> Candidate:
+    start = candidate(
+        probability,
+        prior.map_from_robot,
+        prior.covariance,
+        seed=settings.seed,
+        purpose=Purpose.LAST_POSE,
+        entity=0,
+        step=prior.step,
+        odom_from_robot=prior.odom_from_robot,
+    )
+    return replace(start, mean=mean)

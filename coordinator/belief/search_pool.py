@@ -1,0 +1,152 @@
+"""One global search as the coordinator sees it: its shards' places, pooled."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from coordinator.belief.cluster_set import Candidate
+from coordinator.checkpoint import PlaceState, SearchState
+from particle_filter.overlaps import merge_overlapping
+from particle_filter.settings import SearchSettings
+from protocol.arrays import ArrayBlob
+from protocol.message import Covariance, PoseTuple
+from protocol.work import Particles, Place, SearchReport
+
+KEPT_STEPS = 16
+"""Reports of so many steps are kept while shards run apart."""
+
+
+NOBODY = Particles(
+    step=0,
+    odom_from_robot=(0.0, 0.0, 0.0),
+    map_from_robot=ArrayBlob.of(np.empty((0, 3)), "float64"),
+    log_weights=ArrayBlob.of(np.empty(0), "float64"),
+)
+"""Stands for the particles of a place that another coordinator has pooled."""
+
+
+@dataclass(frozen=True)
+class PooledPlace:
+    """One place that a whole search holds possible."""
+
+    share: float
+    mean: PoseTuple
+    covariance: Covariance
+    sample: Particles
+
+    def as_candidate(self, probability: float) -> Candidate:
+        """It asks to be tracked, with so much of the belief."""
+        return Candidate(probability, self.mean, self.covariance, self.sample)
+
+
+@dataclass(frozen=True)
+class Pool:
+    """All places of a search after one step, most probable first."""
+
+    step: int
+    places: tuple[PooledPlace, ...]
+    log_likelihood_per_beam: float = math.nan
+    """Of the best particle, without the exponent; not known of a pool that was handed on."""
+
+
+class SearchPool:
+    """Collects the shards' reports and pools the newest step that all shards have reached."""
+
+    def __init__(self, search: int, first_step: int, settings: SearchSettings) -> None:
+        self.search, self.first_step = search, first_step
+        self._settings = settings
+        self._reports: dict[int, dict[str, SearchReport]] = {}
+
+    @property
+    def job_ids(self) -> tuple[str, ...]:
+        """The jobs of this search, one a shard."""
+        return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
+
+    def state(self, pool: Pool | None) -> SearchState:
+        """The search as it is handed on, with what it holds possible."""
+        return SearchState(
+            self.search,
+            self.first_step,
+            pool.step if pool else -1,
+            tuple(PlaceState(p.share, p.mean, p.covariance) for p in (pool.places if pool else ())),
+        )
+
+    @classmethod
+    def restored(
+        cls, state: SearchState, settings: SearchSettings
+    ) -> tuple["SearchPool", Pool | None]:
+        """The search that was handed on, and what it held possible, without particles."""
+        places = tuple(PooledPlace(p.share, p.mean, p.covariance, NOBODY) for p in state.places)
+        pool = Pool(state.pooled_step, places) if state.pooled_step >= 0 else None
+        return cls(state.search, state.first_step, settings), pool
+
+    def add(self, report: SearchReport) -> None:
+        """Keep one shard's report; none can tell of a step before the search began."""
+        if report.step < self.first_step:
+            return
+        self._reports.setdefault(report.step, {})[report.job_id] = report
+        while len(self._reports) > KEPT_STEPS:
+            del self._reports[min(self._reports)]
+
+    def pooled(self) -> Pool | None:
+        """The newest step that every shard has reported, annealed; None before there is one."""
+        complete = [
+            step
+            for step, reports in self._reports.items()
+            if len(reports) == self._settings.shards
+            and all(report.annealed for report in reports.values())
+        ]
+        if not complete:
+            return None
+        step = max(complete)
+        for older in [kept for kept in self._reports if kept < step]:
+            del self._reports[older]
+        reports = self._reports[step]
+        return _pool(step, [reports[job] for job in self.job_ids], self._settings)
+
+    def finished(self, pool: Pool, clusters: int) -> bool:
+        """Whether the search need not go on: its best places hold enough, or it took too long."""
+        held = sum(place.share for place in pool.places[:clusters])
+        steps = pool.step - self.first_step + 1
+        return held >= self._settings.converged_mass or steps >= self._settings.max_steps
+
+
+def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
+    """Weigh the shards by their evidence and join places that several of them found."""
+    log_evidence = np.array([report.log_evidence for report in reports])
+    shard_weight = np.exp(log_evidence - np.logaddexp.reduce(log_evidence))
+    found = [
+        (float(weight * place.share), place)
+        for weight, report in zip(shard_weight, reports, strict=True)
+        for place in report.places
+        if weight * place.share > 0.0
+    ]
+    found.sort(key=lambda pair: -pair[0])
+    best_fit = max(report.log_likelihood_per_beam for report in reports)
+    if not found:
+        return Pool(step, (), best_fit)
+    means = np.array([place.mean for _, place in found])
+    into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
+    groups = [np.flatnonzero(into == index) for index in np.unique(into)]
+    joined = [_joined([found[member] for member in group]) for group in groups]
+    joined.sort(key=lambda place: -place.share)
+    return Pool(step, tuple(joined), best_fit)
+
+
+def _joined(found: list[tuple[float, Place]]) -> PooledPlace:
+    """One place from several shards' views of it: samples side by side, weighed by share."""
+    poses = [place.sample.map_from_robot.array() for _, place in found]
+    log_weights = []
+    for share, place in found:
+        own = place.sample.log_weights.array().astype(np.float64)
+        log_weights.append(own - np.logaddexp.reduce(own) + math.log(share))
+    best = found[0][1]
+    sample = Particles(
+        step=best.sample.step,
+        odom_from_robot=best.sample.odom_from_robot,
+        map_from_robot=ArrayBlob.of(np.concatenate(poses), "float64"),
+        log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
+    )
+    share = math.fsum(share for share, _ in found)
+    return PooledPlace(share, best.mean, best.covariance, sample)

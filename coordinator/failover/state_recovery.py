@@ -1,0 +1,103 @@
+"""What a new coordinator asks before it acts: the workers tell what the last one had decided."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError
+from protocol.work import Assignment, Checkpoint, Report, WorkerState
+
+ASK_AGAIN_NS = 200_000_000
+"""A worker whose token is there may not serve the question yet."""
+PATIENCE_NS = 2_000_000_000
+"""A worker that does not say what it does gets orders all the same after so long."""
+KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
+"""So long a beginner waits for the last worker, with a checkpoint in hand and without."""
+
+
+M = TypeVar("M")
+
+
+@dataclass(frozen=True)
+class Told:
+    """A worker's answer, decoded."""
+
+    term: int
+    holds: tuple[Assignment, ...]
+    checkpoint: Checkpoint | None
+    reports: tuple[Report, ...]
+
+
+def told_by(payload: bytes) -> Told:
+    """A worker's answer with all that is packed in it.
+
+    Raises:
+        MalformedMessageError: the answer is none; what is malformed inside it is left out.
+    """
+    state = decode(payload, WorkerState)
+    checkpoints = _decoded((state.checkpoint,) if state.checkpoint else (), Checkpoint)
+    reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
+    return Told(state.term, state.holds, next(iter(checkpoints), None), tuple(reports))
+
+
+def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
+    found = []
+    for payload in payloads:
+        try:
+            found.append(decode(payload, kind))
+        except MalformedMessageError:
+            continue
+    return found
+
+
+class StateRecovery:
+    """Who has to be asked, who has answered, and what is the newest checkpoint."""
+
+    def __init__(self, known: Checkpoint | None, now_ns: int) -> None:
+        self._began_ns = now_ns
+        self._asked_ns: dict[str, int | None] = {}
+        self.told: dict[str, Told] = {}
+        self.newest = known
+
+    def expect(self, worker: str) -> None:
+        """A worker is there and has to be asked."""
+        self._asked_ns[worker] = None
+        self.told.pop(worker, None)
+
+    def forget(self, worker: str) -> None:
+        """A worker is gone."""
+        self._asked_ns.pop(worker, None)
+        self.told.pop(worker, None)
+
+    def hear(self, checkpoint: Checkpoint | None) -> None:
+        """A checkpoint is known, from a worker or from another coordinator."""
+        if checkpoint and (self.newest is None or checkpoint.rank > self.newest.rank):
+            self.newest = checkpoint
+
+    def answered(self, worker: str, told: Told) -> None:
+        """A worker has answered."""
+        self._asked_ns.pop(worker, None)
+        self.told[worker] = told
+        self.hear(told.checkpoint)
+
+    def ask_all_again(self) -> None:
+        """All must be asked anew: the term was too low."""
+        for worker in (*self._asked_ns, *self.told):
+            self._asked_ns[worker] = None
+
+    def due(self, now_ns: int) -> list[str]:
+        """Whom to ask now."""
+        due = [
+            worker
+            for worker, asked_ns in sorted(self._asked_ns.items())
+            if asked_ns is None or now_ns - asked_ns >= ASK_AGAIN_NS
+        ]
+        for worker in due:
+            self._asked_ns[worker] = now_ns
+        return due
+
+    def is_over(self, now_ns: int) -> bool:
+        """Whether to wait for no more workers before beginning."""
+        waited_ns = now_ns - self._began_ns
+        return not self._asked_ns or waited_ns >= (KNOWN_NS if self.newest else UNKNOWN_NS)

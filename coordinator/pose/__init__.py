@@ -1,0 +1,1 @@
+"""Where the robot is now: between steps, late, and after a power cut."""

@@ -1,0 +1,90 @@
+"""One experiment: a robot somewhere, how long, how often, and what is asked of it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from evaluation.experiments.figures import Figure
+
+Algorithm = Literal["cluster-mcl", "mcl"]
+ALGORITHMS: tuple[Algorithm, ...] = ("cluster-mcl", "mcl")
+
+_SETUP_MS = 400.0
+"""Time to read a map and to set a robot up."""
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """One experiment."""
+
+    name: str
+    """What a person types."""
+    title: str
+    """One line about it."""
+    world: str = ""
+    """A simulated world; empty: a recording."""
+    recording: Path = Path()
+    map: Path = Path()
+    reference: Path = Path()
+    updates: int | None = None
+    """A run has at most so many; None: to the recording's end."""
+    updates_after_event: int | None = None
+    """A run ends so many updates after the feature was seen or the robot was kidnapped."""
+    seeds: int
+    """Runs of Cluster-MCL unless a person wants another number."""
+    ordinary_seeds: int
+    """The same of ordinary MCL, beside it."""
+    asked_seeds: int | None = None
+    """Runs that the target is stated for; None: as many as there are by default."""
+    symmetry: int = 1
+    """So many poses of the map look alike, or nearly so: it is k-fold symmetric."""
+    has_feature: bool = False
+    """Something in the map tells the symmetric poses apart."""
+    people: int = 0
+    """People who walk about near the robot."""
+    kidnap: bool = False
+    """The robot is lifted elsewhere once the estimate was right 40 times in a row."""
+    kidnap_at_latest: int = 0
+    """Or after so many updates, right or not."""
+    settings: tuple[str, ...] = ()
+    """Settings that belong to the experiment, `section.key=value`."""
+    figures: tuple[Figure, ...]
+    update_ms: float
+    """Measured time of one update of Cluster-MCL on one core; for the estimate only."""
+    ordinary_update_ms: float
+    typical_updates: int
+    """Of one run; for the estimate only."""
+
+    @property
+    def with_defaults(self) -> bool:
+        """Whether it runs with the one set of settings that is meant for everything."""
+        return not self.settings
+
+    def seed_count(self, algorithm: Algorithm) -> int:
+        """Runs of one algorithm by default."""
+        return self.seeds if algorithm == "cluster-mcl" else self.ordinary_seeds
+
+    def run_ms(self, algorithm: Algorithm) -> float:
+        """Estimated time of one run on one core [ms]."""
+        update_ms = self.update_ms if algorithm == "cluster-mcl" else self.ordinary_update_ms
+        return _SETUP_MS + self.typical_updates * update_ms
+
+
+def quick(case: Case, updates: int) -> Case:
+    """The same, cut short: to see that everything runs, not how well.
+
+    What ends after an event stays as it is: without the event there would be nothing to see.
+    """
+    if case.updates_after_event is not None:
+        return case
+    if case.updates is not None and case.updates <= updates:
+        return case
+    return msgspec.structs.replace(
+        case, updates=updates, typical_updates=min(case.typical_updates, updates)
+    )
+
+
+def names_of(cases: Sequence[Case]) -> str:
+    """Their names, for an error's sentence."""
+    return ", ".join(case.name for case in cases)

@@ -1,0 +1,218 @@
+"""The numbers of one run: every word of the experiments' tables is defined here.
+
+An *update* is one step: one gated scan; updates are counted from 1. The *estimate* of an update
+is the most probable place; during the first search nothing is claimed and there is none. A place
+is *right* within 1 m and 20 degrees of the truth. *After the bootstrap* means from the update on
+at which the first search has ended. The *copies* of a k-fold symmetric map are the true pose and
+its images when the map is turned about its middle; a copy is *tracked* if some place is within
+1 m and 20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first
+update at which at least 3 beams would be more than 0.3 m longer or shorter at every other copy
+(see `sight`). *Right for good* is from the first update on after which every estimate of the run
+is right. Numbers that `clustermcl evaluate` gives too are taken from there (`evaluation.judge`).
+"""
+
+import statistics
+from collections.abc import Sequence
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from evaluation.experiments.step_facts import StepFacts
+from evaluation.judge import Accuracy
+from particle_filter.belief import normalised_entropy
+
+IN_A_ROW = 5
+"""So many right estimates in a row are no accident."""
+
+
+class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What one run came to. None: it did not happen, or there was nothing to measure it on."""
+
+    updates: int
+    """Steps of the run."""
+    localized: bool
+    """The estimates of the last 10 updates were right."""
+    final_error_m: float | None
+    """Of the last estimate."""
+    settled_at_update: int | None
+    """If localized: right for good from this update on."""
+    settled_after_s: float | None
+    """Time of that update since the first one."""
+    rmse_m: float | None
+    """Root mean square error of the position once right for good."""
+    confidently_wrong_share: float | None
+    """Share of the updates whose estimate was wrong and had a probability of 0.9 or more."""
+    tracked_share: float | None
+    """Share of the updates after the bootstrap on which the truth was tracked."""
+    kept_share: float | None
+    """The same from the first 5 right estimates in a row on: whether tracking is kept."""
+    truth_probability: float | None
+    """Mean over the same updates of the probability of all right places together."""
+
+    right_share: float
+    """Share of the updates whose estimate was right."""
+    right_at_50: bool | None
+    """Whether the estimate of update 50 was right."""
+    right_at_100: bool | None
+    """Whether the estimate of update 100 was right."""
+    right_within: int | None
+    """The first update of the first 5 in a row with right estimates."""
+    bootstrap_update: int | None
+    """The update at which the first search ended."""
+    copies_found: int | None
+    """How many of the copies were tracked then."""
+
+    all_tracked_share: float | None
+    """Share of the updates after the bootstrap on which all copies were tracked."""
+    entropy_mean: float | None
+    """Mean, over the updates after the bootstrap, of the entropy of the copies' probabilities,
+    divided by that of equal ones: 1 is no preference, 0 certainty, or no copy tracked."""
+    entropy_min: float | None
+    """The lowest of these entropies."""
+    leader_changes: int
+    """How often the most probable copy was another one than an update before."""
+
+    seen_at_update: int | None
+    """The update at which the robot sees the feature."""
+    all_tracked_until_seen_share: float | None
+    """Share of the updates after the bootstrap and before that on which all copies were tracked."""
+    settled_after_seen: int | None
+    """Updates from seeing the feature to being right for good; 0 if it was right before."""
+
+    kidnapped_at_update: int | None
+    """The update after which the robot was lifted to another place."""
+    right_before_kidnap: bool | None
+    """Whether the estimate was right 40 times in a row before that, as it should have been."""
+    alarm_after_kidnap: int | None
+    """Updates from then to the first one with the state `lost`, `ambiguous` or `searching`."""
+    right_after_kidnap: int | None
+    """Updates from then to the first of 5 in a row with right estimates."""
+
+    localized_share: float
+    """Share of the updates with the state `localized`."""
+    localized_wrong_share: float
+    """Share of the updates with the state `localized` and a wrong estimate."""
+    short_beam_share: float | None
+    """Share of the beams that met something 0.3 m or more in front of what the map has there."""
+    wall_s: float
+    """Time the run took, without reading maps."""
+
+
+def measures_of(
+    facts: Sequence[StepFacts],
+    accuracy: Accuracy,
+    *,
+    seen_at_update: int | None = None,
+    kidnapped_at_update: int | None = None,
+    right_before_kidnap: bool | None = None,
+    short_beam_share: float | None = None,
+    wall_s: float = 0.0,
+) -> RunMeasures:
+    """All numbers of a run.
+
+    Args:
+        facts: its judged updates, in order.
+        accuracy: of `evaluation.judge.Judge` on the same updates.
+        seen_at_update: when the feature was seen.
+        kidnapped_at_update: when the robot was kidnapped.
+        right_before_kidnap: whether the system had been right before.
+        short_beam_share: share of the beams that something stood in the way of.
+        wall_s: how long the run took.
+    """
+    held = after_bootstrap(facts)
+    entropies = [entropy_of_copies(step) for step in held]
+    settled = accuracy.localized_at_step
+    seen = seen_at_update
+    after_kidnap = [f for f in facts if kidnapped_at_update and f.update > kidnapped_at_update]
+    return RunMeasures(
+        updates=accuracy.steps,
+        localized=accuracy.localized,
+        final_error_m=accuracy.final_error_m,
+        settled_at_update=settled,
+        settled_after_s=accuracy.localized_at_s,
+        rmse_m=accuracy.rmse_m,
+        confidently_wrong_share=accuracy.confidently_wrong_fraction,
+        tracked_share=accuracy.truth_tracked_fraction,
+        kept_share=kept_share(facts),
+        truth_probability=accuracy.truth_probability_mean,
+        right_share=share([step.right for step in facts]) or 0.0,
+        right_at_50=right_at(facts, 50),
+        right_at_100=right_at(facts, 100),
+        right_within=first_right(facts),
+        bootstrap_update=held[0].update if held else None,
+        copies_found=sum(p is not None for p in held[0].copies) if held else None,
+        all_tracked_share=share([step.all_tracked for step in held]),
+        entropy_mean=statistics.fmean(entropies) if entropies else None,
+        entropy_min=min(entropies, default=None),
+        leader_changes=leader_changes(facts),
+        seen_at_update=seen,
+        all_tracked_until_seen_share=(
+            share([step.all_tracked for step in held if step.update < seen]) if seen else None
+        ),
+        settled_after_seen=max(settled - seen, 0) if seen and settled else None,
+        kidnapped_at_update=kidnapped_at_update,
+        right_before_kidnap=right_before_kidnap,
+        alarm_after_kidnap=since(first_alarm(after_kidnap), kidnapped_at_update),
+        right_after_kidnap=since(first_right(after_kidnap), kidnapped_at_update),
+        localized_share=share([step.state == "localized" for step in facts]) or 0.0,
+        localized_wrong_share=(
+            share([step.state == "localized" and not step.right for step in facts]) or 0.0
+        ),
+        short_beam_share=short_beam_share,
+        wall_s=wall_s,
+    )
+
+
+def after_bootstrap(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
+    """From the update on at which the first search has ended."""
+    first = next((i for i, step in enumerate(facts) if step.state != "searching"), len(facts))
+    return facts[first:]
+
+
+def share(flags: Sequence[bool]) -> float | None:
+    """Share of those that are set; None of none."""
+    return sum(flags) / len(flags) if flags else None
+
+
+def right_at(facts: Sequence[StepFacts], update: int) -> bool | None:
+    """Whether the estimate of one update was right; None if it was not judged."""
+    return next((step.right for step in facts if step.update == update), None)
+
+
+def first_right(facts: Sequence[StepFacts], in_a_row: int = IN_A_ROW) -> int | None:
+    """The first update of the first so many in a row with right estimates."""
+    streak = 0
+    for index, step in enumerate(facts):
+        streak = streak + 1 if step.right else 0
+        if streak == in_a_row:
+            return facts[index - in_a_row + 1].update
+    return None
+
+
+def kept_share(facts: Sequence[StepFacts]) -> float | None:
+    """Share of the updates since the first 5 right ones in a row on which the truth is tracked."""
+    begin = first_right(facts)
+    return share([step.tracked for step in facts if step.update >= begin]) if begin else None
+
+
+def first_alarm(facts: Sequence[StepFacts]) -> int | None:
+    """The first update with a state that says not to trust the estimate."""
+    return next((step.update for step in facts if step.state != "localized"), None)
+
+
+def since(update: int | None, begin: int | None) -> int | None:
+    """Updates from one to another; None if either is missing."""
+    return None if update is None or begin is None else update - begin
+
+
+def entropy_of_copies(step: StepFacts) -> float:
+    """Entropy of the copies' probabilities over that of equal ones; 0 if no copy is tracked."""
+    probabilities = np.array([p or 0.0 for p in step.copies])
+    return normalised_entropy(probabilities) if probabilities.sum() > 0.0 else 0.0
+
+
+def leader_changes(facts: Sequence[StepFacts]) -> int:
+    """How often the most probable copy changed; updates with no copy tracked are passed over."""
+    leaders = [step.leader for step in facts if step.leader is not None]
+    return sum(before != after for before, after in pairwise(leaders))

@@ -1,0 +1,105 @@
+"""Watches a run: notes every step, and knows when the robot is kidnapped and when it is over."""
+
+from coordinator.belief.outcome import Outcome
+from evaluation.experiments.case import Case
+from evaluation.experiments.measures import RunMeasures, measures_of
+from evaluation.experiments.reliability import Reliability
+from evaluation.experiments.sight import Sight
+from evaluation.experiments.step_facts import StepFacts, facts_of
+from evaluation.experiments.symmetry import middle_of, turned_copies
+from evaluation.experiments.trace import Trace, TraceStep, places_of
+from evaluation.judge import Judge
+from grid_maps.grid_map import GridMap
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+
+GOOD_BEFORE_KIDNAP = 40
+"""The robot is kidnapped after so many right estimates in a row."""
+
+
+class Observer:
+    """Told of every step in order.
+
+    Args:
+        case: the experiment.
+        seed: of the run.
+        grid_map: what the localizer was given.
+        with_trace: keep every step for the plots.
+    """
+
+    def __init__(self, case: Case, seed: int, grid_map: GridMap, *, with_trace: bool) -> None:
+        self._case, self._middle = case, middle_of(grid_map)
+        self._sight = Sight(grid_map) if case.has_feature or case.people else None
+        self._judge = Judge()
+        self._facts: list[StepFacts] = []
+        self._update = self._right_in_a_row = 0
+        self._seen_at: int | None = None
+        self._kidnapped_at: int | None = None
+        self._right_before_kidnap: bool | None = None
+        self._short_shares: list[float] = []
+        self.reliability, self.places_reliability = Reliability(), Reliability()
+        self.trace = Trace(seed) if with_trace else None
+
+    def on_step(self, scan: Scan, outcome: Outcome, truth: PoseTuple | None) -> None:
+        """Take one step and what the system made of it; `truth` is None where nobody knows."""
+        self._update += 1
+        state, places = outcome.state, outcome.hypotheses
+        self._judge.on_step(self._update, scan.stamp_ns, state, places, truth)
+        if truth is None:
+            return
+        copies = turned_copies(truth, self._case.symmetry, self._middle)
+        facts = facts_of(self._update, state, places, copies)
+        self._facts.append(facts)
+        self._right_in_a_row = self._right_in_a_row + 1 if facts.right else 0
+        self._look(scan, copies)
+        for index, (probability, right) in enumerate(facts.claims):
+            if index == 0:
+                self.reliability.add(probability, right)
+            self.places_reliability.add(probability, right)
+        if self.trace is not None:
+            held = places_of(places) if facts.claims else ()
+            self.trace.steps.append(
+                TraceStep(self._update, truth, facts.right, facts.copies[0] or 0.0, held)
+            )
+
+    @property
+    def kidnap_now(self) -> bool:
+        """Whether the robot shall be lifted elsewhere before the next step."""
+        if not self._case.kidnap or self._kidnapped_at is not None:
+            return False
+        good = self._right_in_a_row >= GOOD_BEFORE_KIDNAP
+        return good or self._update >= self._case.kidnap_at_latest
+
+    def kidnapped(self) -> None:
+        """The robot was lifted elsewhere after the last step."""
+        self._kidnapped_at = self._update
+        self._right_before_kidnap = self._right_in_a_row >= GOOD_BEFORE_KIDNAP
+
+    @property
+    def over(self) -> bool:
+        """Whether enough updates were made after what the run is about."""
+        event = self._seen_at or self._kidnapped_at
+        after = self._case.updates_after_event
+        return event is not None and after is not None and self._update >= event + after
+
+    def measures(self, wall_s: float) -> RunMeasures:
+        """What the run came to."""
+        shares = self._short_shares
+        return measures_of(
+            self._facts,
+            self._judge.accuracy(),
+            seen_at_update=self._seen_at,
+            kidnapped_at_update=self._kidnapped_at,
+            right_before_kidnap=self._right_before_kidnap,
+            short_beam_share=sum(shares) / len(shares) if shares else None,
+            wall_s=wall_s,
+        )
+
+    def _look(self, scan: Scan, copies: tuple[PoseTuple, ...]) -> None:
+        """Note what the scan could show."""
+        if self._sight is None:
+            return
+        if self._case.people:
+            self._short_shares.append(self._sight.short_share(scan, copies[0]))
+        if self._case.has_feature and self._seen_at is None:
+            self._seen_at = self._update if self._sight.tells_apart(scan, copies) else None

@@ -1,0 +1,145 @@
+"""The report of a run of experiments, in Markdown."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from evaluation.experiments.case import ALGORITHMS, Algorithm
+from evaluation.experiments.provenance import Provenance
+from evaluation.experiments.report_tables import figure_rows, seeds_text, table
+from evaluation.experiments.results import ExperimentResult
+from evaluation.experiments.summary_tables import reliability_lines
+
+_DEFINITIONS = """\
+An update is one gated scan. A place is right within 1 m and 20 degrees of the truth; the estimate
+is the most probable place. Confidently wrong is an estimate with probability 0.9 or more that is
+not right. Intervals in percent are Wilson's, for 95 %; behind a mean stand its lowest and its
+highest run. A run that failed counts as one that did not do what was asked. All words of the
+tables are defined in `clustermcl/experiments/measures.py`; every run's numbers stand in the JSON
+file of its experiment. Ordinary MCL is made of the same pieces and gets the same seeds; nothing
+is asked of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportInput:
+    """What a report is about."""
+
+    provenance: Provenance
+    results: Sequence[ExperimentResult]
+    """In the order of the report."""
+    left_out: Sequence[str] = ()
+    """What was not run, and why, a sentence each."""
+    plots: dict[str, Sequence[Path]] = field(default_factory=dict)
+    """By the experiment's name; those over all experiments under the empty name."""
+    wall_s: float
+    interrupted: bool = False
+    quick: bool = False
+
+
+def report_text(given: ReportInput, folder: Path) -> str:
+    """The whole report.
+
+    Args:
+        given: what it is about.
+        folder: where it is going to be; the paths of plots are relative to it.
+    """
+    lines = ["# Experiments", "", *_origin(given), "", "## What was asked", "", *_asked(given)]
+    lines += ["", *reliability_lines(given.results)]
+    lines += ["", *_images(given.plots.get("", ()), folder, "all")]
+    for result in given.results:
+        lines += [*_experiment(result, given.plots.get(result.case.name, ()), folder)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _origin(given: ReportInput) -> Iterator[str]:
+    """How it was made, and what a reader must know of it."""
+    origin = given.provenance
+    yield "Written by `clustermcl experiments`; not edited by hand."
+    yield ""
+    yield f"    {origin.command}"
+    yield ""
+    commit = f"commit {origin.commit}" if origin.commit else "no commit known"
+    yield f"* Version {origin.version}, {commit}, {origin.started}."
+    yield (
+        f"* {origin.machine}; {origin.jobs} processes; Python {origin.python}, "
+        f"numpy {origin.numpy}, numba {origin.numba}; {given.wall_s / 60:.1f} minutes."
+    )
+    changed = ", ".join(f"`{name} = {value}`" for name, value in origin.settings.items())
+    yield f"* Settings that differ from the defaults: {changed or 'none'}."
+    yield from (f"* {sentence}" for sentence in _reservations(given))
+    yield ""
+    yield _DEFINITIONS
+
+
+def _reservations(given: ReportInput) -> Iterator[str]:
+    if given.interrupted:
+        yield "**Interrupted**: only the runs that had ended are counted."
+    if given.quick:
+        yield "**Quick**: few and short runs, to see that everything works; no figure counts."
+    yield from given.left_out
+    reduced = [
+        f"{result.case.name} {len(result.of('cluster-mcl'))} of {result.case.asked_seeds}"
+        for result in given.results
+        if result.case.asked_seeds and len(result.of("cluster-mcl")) < result.case.asked_seeds
+    ]
+    if reduced:
+        yield f"Fewer seeds than the targets are stated for, to save time: {', '.join(reduced)}."
+
+
+def _asked(given: ReportInput) -> Iterator[str]:
+    """One table of all figures that have a target."""
+    rows = []
+    met = asked = 0
+    for result in given.results:
+        for figure, row in figure_rows(result):
+            if figure.asks:
+                rows.append((f"[{result.case.name}](#{result.case.name})", *row))
+                asked += row.met != "–"
+                met += row.met == "yes"
+    yield f"{met} of {asked} targets are met."
+    yield ""
+    yield from table(("experiment", *_COLUMNS), rows)
+
+
+_COLUMNS = ("figure", "target", "Cluster-MCL", "interval or range", "met", "ordinary MCL")
+
+
+def _experiment(result: ExperimentResult, plots: Sequence[Path], folder: Path) -> Iterator[str]:
+    case = result.case
+    yield f"## {case.name}"
+    yield ""
+    yield f"{case.title}."
+    yield ""
+    for algorithm in ALGORITHMS:
+        yield f"* {_runs_text(result, algorithm)}"
+    if case.settings:
+        yield f"* With {', '.join(f'`{setting}`' for setting in case.settings)}; not in the pool."
+    failed = [run for algorithm in ALGORITHMS for run in result.of(algorithm) if run.problem]
+    for run in failed:
+        yield f"* **Failed**: {run.algorithm}, seed {run.seed}: {run.problem}"
+    yield ""
+    yield from table(_COLUMNS, [row for _, row in figure_rows(result)])
+    yield ""
+    yield from _images(plots, folder, case.name)
+
+
+def _runs_text(result: ExperimentResult, algorithm: Algorithm) -> str:
+    name = "Cluster-MCL" if algorithm == "cluster-mcl" else "Ordinary MCL"
+    runs = result.of(algorithm)
+    measured = [run.measures for run in runs if run.measures is not None]
+    if not measured:
+        return f"{name}: no run."
+    updates = sum(each.updates for each in measured)
+    update_ms = 1e3 * sum(each.wall_s for each in measured) / max(updates, 1)
+    return (
+        f"{name}: {seeds_text([run.seed for run in runs])}, {updates:,} updates, "
+        f"{update_ms:.1f} ms each."
+    )
+
+
+def _images(plots: Sequence[Path], folder: Path, name: str) -> Iterator[str]:
+    for plot in plots:
+        path = Path(os.path.relpath(plot, folder)).as_posix()
+        yield f"![{name}: {plot.stem.removeprefix(name + '-')}]({path})"
+        yield ""

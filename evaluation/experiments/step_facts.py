@@ -1,0 +1,81 @@
+"""What is noted of one step of a run, to compute every number of the run from afterwards."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from evaluation.judge import CONFIDENT_PROBABILITY, PoseError, pose_error
+from protocol.answers import Hypothesis, State
+from protocol.message import PoseTuple
+
+
+@dataclass(frozen=True, slots=True)
+class StepFacts:
+    """One judged step: one whose true pose is known."""
+
+    update: int
+    """Its place among the steps of the run; the first is 1."""
+    state: State
+    probability: float
+    """Of the estimate, the most probable place; 0 without one."""
+    error: PoseError | None
+    """Of the estimate; None without one, as while the first search still runs."""
+    claims: tuple[tuple[float, bool], ...]
+    """Of every place held: its probability and whether it is right."""
+    copies: tuple[float | None, ...]
+    """For the true pose and each symmetric copy of it: the probability of all places that are
+    right about it together; None where there is no such place."""
+
+    @property
+    def right(self) -> bool:
+        """The estimate is within 1 m and 20 degrees of the truth."""
+        return self.error is not None and self.error.right
+
+    @property
+    def confidently_wrong(self) -> bool:
+        """The estimate is wrong and has a probability of 0.9 or more."""
+        return not self.right and self.probability >= CONFIDENT_PROBABILITY
+
+    @property
+    def tracked(self) -> bool:
+        """Some place is right."""
+        return self.copies[0] is not None
+
+    @property
+    def all_tracked(self) -> bool:
+        """For the truth and every symmetric copy of it there is some place."""
+        return None not in self.copies
+
+    @property
+    def leader(self) -> int | None:
+        """The copy with the highest probability; None if there is a place for none."""
+        held = [(p, -index) for index, p in enumerate(self.copies) if p is not None]
+        return -max(held)[1] if held else None
+
+
+def facts_of(
+    update: int, state: State, hypotheses: Sequence[Hypothesis], copies: Sequence[PoseTuple]
+) -> StepFacts:
+    """Note one step.
+
+    Args:
+        update: its place among the steps of the run.
+        state: of the system after it.
+        hypotheses: the places held after it, most probable first.
+        copies: the true pose, then its symmetric copies.
+    """
+    places = () if state == "searching" else hypotheses
+    errors = [pose_error(place.mean, copies[0]) for place in places]
+    return StepFacts(
+        update=update,
+        state=state,
+        probability=places[0].probability if places else 0.0,
+        error=errors[0] if errors else None,
+        claims=tuple((p.probability, e.right) for p, e in zip(places, errors, strict=True)),
+        copies=tuple(_probability_at(copy, places) for copy in copies),
+    )
+
+
+def _probability_at(pose: PoseTuple, places: Sequence[Hypothesis]) -> float | None:
+    near = [place.probability for place in places if pose_error(place.mean, pose).right]
+    return math.fsum(near) if near else None

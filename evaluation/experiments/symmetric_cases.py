@@ -1,0 +1,142 @@
+"""The experiments in symmetric worlds: places that nobody can tell apart, or only late."""
+
+from evaluation.experiments.case import Case
+from evaluation.experiments.figures import Figure, mean, rate
+from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
+
+_NO_TRANSITION = "belief.transition_probability=0"
+
+
+def symmetric_cases() -> tuple[Case, ...]:
+    """Worlds that are symmetric to the last cell."""
+    cross = Case(
+        name="cross",
+        title="Four places that nobody can tell apart, 3,000 updates",
+        world="cross",
+        updates=3000,
+        typical_updates=3000,
+        symmetry=4,
+        seeds=10,
+        asked_seeds=20,
+        ordinary_seeds=3,
+        update_ms=8.0,
+        ordinary_update_ms=11.0,
+        figures=(
+            *_all_tracked(4),
+            mean("normalised entropy of the 4 probabilities", "entropy_mean", at_least=0.95),
+            rate("it is never under 0.5", "entropy_min", at_least=0.5),
+            rate("the most probable place changes 3 times or more", "leader_changes", at_least=3),
+            mean("changes of the most probable place", "leader_changes"),
+            mean("places found by the first search", "copies_found"),
+        ),
+    )
+    rectangle = Case(
+        name="rectangle",
+        title="Two places that nobody can tell apart, 3,000 updates",
+        world="rectangle",
+        updates=3000,
+        typical_updates=3000,
+        symmetry=2,
+        seeds=16,
+        asked_seeds=20,
+        ordinary_seeds=3,
+        update_ms=5.5,
+        ordinary_update_ms=12.0,
+        figures=(
+            *_all_tracked(2),
+            mean("normalised entropy of the 2 probabilities", "entropy_mean", at_least=0.95),
+            mean("its lowest value in a run", "entropy_min"),
+            mean("places found by the first search", "copies_found"),
+        ),
+    )
+    return cross, rectangle, _without_transition(cross, 4), _without_transition(rectangle, 2)
+
+
+def _all_tracked(places: int) -> tuple[Figure, ...]:
+    text = f"all {places} places tracked on 99 % or more of the updates after the bootstrap"
+    return (
+        rate(text, "all_tracked_share", at_least=0.99),
+        mean("share of the updates on which they are", "all_tracked_share"),
+    )
+
+
+def _without_transition(case: Case, places: int) -> Case:
+    """The same by eq. 14 to the letter: no robot ever changes from one cluster to another."""
+    return Case(
+        name=f"{case.name}-no-transition",
+        title=f"{case.title}, without any transition probability (eq. 14 to the letter)",
+        world=case.world,
+        updates=case.updates,
+        typical_updates=case.typical_updates,
+        symmetry=case.symmetry,
+        seeds=4,
+        asked_seeds=case.asked_seeds,
+        ordinary_seeds=0,
+        update_ms=case.update_ms,
+        ordinary_update_ms=case.ordinary_update_ms,
+        settings=(_NO_TRANSITION,),
+        figures=(
+            *_all_tracked(places),
+            mean(f"normalised entropy of the {places} probabilities", "entropy_mean"),
+            mean("its lowest value in a run", "entropy_min"),
+        ),
+    )
+
+
+def feature_cases() -> tuple[Case, ...]:
+    """Worlds in which one thing, seen late, tells the symmetric places apart."""
+    return (
+        Case(
+            name="gates",
+            title="A two-fold symmetric room; one missing cabinet, seen in the last segment, tells",
+            world="gates",
+            updates=400,
+            updates_after_event=40,
+            typical_updates=325,
+            symmetry=2,
+            has_feature=True,
+            seeds=40,
+            ordinary_seeds=24,
+            update_ms=7.0,
+            ordinary_update_ms=12.0,
+            figures=(
+                rate(
+                    "both places tracked on 99 % or more of the updates until it is seen",
+                    "all_tracked_until_seen_share",
+                    at_least=0.99,
+                ),
+                rate("right on the last 10 of the 40 updates after it", "localized", at_least=1),
+                mean("updates from seeing it to being right for good", "settled_after_seen"),
+                RMSE,
+                CONFIDENTLY_WRONG,
+            ),
+        ),
+        Case(
+            name="cross-feature",
+            title="The cross with one cabinet at the end of one arm",
+            world="cross_feature",
+            updates=400,
+            updates_after_event=40,
+            typical_updates=190,
+            symmetry=4,
+            has_feature=True,
+            seeds=20,
+            ordinary_seeds=20,
+            update_ms=7.0,
+            ordinary_update_ms=10.0,
+            figures=(
+                rate(
+                    "right for good within 15 updates of seeing it",
+                    "settled_after_seen",
+                    at_most=15,
+                ),
+                mean("updates from seeing it to being right for good", "settled_after_seen"),
+                mean(
+                    "share of the updates before it with all 4 places tracked",
+                    "all_tracked_until_seen_share",
+                ),
+                RMSE,
+                CONFIDENTLY_WRONG,
+            ),
+        ),
+    )

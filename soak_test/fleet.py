@@ -1,0 +1,156 @@
+"""All processes of a soak: one router, and for each robot all that `clustermcl up` starts."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import psutil
+
+from process_runtime.settings import RobotSettings, Settings
+from process_runtime.settings_table import settings_as_toml
+from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from soak_test.map_file import write_map
+from soak_test.robot import soak_world
+from zenoh_link.configuration import as_json5, router_configuration
+
+ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
+WORKER = "worker"
+"""One of the processes that the workers' process has forked."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A process that runs."""
+
+    robot: str
+    """Empty for the router."""
+    role: str
+    name: str
+    """Unique: ``robot-1/worker-3``."""
+    process: psutil.Process
+
+
+class Fleet:
+    """Starts the processes, restarts those that die, ends them.
+
+    Args:
+        settings: of each robot; the first one's say where the router listens.
+        folder: for settings, maps, logs, and whatever the processes leave behind.
+        world: the simulated robots' world.
+        rate_hz: scans a second of each robot.
+        coordinators: of each robot; one acts, the others stand by.
+    """
+
+    def __init__(
+        self,
+        settings: Sequence[Settings],
+        folder: Path,
+        *,
+        world: str,
+        rate_hz: float,
+        coordinators: int,
+    ) -> None:
+        self._folder = folder
+        self.exits: list[tuple[int, ChildExit]] = []
+        children = [self._router(settings[0])]
+        for number, one in enumerate(settings):
+            robot = one.robot.name
+            map_file = write_map(soak_world(world, number).map, folder, f"{robot}-map")
+            bridge = msgspec.structs.replace(one.bridge, map=str(map_file))
+            file = folder / f"{robot}.toml"
+            file.write_text(settings_as_toml(msgspec.structs.replace(one, bridge=bridge)), "utf-8")
+            drive = ("--world", world, "--room", str(number), "--rate-hz", repr(rate_hz))
+            children += [
+                self._child(f"{robot}/{WORKERS}", "worker", file),
+                *self._coordinators(robot, file, coordinators),
+                self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
+                self._child(f"{robot}/{ROBOT}", "soak_test.robot", file, *drive),
+            ]
+        self._supervisor = Supervisor(children)
+
+    def start(self) -> None:
+        """Start all."""
+        self._supervisor.start()
+
+    def poll(self) -> None:
+        """Restart whose time has come; `exits` has all that ended so far, with the time."""
+        for ended in self._supervisor.poll(time.monotonic()):
+            self.exits.append((time.time_ns(), ended))
+
+    def parts(self) -> list[Part]:
+        """All processes that run now, the forked workers among them."""
+        names = {pid: name for name, pid in self._supervisor.pids().items()}
+        found = []
+        for process in self.processes():
+            name = names.get(process.pid) or _worker_name(process, names)
+            if name is not None:
+                robot, _, own = name.rpartition("/")
+                role = own.partition("-")[0]
+                found.append(Part(robot, role, name, process))
+        return found
+
+    def processes(self) -> list[psutil.Process]:
+        """All descendants, also those that have just been forked, or are dead and not reaped."""
+        return psutil.Process().children(recursive=True)
+
+    def stop(self) -> float:
+        """End all; returns how long it took [s]."""
+        begin_s = time.monotonic()
+        self._supervisor.stop()
+        return time.monotonic() - begin_s
+
+    def log_files(self) -> list[Path]:
+        """What the processes have written."""
+        return sorted(self._folder.glob("*.log"))
+
+    def _router(self, settings: Settings) -> ChildSpec:
+        """The router; it also tells which keys it knows, if asked."""
+        configuration = router_configuration(settings.zenoh)
+        configuration["adminspace"] = {
+            "enabled": True, "permissions": {"read": True, "write": False},
+        }  # fmt: skip
+        file = self._folder / "router.json5"
+        file.write_text(as_json5(configuration), "utf-8")
+        command = python_module("zenoh_link.router", "--config", str(file))
+        return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
+
+    def _coordinators(self, robot: str, file: Path, count: int) -> list[ChildSpec]:
+        names = [COORDINATOR, *(f"{COORDINATOR}-{number}" for number in range(2, count + 1))]
+        waits = ("--standby",) if count > 1 else ()
+        return [
+            self._child(f"{robot}/{name}", "coordinator", file, "--name", name, *waits)
+            for name in names
+        ]
+
+    def _child(self, name: str, module: str, file: Path, *arguments: str) -> ChildSpec:
+        command = python_module(module, "--settings", str(file), *arguments)
+        return ChildSpec(name, command, self._folder / f"{name.replace('/', '-')}.log")
+
+
+def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
+    """Of a forked worker, which calls itself ``worker-3``; None of what is none, or ends now."""
+    try:
+        parent = names.get(process.ppid(), "")
+        # `Process.name` would lengthen it by the command line, which all workers share.
+        own = (Path("/proc") / str(process.pid) / "comm").read_text("utf-8").strip()
+    except (psutil.NoSuchProcess, OSError):
+        return None
+    robot, _, role = parent.rpartition("/")
+    return f"{robot}/{own}" if role == WORKERS and own.startswith(f"{WORKER}-") else None
+
+
+def robots_settings(settings: Settings, robots: int) -> list[Settings]:
+    """Settings for each robot: a name and a seed of its own."""
+    if robots == 1:
+        return [settings]
+    name = settings.robot.name
+    return [
+        msgspec.structs.replace(
+            settings,
+            robot=RobotSettings(name=f"{name}-{number}"),
+            seed=settings.seed + number,
+        )
+        for number in range(1, robots + 1)
+    ]

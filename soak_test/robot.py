@@ -1,0 +1,111 @@
+"""A simulated robot that publishes its readings over Zenoh, as a real one's driver does.
+
+``python -I -m soak_test.robot --settings FILE --world WORLD --rate-hz 10``. It is not part
+of what is tested: the bridge that reads it can die and come back, and the robot drives on.
+"""
+
+import argparse
+import time
+
+import msgspec
+import zenoh
+
+from process_runtime.main import Invocation, process_main
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.message import Message, PoseTuple
+from protocol.steps import OdometryReading
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import PREFIX, simulated_world
+from robot_simulator.worlds.world import World
+from soak_test.rooms import eight_rooms
+from zenoh_link.session import open_session
+from zenoh_link.wire import Publisher
+
+TRUTH_KEY = "soak/truth"
+ROOMS = "eight_rooms"
+SIMULATED_HZ = 10.0
+"""Scans a second of simulated time; at another rate the robot's time passes faster or slower."""
+_LATE_NS = 200_000_000
+"""Who is later was frozen."""
+
+
+class TrueMotion(Message, frozen=True, kw_only=True, tag="soak_truth/1"):
+    """Where the robot really was when it took a scan. On ``soak/truth``, once a scan."""
+
+    stamp_ns: int
+    map_from_robot: PoseTuple
+
+
+def soak_world(name: str, room: int) -> World:
+    """A simulated world by name, or the eight rooms with the robot in one of them.
+
+    Raises:
+        UnknownWorldError: there is no such world.
+    """
+    return eight_rooms(room) if name == ROOMS else simulated_world(PREFIX + name)
+
+
+def main() -> None:
+    """Run the robot."""
+    process_main("robot", run_robot, describe="Simulated robot.", add_arguments=_add_arguments)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--world", default=ROOMS, help=f"simulated world (default: {ROOMS})")
+    parser.add_argument("--room", type=int, default=0, help="room of the eight it is in")
+    parser.add_argument("--rate-hz", type=float, default=SIMULATED_HZ, help="scans a second")
+
+
+def run_robot(invocation: Invocation) -> None:
+    """Drive and publish until told to stop."""
+    settings, arguments = invocation.settings, invocation.arguments
+    world = soak_world(arguments.world, arguments.room)
+    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # each tick tells the truth
+    with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
+        _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
+
+
+def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop: StopFlag) -> None:
+    odometry = Publisher(session, keys.ODOMETRY_READING)
+    laser = Publisher(session, keys.LASER_READING)
+    truth = Publisher(session, TRUTH_KEY)
+    clock = _Clock(SIMULATED_HZ * period_s)
+    for tick in simulation:
+        for reading in tick.readings:
+            stamp_ns = clock.stamp_ns(reading.stamp_ns)
+            stop.wait((stamp_ns - time.time_ns()) / 1e9)
+            if stop.is_set():
+                return
+            stamped = msgspec.structs.replace(reading, stamp_ns=stamp_ns)
+            if isinstance(stamped, OdometryReading):
+                odometry.put(stamped)
+                continue
+            pose = tick.map_from_robot
+            truth.put(TrueMotion(sender="robot", stamp_ns=stamp_ns, map_from_robot=pose))
+            laser.put(stamped)
+
+
+class _Clock:
+    """Simulated time to the time of day; time in which the robot was frozen has not passed.
+
+    Args:
+        seconds_each: a second of simulated time takes so long.
+    """
+
+    def __init__(self, seconds_each: float) -> None:
+        self._seconds_each = seconds_each
+        self._zero_ns = time.time_ns()
+
+    def stamp_ns(self, simulated_ns: int) -> int:
+        """When something is due that happens at a simulated time."""
+        due_ns = self._zero_ns + int(simulated_ns * self._seconds_each)
+        late_ns = time.time_ns() - due_ns
+        if late_ns > _LATE_NS:
+            self._zero_ns += late_ns
+            return due_ns + late_ns
+        return due_ns
+
+
+if __name__ == "__main__":
+    main()

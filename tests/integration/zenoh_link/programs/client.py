@@ -1,0 +1,31 @@
+"""A process like all of ours: it waits for the router, subscribes, and says what it hears."""
+
+import zenoh
+
+from process_runtime.main import Invocation, process_main
+from zenoh_link.session import open_session
+
+
+def body(invocation: Invocation) -> None:
+    """Hear until stopped; ``crash`` on the key ``test`` is a bug with the session open."""
+    heard: list[str] = []
+
+    def on_sample(sample: zenoh.Sample) -> None:
+        heard.append(sample.payload.to_string())
+
+    settings = invocation.settings
+    print("starting", flush=True)
+    with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
+        session.declare_subscriber("test", on_sample)
+        print("subscribed", flush=True)
+        while not invocation.stop.wait(0.01):
+            while heard:
+                text = heard.pop(0)
+                print(f"heard {text}", flush=True)
+                if text == "crash":
+                    raise ZeroDivisionError(text)
+    print("closed", flush=True)
+
+
+if __name__ == "__main__":
+    process_main("client", body, describe="Test client.")

@@ -1,0 +1,104 @@
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from process_runtime.settings import ZenohSettings
+from process_runtime.supervisor import python_module
+from protocol.errors import AlreadyRunningError, SettingsError
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.processes import RunningProcess
+from tests.integration.waiting import wait_until
+from zenoh_link.router import open_router
+
+ROUTER_FILE = Path(__file__).parents[3] / "deploy" / "router.json5"
+
+
+def test_a_router_says_when_it_listens_and_ends_when_told_to(
+    start_router: Callable[[], RunningProcess],
+) -> None:
+    process = start_router()
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 0
+    assert process.out == ""
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_2(start_process: StartProcess) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        process = start_process(
+            python_module("zenoh_link.router", "--set", f"zenoh.router={endpoint}")
+        )
+        assert process.wait() == 2
+    assert process.err == (
+        f"router: {endpoint} is in use: a router or another program listens there already; "
+        "stop it or set zenoh.router\n"
+    )
+
+
+def test_a_second_router_on_one_socket_is_refused(router: ZenohSettings) -> None:
+    with pytest.raises(AlreadyRunningError, match="is in use"), open_router(router):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "says"),
+    [
+        ("tcp:/127.0.0.1:7447", "is not an endpoint: write tcp/HOST:PORT"),
+        ("tcp/192.0.2.1:7447", "cannot listen at tcp/192.0.2.1:7447: "),  # TEST-NET, never ours
+        ("unixsock-stream//no/such/folder/x", "cannot listen at unixsock-stream//no/such/folder/x"),
+    ],
+)
+def test_an_endpoint_that_cannot_be_listened_at_is_named(endpoint: str, says: str) -> None:
+    with pytest.raises(SettingsError) as caught, open_router(ZenohSettings(router=endpoint)):
+        pass
+    assert says in str(caught.value)
+    assert ".rs" not in str(caught.value)
+
+
+def test_the_deployed_file_makes_a_router_that_forwards(
+    zenoh_settings: ZenohSettings,
+    tmp_path: Path,
+    start_process: StartProcess,
+    open_client: OpenClient,
+) -> None:
+    text = ROUTER_FILE.read_text()
+    assert '"tcp/0.0.0.0:7447"' in text
+    file = tmp_path / "router.json5"
+    file.write_text(text.replace('["tcp/0.0.0.0:7447"]', f'["{zenoh_settings.router}"]'))
+    process = start_process(python_module("zenoh_link.router", "--config", str(file)))
+    process.wait_for("router listens at")
+    heard: list[str] = []
+    open_client().declare_subscriber("test", lambda s: heard.append(s.payload.to_string()))
+    speaker = open_client()
+
+    def put_and_look() -> list[str]:
+        speaker.put("test", "hello")
+        return heard
+
+    wait_until(put_and_look)
+    assert heard[0] == "hello"
+
+
+def test_a_router_that_was_killed_does_not_block_the_next(
+    start_router: Callable[[], RunningProcess],
+) -> None:
+    killed = start_router()
+    killed.send_signal(signal.SIGKILL)
+    assert killed.wait() == -signal.SIGKILL
+    assert start_router().is_running()
+
+
+@pytest.mark.parametrize("text", [None, "{ mode: 'router', ", "{ mode: 'routre' }", "{ nod: 1 }"])
+def test_a_file_that_is_no_configuration_is_named(
+    text: str | None, tmp_path: Path, start_process: StartProcess
+) -> None:
+    file = tmp_path / "router.json5"
+    if text is not None:
+        file.write_text(text)
+    process = start_process(python_module("zenoh_link.router", "--config", str(file)))
+    assert process.wait() == 2
+    assert process.err.startswith(f"router: {file}: ")
+    assert process.err.count("\n") == 1

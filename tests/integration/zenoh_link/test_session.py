@@ -1,0 +1,182 @@
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag, StoppedError
+from protocol import keys
+from protocol.errors import UnreachableError
+from protocol.limits import max_bytes_on
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.processes import RunningProcess, python_script
+from tests.integration.waiting import wait_until
+from zenoh_link.inbox import Inbox
+from zenoh_link.router import open_router
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Link, Unread, watch_link
+
+CLIENT = Path(__file__).parent / "programs" / "client.py"
+
+
+def client_command(settings: ZenohSettings) -> list[str]:
+    return python_script(CLIENT, "--set", f"zenoh.router={settings.router}")
+
+
+def end(process: RunningProcess, number: int = signal.SIGTERM) -> tuple[int, float]:
+    """Exit code, and how long it took [s]."""
+    started_s = time.monotonic()
+    process.send_signal(number)
+    return process.wait(), time.monotonic() - started_s
+
+
+def say(session: zenoh.Session, text: str, process: RunningProcess) -> None:
+    """Put until it is heard: what is put while a link comes up is lost."""
+
+    def heard() -> bool:
+        session.put("test", text)
+        return f"heard {text}" in process.out
+
+    wait_until(heard)
+
+
+def test_two_clients_hear_each_other_and_those_of_another_robot_do_not(
+    router: ZenohSettings,
+) -> None:
+    heard: list[tuple[str, str]] = []
+    stop = StopFlag()
+    with (
+        open_session(router, RobotSettings(name="a"), stop, 20.0) as a,
+        open_session(router, RobotSettings(name="b"), stop, 20.0) as b,
+        a.declare_subscriber("test", lambda s: heard.append(("a", s.payload.to_string()))),
+        b.declare_subscriber("test", lambda s: heard.append(("b", s.payload.to_string()))),
+    ):
+        a.put("test", "to a")
+        b.put("test", "to b")
+        wait_until(lambda: len(heard) >= 2)
+    assert sorted(heard) == [("a", "to a"), ("b", "to b")]
+
+
+def test_without_router_a_command_says_so_when_its_time_is_up(
+    zenoh_settings: ZenohSettings,
+) -> None:
+    started_s = time.monotonic()
+    with (
+        pytest.raises(UnreachableError, match="no router at unixsock-stream/") as caught,
+        open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=0.3),
+    ):
+        pass
+    assert zenoh_settings.router in str(caught.value)
+    assert 0.3 <= time.monotonic() - started_s < 3.0
+
+
+def test_a_client_waits_for_a_router_that_comes_later(
+    zenoh_settings: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    process = start_process(client_command(zenoh_settings))
+    process.wait_for("waiting for a router at")
+    with open_router(zenoh_settings):
+        process.wait_for("subscribed")
+        say(open_client(), "hello", process)
+        assert end(process)[0] == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_process_that_waits_for_the_router_ends_when_told_to(
+    number: int, zenoh_settings: ZenohSettings, start_process: StartProcess
+) -> None:
+    process = start_process(client_command(zenoh_settings))
+    process.wait_for("waiting for a router at")
+    code, took_s = end(process, number)
+    assert (code, process.out) == (0, "starting\n")
+    assert took_s < 2.0
+
+
+def test_a_connected_process_closes_its_session_and_ends_when_told_to(
+    router: ZenohSettings, start_process: StartProcess
+) -> None:
+    process = start_process(client_command(router))
+    process.wait_for("subscribed")
+    code, took_s = end(process)
+    assert (code, process.err) == (0, "")
+    assert process.out.endswith("closed\n")
+    assert took_s < 2.0
+
+
+def test_a_bug_with_the_session_open_does_not_hang_the_exit(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    process = start_process(client_command(router))
+    process.wait_for("subscribed")
+    say(open_client(), "crash", process)
+    assert process.wait() == 1
+    assert "ZeroDivisionError: crash" in process.err
+
+
+def test_a_session_finds_its_router_again_and_declares_everything_anew(
+    zenoh_settings: ZenohSettings,
+    start_router: Callable[[], RunningProcess],
+    start_process: StartProcess,
+    open_client: OpenClient,
+) -> None:
+    first_router = start_router()
+    process = start_process(client_command(zenoh_settings))
+    session = open_client()
+    say(session, "before", process)
+    first_router.send_signal(signal.SIGKILL)
+    first_router.wait()
+    wait_until(lambda: not session.info.routers_zid())
+    start_router()
+    say(session, "after", process)
+    assert end(process)[0] == 0
+
+
+def test_a_stop_ends_the_search_for_a_router(zenoh_settings: ZenohSettings) -> None:
+    stop = StopFlag()
+    threading.Timer(0.05, stop.set).start()
+    with (
+        pytest.raises(StoppedError),
+        open_session(zenoh_settings, RobotSettings(), stop, wait_s=None),
+    ):
+        pass
+
+
+def test_a_process_is_told_that_its_link_is_lost_and_that_it_is_back(
+    start_router: Callable[[], RunningProcess], open_client: OpenClient
+) -> None:
+    first_router = start_router()
+    inbox: Events = Inbox({})
+    watch_link(open_client(), inbox)
+    assert inbox.get(20.0) == Link(up=True)
+    first_router.send_signal(signal.SIGKILL)
+    assert inbox.get(20.0) == Link(up=False)
+    first_router.wait()
+    start_router()
+    assert inbox.get(20.0) == Link(up=True)
+
+
+@pytest.mark.usefixtures("router")
+def test_messages_nobody_reads_are_kept_as_many_as_asked_and_wake_nobody(
+    open_client: OpenClient,
+) -> None:
+    inbox: Events = Inbox({"state": 1})
+    unread = Unread(open_client(), keys.SCAN, inbox, "state", count=3)
+    speaker, heard = open_client(), list[bytes]()
+
+    def reads_the_last() -> bool:
+        for number in range(8):
+            speaker.put(keys.SCAN, bytes([number]))
+        time.sleep(0.1)
+        heard[:] = unread.drain()
+        return bool(heard)
+
+    wait_until(reads_the_last)
+    assert heard == [bytes([number]) for number in (5, 6, 7)]
+    assert list(unread.drain()) == []
+    speaker.put(keys.SCAN, bytes(max_bytes_on(keys.SCAN) + 1))
+    wait_until(lambda: not list(unread.drain()) and inbox.dropped() == {"state too large": 1})
+    assert inbox.get(0.0) is None

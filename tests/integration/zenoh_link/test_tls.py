@@ -1,0 +1,124 @@
+"""TLS by settings alone, and what is said of certificate files that cannot be used."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol.errors import SettingsError, UnreachableError
+from tests.integration.security.certificates import (
+    client_with,
+    make_certificates,
+    require_openssl,
+    without_certificate,
+)
+from tests.integration.waiting import wait_until
+from zenoh_link.configuration import client_configuration, router_configuration
+from zenoh_link.router import open_router
+from zenoh_link.session import open_session
+
+require_openssl()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Certificates of a router and of two clients."""
+    made = tmp_path_factory.mktemp("certificates")
+    assert make_certificates(made, "router", "viewer", "operator").returncode == 0
+    return made
+
+
+@pytest.fixture
+def viewer(folder: Path) -> ZenohSettings:
+    """Settings of a client of a router that does not run."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    return client_with(folder, "viewer", f"tls/localhost:{port}")
+
+
+def test_a_router_with_certificates_in_its_settings_asks_for_them(
+    viewer: ZenohSettings, folder: Path
+) -> None:
+    with open_router(client_with(folder, "router", viewer.router)):
+        with open_session(viewer, RobotSettings(), StopFlag(), wait_s=20.0) as session:
+            wait_until(session.info.routers_zid)
+        with (
+            pytest.raises(UnreachableError, match="asks for a certificate"),
+            open_session(without_certificate(viewer), RobotSettings(), StopFlag(), wait_s=0.2),
+        ):
+            pass
+
+
+def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -> None:
+    client = client_configuration(viewer, RobotSettings())["transport"]["link"]["tls"]
+    router = router_configuration(viewer)["transport"]["link"]["tls"]
+    files = {"root_ca_certificate": viewer.tls_ca_certificate, "enable_mtls": True}
+    assert client == files | {
+        "verify_name_on_connect": True,
+        "connect_certificate": viewer.tls_certificate,
+        "connect_private_key": viewer.tls_private_key,
+    }
+    assert router == files | {
+        "listen_certificate": viewer.tls_certificate,
+        "listen_private_key": viewer.tls_private_key,
+    }
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (
+            lambda folder: {"tls_ca_certificate": f"{folder}/none.pem"},
+            r"zenoh\.tls_ca_certificate = '.*/none\.pem': no such file",
+        ),
+        (
+            lambda folder: {"tls_certificate": f"{folder}"},
+            r"zenoh\.tls_certificate = '.*': Is a directory",
+        ),
+        (
+            lambda folder: {"tls_certificate": f"{folder}/viewer.key"},
+            r"zenoh\.tls_certificate = '.*/viewer\.key': there is no certificate in it",
+        ),
+        (
+            lambda folder: {"tls_private_key": f"{folder}/viewer.pem"},
+            r"zenoh\.tls_private_key = '.*/viewer\.pem': there is no private key in it",
+        ),
+        (
+            lambda folder: {"tls_private_key": f"{folder}/operator.key"},
+            r"viewer\.pem' and .*operator\.key' do not fit together: the key is another",
+        ),
+        (
+            lambda _: {"tls_private_key": ""},
+            r"zenoh\.tls_certificate is set and zenoh\.tls_private_key is not",
+        ),
+        (
+            lambda _: {"tls_certificate": ""},
+            r"zenoh\.tls_private_key is set and zenoh\.tls_certificate is not",
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_with_its_setting(
+    viewer: ZenohSettings, folder: Path, wrong: Callable[[Path], dict[str, str]], said: str
+) -> None:
+    settings = msgspec.structs.replace(viewer, **wrong(folder))
+    with pytest.raises(SettingsError, match=said):
+        client_configuration(settings, RobotSettings())
+
+
+def test_an_authority_that_is_only_half_there_is_refused(
+    viewer: ZenohSettings, tmp_path: Path
+) -> None:
+    broken = tmp_path / "authority.pem"
+    broken.write_text("-----BEGIN CERTIFICATE-----\nMIIB\n-----END CERTIFICATE-----\n")
+    settings = msgspec.structs.replace(viewer, tls_ca_certificate=str(broken))
+    with pytest.raises(SettingsError, match=r"tls_ca_certificate = .* not a certificate"):
+        client_configuration(settings, RobotSettings())
+
+
+def test_a_router_at_a_tls_endpoint_needs_a_certificate(viewer: ZenohSettings) -> None:
+    with pytest.raises(SettingsError, match="a router there needs a certificate"):
+        router_configuration(without_certificate(viewer))

@@ -1,0 +1,32 @@
+from clustermcl.demo_summary import DemoSummary
+from tests.unit.evaluation.places import belief, place
+
+
+def test_a_story_tells_what_was_held_and_when_one_place_won() -> None:
+    summary = DemoSummary()
+    summary.on_belief(belief(0, "searching"))
+    for step in (1, 2):
+        summary.on_belief(
+            belief(step, "ambiguous", place(0.5), place(0.3), place(0.19), place(0.01))
+        )
+    for step in (3, 4, 5):
+        summary.on_belief(belief(step, "localized", place(0.97), place(0.03)))
+    assert list(summary.lines()) == [
+        "The search found its first places at step 1.",
+        "For 2 steps up to 3 places were held, with probabilities from 0.19 to 0.50.",
+        "From step 3 on one of them was the pose.",
+    ]
+    assert summary.localized_steps == 3
+
+
+def test_a_doubt_begins_the_count_of_localized_steps_anew() -> None:
+    summary = DemoSummary()
+    for step in range(5):
+        summary.on_belief(belief(step, "ambiguous" if step == 2 else "localized", place(0.9)))
+    assert summary.localized_steps == 2
+
+
+def test_a_story_without_a_step_tells_nothing() -> None:
+    summary = DemoSummary()
+    assert list(summary.lines()) == []
+    assert summary.localized_steps == 0

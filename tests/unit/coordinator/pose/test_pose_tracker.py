@@ -1,0 +1,100 @@
+import math
+
+import pytest
+
+from coordinator.belief.outcome import Outcome
+from coordinator.pose.pose_tracker import PoseTracker
+from protocol.answers import Hypothesis
+from protocol.message import PoseTuple
+from tests.unit.coordinator.reports import NO_SPREAD
+
+SECOND = 1_000_000_000
+FACING_NORTH: PoseTuple = (2.0, 3.0, math.pi / 2)
+
+
+def believed_at(mean: PoseTuple, odom_from_robot: PoseTuple) -> PoseTracker:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    best = Hypothesis(
+        cluster=0,
+        probability=0.9,
+        log_probability=math.log(0.9),
+        mean=mean,
+        covariance=NO_SPREAD,
+        effective_sample_size=1.0,
+        age_steps=3,
+    )
+    outcome = Outcome(
+        step=7,
+        state="localized",
+        hypotheses=(best,),
+        searching=False,
+        missing=(),
+        begin={},
+        end=(),
+    )
+    tracker.scan(1 * SECOND, odom_from_robot, now_ns=0)
+    tracker.believed(outcome, odom_from_robot)
+    return tracker
+
+
+def test_before_any_data_there_is_no_pose_and_it_says_so() -> None:
+    answer = PoseTracker("coordinator", stale_after_s=1.0).answer(5, workers=2)
+    assert answer.freshness == "none"
+    assert answer.map_from_robot is None
+    assert answer.age_s == -1.0
+
+
+def test_the_newest_odometry_carries_the_pose_forward() -> None:
+    tracker = believed_at(FACING_NORTH, odom_from_robot=(10.0, 10.0, 0.0))
+    tracker.odometry(2 * SECOND, (11.0, 10.0, 0.5), now_ns=SECOND)
+    answer = tracker.answer(SECOND, workers=1)
+    assert answer.map_from_robot == pytest.approx((2.0, 4.0, math.pi / 2 + 0.5))
+    assert answer.stamp_ns == 2 * SECOND
+
+
+def test_an_uncertain_heading_makes_the_place_uncertain_across_the_drive() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
+    tracker.odometry(2 * SECOND, (2.0, 0.0, 0.0), now_ns=SECOND)
+    covariance = tracker.answer(SECOND, workers=1).covariance
+    assert covariance is not None
+    assert covariance[0] == pytest.approx(0.01)
+    assert covariance[4] == pytest.approx(0.01 + 2.0**2 * 0.01)
+
+
+def test_old_data_is_called_stale_and_tells_its_age() -> None:
+    tracker = believed_at(FACING_NORTH, odom_from_robot=(0.0, 0.0, 0.0))
+    assert tracker.answer(SECOND, workers=1).freshness == "fresh"
+    answer = tracker.answer(3 * SECOND, workers=1)
+    assert answer.freshness == "stale"
+    assert answer.age_s == pytest.approx(3.0)
+
+
+def test_a_clock_that_stands_still_makes_the_pose_stale() -> None:
+    tracker = believed_at(FACING_NORTH, odom_from_robot=(0.0, 0.0, 0.0))
+    for now_s in range(1, 5):
+        tracker.odometry(2 * SECOND, (0.0, 0.0, 0.0), now_ns=now_s * SECOND)
+    assert tracker.answer(4 * SECOND, workers=1).freshness == "stale"
+
+
+def test_a_scan_older_than_the_newest_odometry_does_not_take_the_pose_back() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
+    tracker.odometry(3 * SECOND, (2.0, 0.0, 0.0), now_ns=SECOND)
+    tracker.scan(2 * SECOND, (1.0, 0.0, 0.0), now_ns=2 * SECOND)
+    answer = tracker.answer(2 * SECOND, workers=1)
+    assert answer.map_from_robot == pytest.approx((2.0, 0.0, 0.0))
+
+
+def test_stamps_of_scans_may_step_back_where_there_is_no_odometry_between() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), odom_from_robot=(0.0, 0.0, 0.0))
+    tracker.scan(SECOND // 2, (1.0, 0.0, 0.0), now_ns=SECOND)
+    assert tracker.answer(SECOND, workers=1).map_from_robot == pytest.approx((1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
+def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshness: str) -> None:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0, live=live)
+    tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
+    tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
+    answer = tracker.answer(int(2.3 * SECOND), workers=1)
+    assert answer.freshness == freshness
+    assert answer.age_s == pytest.approx(1.3 if live else 0.0)

@@ -1,0 +1,94 @@
+import msgspec
+import numpy as np
+import pytest
+
+from coordinator.belief.outcome import Outcome
+from evaluation.experiments.case import Case
+from evaluation.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
+from protocol.answers import Hypothesis
+from protocol.arrays import ArrayBlob
+from protocol.steps import Scan
+from robot_simulator.worlds.catalogue import world
+from tests.unit.evaluation.experiments.made_up import NOWHERE, TRUTH, case, place
+
+SCAN = Scan(
+    sender="test",
+    step=0,
+    stamp_ns=0,
+    odom_from_robot=(0.0, 0.0, 0.0),
+    robot_from_laser=(0.0, 0.0, 0.0),
+    angle_min_rad=-1.0,
+    angle_step_rad=0.1,
+    range_max_m=12.0,
+    ranges=ArrayBlob.of(np.ones(21), "float32"),
+    map_digest="",
+)
+
+
+def outcome(*places: Hypothesis) -> Outcome:
+    return Outcome(
+        step=0,
+        state="localized",
+        hypotheses=places,
+        searching=False,
+        missing=(),
+        begin={},
+        end=(),
+    )
+
+
+def observer(of: Case, **more: bool) -> Observer:
+    return Observer(of, 0, world("rectangle").map, with_trace=more.get("with_trace", False))
+
+
+RIGHT, WRONG = outcome(place(0.8), place(0.2, NOWHERE)), outcome(place(1.0, NOWHERE))
+
+
+def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
+    watching = observer(case(kidnap=True, kidnap_at_latest=500, updates_after_event=3))
+    for made in [RIGHT, WRONG, *[RIGHT] * (GOOD_BEFORE_KIDNAP - 1)]:
+        watching.on_step(SCAN, made, TRUTH)
+        assert not watching.kidnap_now
+    watching.on_step(SCAN, RIGHT, TRUTH)
+    assert watching.kidnap_now
+    watching.kidnapped()
+    for _ in range(3):
+        assert not watching.over
+        assert not watching.kidnap_now
+        watching.on_step(SCAN, WRONG, TRUTH)
+    assert watching.over
+    measures = watching.measures(1.0)
+    assert measures.kidnapped_at_update == GOOD_BEFORE_KIDNAP + 2
+    assert measures.right_before_kidnap is True
+
+
+def test_who_is_never_right_is_kidnapped_all_the_same() -> None:
+    watching = observer(case(kidnap=True, kidnap_at_latest=2))
+    watching.on_step(SCAN, WRONG, TRUTH)
+    assert not watching.kidnap_now
+    watching.on_step(SCAN, WRONG, TRUTH)
+    assert watching.kidnap_now
+    watching.kidnapped()
+    assert watching.measures(1.0).right_before_kidnap is False
+
+
+def test_steps_without_a_known_truth_are_updates_but_not_judged() -> None:
+    watching = observer(case())
+    watching.on_step(SCAN, RIGHT, None)
+    watching.on_step(msgspec.structs.replace(SCAN, step=1), RIGHT, TRUTH)
+    measures = watching.measures(1.0)
+    assert measures.updates == 2
+    assert measures.right_share == 1.0
+    assert measures.bootstrap_update == 2
+    assert watching.reliability.claims == 1
+    assert watching.places_reliability.claims == 2
+
+
+def test_a_trace_keeps_the_places_and_the_truth() -> None:
+    watching = observer(case(), with_trace=True)
+    watching.on_step(SCAN, RIGHT, TRUTH)
+    assert watching.trace is not None
+    (step,) = watching.trace.steps
+    assert step.truth == TRUTH
+    assert step.truth_probability == pytest.approx(0.8)
+    assert [each.position for each in step.places] == [TRUTH[:2], NOWHERE[:2]]

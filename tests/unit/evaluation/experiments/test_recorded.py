@@ -1,0 +1,60 @@
+import shutil
+from pathlib import Path
+
+import pytest
+
+from evaluation.experiments.recorded import DATA_VARIABLE, recorded_cases
+from evaluation.experiments.run import available
+from tests.unit.recordings import data_folder
+
+
+def touched(folder: Path, *names: str) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
+def test_recordings_are_found_by_the_names_of_their_files(tmp_path: Path) -> None:
+    touched(tmp_path, "wean/robotdata2.log.xz", "wean/robotdata2.reference.tum", "wean/map.yaml")
+    touched(tmp_path, "shop/log.clf.gz", "shop/map.yaml", "shop/groundtruth.tum")
+    touched(tmp_path, "maps/a.yaml", "no-reference/log.clf", "README.md")
+    found = {case.name: case for case in recorded_cases(tmp_path)}
+    assert list(found) == ["wean-2", "shop"]
+    assert found["shop"].recording == tmp_path / "shop/log.clf.gz"
+    assert found["wean-2"].reference == tmp_path / "wean/robotdata2.reference.tum"
+
+
+@pytest.mark.parametrize(("cell_m", "asked"), [(0.05, 2), (0.1, 1)])
+def test_centimetres_are_asked_only_where_cells_are_fine(
+    tmp_path: Path, cell_m: float, asked: int
+) -> None:
+    touched(tmp_path, "shop/log.clf", "shop/groundtruth.tum")
+    header = f"image: a.pgm\nresolution: {cell_m}\norigin: [0, 0, 0]\nnegate: 0\n"
+    thresholds = "occupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    (tmp_path / "shop/map.yaml").write_text(header + thresholds)
+    (case,) = recorded_cases(tmp_path)
+    assert sum(figure.asks for figure in case.figures) == asked
+
+
+def test_absent_recordings_are_said_and_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(DATA_VARIABLE, raising=False)
+    cases, left_out = available(None)
+    assert all(case.world for case in cases)
+    assert left_out == (f"Recordings are left out: give --data or set {DATA_VARIABLE}.",)
+    monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
+    assert available(None)[1] == (f"Recordings are left out: none in {tmp_path}.",)
+    touched(tmp_path, "shop/log.clf", "shop/groundtruth.tum", "shop/map.yaml")
+    cases, left_out = available(None)
+    assert cases[-1].name == "shop"
+    assert left_out == (f"Left out, not in {tmp_path}: wean-1, wean-2, wean-3.",)
+    shutil.rmtree(tmp_path / "shop")
+
+
+def test_the_shared_recordings_are_all_found() -> None:
+    if not data_folder().is_dir():
+        pytest.skip(f"{data_folder()} is not there; set CLUSTERMCL_DATA to have it")
+    names = [case.name for case in recorded_cases(data_folder())]
+    assert names[:3] == ["wean-1", "wean-2", "wean-3"]
+    assert {"aces", "intel", "fr079", "crob-jarvis"} <= set(names)

@@ -1,0 +1,85 @@
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from evaluation.experiments.sight import Sight
+from evaluation.experiments.symmetry import middle_of, turned_copies
+from grid_maps.grid_map import GridMap
+from process_runtime.settings import BridgeSettings
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world
+
+
+def steps(name: str, count: int, people: int = 0) -> Iterator[tuple[Scan, PoseTuple]]:
+    source = SimulatedSource(Simulation(world(name), 0, people=people), steps=count)
+    return simulated_steps(source, BridgeSettings(), "digest")
+
+
+@given(
+    pose=st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-3, 3)),
+    times=st.integers(1, 6),
+)
+def test_copies_are_as_many_as_the_symmetry_and_as_far_from_the_middle(
+    pose: PoseTuple, times: int
+) -> None:
+    middle = (1.0, -2.0)
+    copies = turned_copies(pose, times, middle)
+    assert copies[0] == pose
+    assert len(copies) == times
+    for turn, copy in enumerate(copies):
+        assert math.dist(copy[:2], middle) == pytest.approx(math.dist(pose[:2], middle), abs=1e-9)
+        turned = math.remainder(copy[2] - pose[2] - math.tau * turn / times, math.tau)
+        assert turned == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_middle_of_a_turned_grid_is_in_the_map_frame() -> None:
+    cells = np.zeros((10, 20), dtype=np.int8)
+    assert middle_of(GridMap(cells, 0.5, (1.0, 2.0, np.pi / 2))) == pytest.approx((-1.5, 7.0))
+
+
+@pytest.mark.parametrize(("name", "times"), [("cross", 4), ("rectangle", 2), ("hall_symmetric", 2)])
+def test_nothing_ever_tells_the_copies_of_a_symmetric_world_apart(name: str, times: int) -> None:
+    grid_map = world(name).map
+    sight, middle = Sight(grid_map), middle_of(grid_map)
+    assert not any(
+        sight.tells_apart(scan, turned_copies(truth, times, middle))
+        for scan, truth in steps(name, 80)
+    )
+
+
+def test_the_feature_of_the_cross_is_seen_late_on_the_route() -> None:
+    grid_map = world("cross_feature").map
+    sight, middle = Sight(grid_map), middle_of(grid_map)
+    seen = [
+        sight.tells_apart(scan, turned_copies(truth, 4, middle))
+        for scan, truth in steps("cross_feature", 165)
+    ]
+    assert not any(seen[:140])
+    assert all(seen[155:160])
+
+
+def test_what_tells_places_apart_is_the_map_not_what_the_scan_measured() -> None:
+    cells = np.zeros((40, 40), dtype=np.int8)
+    cells[:, 39] = 1  # a wall in the east, and something in front of it
+    cells[19:22, 36] = 1
+    sight = Sight(GridMap(cells, 0.25, (0.0, 0.0, 0.0)))
+    scan, _ = next(steps("cross", 1))
+    before, beside = (4.0, 5.1, 0.0), (4.0, 2.0, 0.0)
+    assert sight.tells_apart(scan, (before, beside))
+    assert not sight.tells_apart(scan, (before, before))
+    with pytest.raises(ValueError, match="no other place"):
+        sight.tells_apart(scan, (before,))
+
+
+def test_without_people_no_beam_is_short_and_with_many_a_third_is() -> None:
+    sight = Sight(world("hall").map)
+    assert max(sight.short_share(*step) for step in steps("hall", 30)) < 0.02
+    crowded = [sight.short_share(*step) for step in steps("hall", 60, people=22)]
+    assert 0.2 < np.mean(crowded) < 0.4

@@ -1,0 +1,26 @@
+from pathlib import Path
+
+from evaluation.recordings import left_out
+from sensor_bridge.log_file import SkippedLine
+from sensor_bridge.recording import Recording
+
+
+def recording(*skipped: SkippedLine) -> Recording:
+    return Recording(Path("robot.log"), (), skipped, duration_s=1.0, laser_count=1)
+
+
+def test_lines_left_out_are_counted_and_named_and_the_first_is_explained() -> None:
+    lines = (SkippedLine(3, "'x' is not a number"), SkippedLine(9, "cut"))
+    assert left_out(recording(*lines)) == (
+        "robot.log:3: 2 bad lines left out (3, 9); the first: 'x' is not a number"
+    )
+
+
+def test_of_very_many_lines_the_first_ten_are_named() -> None:
+    said = left_out(recording(*(SkippedLine(number, "cut") for number in range(1, 40))))
+    assert said is not None
+    assert "39 bad lines left out (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, ...)" in said
+
+
+def test_a_whole_recording_leaves_nothing_to_say() -> None:
+    assert left_out(recording()) is None

@@ -1,0 +1,68 @@
+"""What a soak hears, made up."""
+
+from protocol.answers import Belief, Hypothesis, PoseAnswer
+from protocol.message import PoseTuple
+from soak_test.availability import DoneFault
+from soak_test.pose_checks import Question
+from soak_test.schedule import Kind
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+
+
+def at(seconds: float) -> int:
+    """That long after the start [ns]."""
+    return START + round(seconds * SECOND)
+
+
+def fault(kind: Kind, begin_s: float, lasts_s: float = 0.0, target: str = "") -> DoneFault:
+    return DoneFault(kind, at(begin_s), at(begin_s + lasts_s), "robot", target)
+
+
+def place(cluster: int, probability: float, mean: PoseTuple = (0.0, 0.0, 0.0)) -> Hypothesis:
+    return Hypothesis(
+        cluster=cluster,
+        probability=probability,
+        log_probability=0.0,
+        mean=mean,
+        covariance=(0.0,) * 9,
+        effective_sample_size=1.0,
+        age_steps=1,
+    )
+
+
+def belief(
+    step: int, *places: Hypothesis, stamp_s: float = 0.0, missing: tuple[str, ...] = ()
+) -> Belief:
+    return Belief(
+        sender="coordinator",
+        step=step,
+        stamp_ns=at(stamp_s),
+        odom_from_robot=(0.0, 0.0, 0.0),
+        state="ambiguous",
+        hypotheses=places,
+        searching=False,
+        missing=missing,
+    )
+
+
+def unanswered(asked_s: float) -> Question:
+    return Question(at(asked_s), at(asked_s + 0.01), None)
+
+
+def answered(
+    asked_s: float, *, stamp_s: float, age_s: float, fresh: bool = True, took_s: float = 0.01
+) -> Question:
+    answer = PoseAnswer(
+        sender="coordinator",
+        state="localized",
+        freshness="fresh" if fresh else "stale",
+        stamp_ns=at(stamp_s),
+        age_s=age_s,
+        step=1,
+        probability=1.0,
+        map_from_robot=(0.0, 0.0, 0.0),
+        covariance=(0.0,) * 9,
+        workers=1,
+    )
+    return Question(at(asked_s), at(asked_s + took_s), answer)

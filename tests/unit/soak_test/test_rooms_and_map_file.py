@@ -1,0 +1,36 @@
+from pathlib import Path
+
+import numpy as np
+
+from grid_maps.load import load_map
+from particle_filter.arrays import UNKNOWN
+from robot_simulator.simulation import Simulation
+from soak_test.map_file import write_map
+from soak_test.rooms import PLACES, eight_rooms
+
+
+def test_the_rooms_are_alike_to_the_last_cell() -> None:
+    cells = eight_rooms().map.cells
+    columns = np.flatnonzero((cells != UNKNOWN).any(axis=0))
+    rows = np.flatnonzero((cells != UNKNOWN).any(axis=1))
+    used = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    across, up = 130, 110  # cells from one room to the next: 6.5 m and 5.5 m
+    assert (used[:, across:] == used[:, :-across]).all()
+    assert (used[up:] == used[:-up]).all()
+
+
+def test_a_robot_stays_in_its_room() -> None:
+    worlds = [eight_rooms(room) for room in range(PLACES)]
+    assert len({world.start for world in worlds}) == PLACES
+    simulation = Simulation(worlds[5], seed=1)
+    poses = np.array([next(simulation).map_from_robot for _ in range(100)])
+    assert np.ptp(poses[:, 0]) < 6.0
+    assert np.ptp(poses[:, 1]) < 5.0
+
+
+def test_a_map_that_was_written_is_read_as_it_was(tmp_path: Path) -> None:
+    grid_map = eight_rooms().map
+    read = load_map(str(write_map(grid_map, tmp_path, "rooms")))
+    np.testing.assert_array_equal(read.cells, grid_map.cells)
+    assert read.cell_m == grid_map.cell_m
+    assert read.map_from_grid == grid_map.map_from_grid

@@ -1,0 +1,109 @@
+import json
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from protocol.errors import SettingsError
+from zenoh_link.configuration import (
+    as_json5,
+    as_zenoh,
+    check_endpoint,
+    client_configuration,
+    readable,
+    router_configuration,
+)
+
+REPOSITORY = Path(__file__).parents[3]
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    [
+        "tcp/127.0.0.1:7447",
+        "tcp/[::1]:7447",
+        "tcp/[fe80::1%eth0]:7447",
+        "tcp/0.0.0.0:1#iface=eth0",
+        "tls/robot-7.example:65535",
+        "unixsock-stream//run/clustermcl/router.sock",
+    ],
+)
+def test_these_are_endpoints(endpoint: str) -> None:
+    check_endpoint(endpoint)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "hint"),
+    [
+        ("", "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"),
+        ("127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
+        ("udp/127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
+        ("tcp:/127.0.0.1:7447", "write tcp/HOST:PORT, tls"),
+        ("tcp/127.0.0.1", "write tcp/HOST:PORT"),
+        ("tcp/:7447", "write tcp/HOST:PORT"),
+        ("tcp/::1:7447", "write tcp/HOST:PORT"),
+        ("tcp/host:0", "write tcp/HOST:PORT"),
+        ("tcp/host:65536", "write tcp/HOST:PORT"),
+        ("tls/host:port", "write tls/HOST:PORT"),
+        ("unixsock-stream/relative.sock", "absolute path"),
+        ("unixsock-stream//" + "x" * 107, "at most 107 bytes"),
+    ],
+)
+def test_these_are_not_and_the_error_says_what_to_write(endpoint: str, hint: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        check_endpoint(endpoint)
+    assert hint in str(caught.value)
+    assert repr(endpoint) in str(caught.value)
+
+
+@given(st.text())
+def test_any_other_text_is_an_endpoint_or_a_settings_error(endpoint: str) -> None:
+    with suppress(SettingsError):
+        check_endpoint(endpoint)
+
+
+def test_a_client_meets_nobody_but_its_router() -> None:
+    config = as_zenoh(client_configuration(ZenohSettings(), RobotSettings(name="r1")))
+    expected: dict[str, object] = {
+        "mode": "client",
+        "namespace": "r1",
+        "connect/endpoints": ["tcp/127.0.0.1:7447"],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": 2000,
+        "queries_default_timeout": 1000,
+    }
+    assert {key: json.loads(config.get_json(key)) for key in expected} == expected
+
+
+@pytest.mark.parametrize("name", ["", "a*", "/a", "a//b", "a#b", "a?"])
+def test_a_robots_name_that_cannot_be_a_key_is_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match=r"robot\.name = ") as caught:
+        as_zenoh(client_configuration(ZenohSettings(), RobotSettings(name=name)))
+    assert "\n" not in str(caught.value)
+    assert ".rs" not in str(caught.value)
+
+
+def test_zenohs_message_is_stripped_of_places_in_its_source() -> None:
+    with pytest.raises(zenoh.ZError) as caught:
+        zenoh.Config().insert_json5("mode", '"routre"')
+    assert ".rs" not in readable(caught.value)
+    assert "routre" in readable(caught.value)
+
+
+def test_the_deployed_router_file_is_the_routers_configuration() -> None:
+    ours = as_zenoh(router_configuration(ZenohSettings(router="tcp/0.0.0.0:7447")))
+    deployed = zenoh.Config.from_file(str(REPOSITORY / "deploy" / "router.json5"))
+    assert json.loads(str(deployed)) == json.loads(str(ours))
+
+
+def test_a_configuration_survives_being_a_file(tmp_path: Path) -> None:
+    configuration = router_configuration(ZenohSettings())
+    file = tmp_path / "router.json5"
+    file.write_text(as_json5(configuration))
+    assert str(zenoh.Config.from_file(str(file))) == str(as_zenoh(configuration))

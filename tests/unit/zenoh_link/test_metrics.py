@@ -1,0 +1,31 @@
+from typing import cast
+
+import pytest
+import zenoh
+
+from process_runtime.settings import MetricsSettings
+from protocol.errors import SettingsError
+from zenoh_link import metrics
+from zenoh_link.metrics import metrics_served
+
+NO_SESSION = cast(zenoh.Session, None)
+
+
+@pytest.fixture
+def without_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(metrics, "find_spec", lambda _name: None)
+
+
+@pytest.mark.usefixtures("without_library")
+def test_a_port_without_the_library_is_refused_and_names_the_extra() -> None:
+    with (
+        pytest.raises(SettingsError, match=r"metrics\.port = 9464 .* 'clustermcl\[metrics\]'"),
+        metrics_served(MetricsSettings(port=9464), NO_SESSION),
+    ):
+        pass
+
+
+@pytest.mark.usefixtures("without_library")
+def test_without_a_port_the_library_is_not_missed() -> None:
+    with metrics_served(MetricsSettings(), NO_SESSION):
+        pass

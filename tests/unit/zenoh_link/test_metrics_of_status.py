@@ -1,0 +1,76 @@
+import msgspec
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.parser import text_string_to_metric_families
+
+from protocol.answers import Status
+from protocol.health import Health
+from zenoh_link.metrics_of_status import StatusCollector
+
+STATUS = Status(
+    sender="coordinator", version="1.2", state="localized", freshness="fresh", age_s=0.25,
+    step=41, steps_applied=40, steps_lost=1, reports_missing=2, map_digest="abc", clusters=3,
+    searching=True, workers={"worker-0": ("c1", "c2"), "worker-1": ()},
+    counters={"scan of another map": 7}, uptime_s=99.0,
+    processes=(
+        Health(sender="coordinator", role="coordinator", version="1.2", uptime_s=99.0,
+               memory_bytes=1000, dropped={"scan of another map": 7}),
+        Health(sender="worker-0", role="worker", version="1.1", uptime_s=9.0, age_s=0.5,
+               done={"reports": 80}, ages_s={"reports": 0.25}),
+    ),
+)  # fmt: skip
+
+Samples = dict[tuple[str, tuple[tuple[str, str], ...]], float]
+
+
+def scraped(status: Status | None) -> Samples:
+    registry = CollectorRegistry()
+    registry.register(StatusCollector(lambda: status))
+    text = generate_latest(registry).decode()
+    return {
+        (sample.name, tuple(sorted(sample.labels.items()))): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def process(name: str, role: str, **labels: str) -> tuple[tuple[str, str], ...]:
+    return tuple(sorted({"process": name, "role": role, **labels}.items()))
+
+
+def test_every_figure_of_the_status_is_a_metric() -> None:
+    samples = scraped(STATUS)
+    worker = process("worker-0", "worker")
+    dropped = process("coordinator", "coordinator", cause="scan of another map")
+    for key, value in {
+        ("clustermcl_up", ()): 1.0,
+        ("clustermcl_info", (("map_digest", "abc"), ("version", "1.2"))): 1.0,
+        ("clustermcl_state", (("clustermcl_state", "localized"),)): 1.0,
+        ("clustermcl_state", (("clustermcl_state", "lost"),)): 0.0,
+        ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "stale"),)): 0.0,
+        ("clustermcl_pose_age_seconds", ()): 0.25,
+        ("clustermcl_step", ()): 41.0,
+        ("clustermcl_steps_applied_total", ()): 40.0,
+        ("clustermcl_steps_lost_total", ()): 1.0,
+        ("clustermcl_reports_missing_total", ()): 2.0,
+        ("clustermcl_clusters", ()): 3.0,
+        ("clustermcl_searching", ()): 1.0,
+        ("clustermcl_workers", ()): 2.0,
+        ("clustermcl_worker_jobs", (("worker", "worker-0"),)): 2.0,
+        ("clustermcl_process_uptime_seconds", worker): 9.0,
+        ("clustermcl_process_heard_age_seconds", worker): 0.5,
+        ("clustermcl_process_info", process("worker-0", "worker", version="1.1")): 1.0,
+        ("clustermcl_process_done_total", process("worker-0", "worker", what="reports")): 80.0,
+        ("clustermcl_process_idle_seconds", process("worker-0", "worker", what="reports")): 0.75,
+        ("clustermcl_process_memory_bytes", process("coordinator", "coordinator")): 1000.0,
+        ("clustermcl_dropped_total", dropped): 7.0,
+    }.items():
+        assert samples[key] == value, key
+
+
+def test_before_the_first_scan_a_pose_has_no_age() -> None:
+    samples = scraped(msgspec.structs.replace(STATUS, age_s=-1.0, freshness="none"))
+    assert ("clustermcl_pose_age_seconds", ()) not in samples
+
+
+def test_a_coordinator_that_does_not_answer_is_down() -> None:
+    assert scraped(None) == {("clustermcl_up", ()): 0.0}

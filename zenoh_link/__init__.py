@@ -1,0 +1,1 @@
+"""Zenoh: session, inbox, wire, router, access control, health."""

@@ -1,0 +1,177 @@
+"""How every process meets every other: Zenoh's configuration, for clients and for the router.
+
+All processes are clients of one router. Scouting is off and endpoints are explicit, so nobody
+meets strangers; shared memory is off (no gain for messages of some kilobytes, and left behind
+after a kill -9); a node that says nothing for 2 s is gone; links come back within a second.
+"""
+
+import json
+import os
+import re
+from typing import Any
+
+import zenoh
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from protocol.errors import SettingsError
+from protocol.sizes import LARGEST_BYTES
+
+CONNECT_TRY_MS = 1000
+"""`zenoh.open` looks for the router so long; signals are handled only between two tries."""
+
+_LEASE_MS = 2000
+_MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
+"""A larger one is dropped in pieces on its way in, and the link lives on. Zenoh's: a gigabyte."""
+_WAIT_BEFORE_CLOSE_US = 300_000
+_QUEUED_BATCHES = 16
+"""Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
+_SOCKET_PATH_MAX_BYTES = 107
+_HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
+
+Configuration = dict[str, Any]
+
+
+def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Configuration:
+    """Zenoh's configuration of a process that serves one robot.
+
+    Raises:
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
+    """
+    check_endpoint(settings.router)
+    transport = _transport()
+    if settings.router.startswith("tls/"):
+        transport["link"]["tls"] = {"verify_name_on_connect": True, **_tls(settings, "connect")}
+    return {
+        "mode": "client",
+        "namespace": robot.name,
+        "connect": {
+            "endpoints": [settings.router],
+            "timeout_ms": CONNECT_TRY_MS,
+            "retry": {
+                "period_init_ms": 200,
+                "period_max_ms": 1000,
+                "period_increase_factor": 2,
+            },
+        },
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "queries_default_timeout": int(settings.query_timeout_s * 1000),
+        "timestamping": {"enabled": True},
+        "transport": transport,
+    }
+
+
+def router_configuration(settings: ZenohSettings) -> Configuration:
+    """Zenoh's configuration of the router; the official ``zenohd`` takes the same.
+
+    Raises:
+        SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
+    """
+    check_endpoint(settings.router)
+    transport = _transport()
+    if settings.router.startswith("tls/"):
+        if not settings.tls_certificate:
+            raise SettingsError(
+                f"zenoh.router = {settings.router!r}: a router there needs a certificate: set "
+                f"zenoh.tls_certificate and zenoh.tls_private_key"
+            )
+        mutual = bool(settings.tls_ca_certificate)
+        transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [settings.router]},
+        # Without a delay: there is nobody to scout for, and opening takes 2 ms, not 500.
+        "scouting": {
+            "delay": 0,
+            "multicast": {"enabled": False},
+            "gossip": {"enabled": False},
+        },
+        "timestamping": {"enabled": True},
+        "transport": transport,
+    }
+
+
+def as_json5(configuration: Configuration) -> str:
+    """Write a configuration as a file for ``zenohd --config``; JSON is JSON5."""
+    return json.dumps(configuration, indent=2) + "\n"
+
+
+def as_zenoh(configuration: Configuration) -> zenoh.Config:
+    """Hand a configuration to the Zenoh library.
+
+    Raises:
+        SettingsError: Zenoh refuses it, for example a robot's name with a star in it.
+    """
+    config = zenoh.Config()
+    for key, value in configuration.items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            what = "robot.name" if key == "namespace" else f"Zenoh's {key}"
+            raise SettingsError(f"{what} = {json.dumps(value)}: {readable(error)}") from error
+    return config
+
+
+def readable(error: zenoh.ZError) -> str:
+    """The part of Zenoh's message that is for people: no places in its source, one line."""
+    text = " ".join(str(error).split())
+    inner = re.search(r'(?:message|msg): "(.*?)"', text)
+    return re.sub(r"\s*at \S+\.rs:\d+\.?", "", inner[1] if inner else text).strip()
+
+
+def check_endpoint(endpoint: str) -> None:
+    """Refuse an endpoint that no process could ever listen on or connect to.
+
+    Zenoh itself goes on trying to connect to a misspelt one until the time is up.
+
+    Raises:
+        SettingsError: it is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
+            ``unixsock-stream//PATH``, or the path is too long for a socket.
+    """
+    protocol, _, address = endpoint.partition("/")
+    problem = None
+    if protocol in ("tcp", "tls"):
+        parts = _HOST_AND_PORT.fullmatch(address)
+        if parts is None or not 0 < int(parts[2]) < 65536:
+            problem = f"write {protocol}/HOST:PORT"
+    elif protocol == "unixsock-stream":
+        if not address.startswith("/"):
+            problem = "write unixsock-stream/ and an absolute path, so two slashes"
+        elif len(os.fsencode(address)) > _SOCKET_PATH_MAX_BYTES:
+            problem = f"a socket's path has at most {_SOCKET_PATH_MAX_BYTES} bytes"
+    else:
+        problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
+    if problem:
+        raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
+
+
+def _transport() -> Configuration:
+    return {
+        "shared_memory": {"enabled": False},
+        "link": {
+            "rx": {"max_message_size": _MAX_MESSAGE_BYTES},
+            "tx": {
+                "lease": _LEASE_MS,
+                "keep_alive": 4,
+                "queue": {
+                    "size": {"data_high": _QUEUED_BATCHES},
+                    # A frozen process may hold the others up 0.3 s, not Zenoh's 5 s.
+                    "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}},
+                },
+            },
+        },
+    }
+
+
+def _tls(settings: ZenohSettings, direction: str) -> Configuration:
+    """The certificate files that are given; a client with one of its own shows it."""
+    own = bool(settings.tls_certificate)
+    files = {
+        "root_ca_certificate": settings.tls_ca_certificate,
+        f"{direction}_certificate": settings.tls_certificate,
+        f"{direction}_private_key": settings.tls_private_key,
+    }
+    from zenoh_link.tls import check_files  # noqa: PLC0415 - 10 ms for those who need it
+
+    check_files(settings)  # Zenoh would only say that it cannot connect
+    mutual = {"enable_mtls": True} if direction == "connect" and own else {}
+    return {name: path for name, path in files.items() if path} | mutual

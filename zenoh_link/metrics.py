@@ -1,0 +1,86 @@
+"""Figures for Prometheus on a local port, all of them read from the status message."""
+
+import logging
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+
+import zenoh
+
+from process_runtime.settings import MetricsSettings
+from protocol import keys
+from protocol.answers import Status
+from protocol.errors import ClusterMclError, SettingsError
+from zenoh_link.wire import ask
+
+ASK_WITHIN_S = 1.0
+RETRY_S = 2.0
+"""Another coordinator of this machine may hold the port; it is free when that one has died."""
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def metrics_served(settings: MetricsSettings, session: zenoh.Session) -> Iterator[None]:
+    """Serve ``/metrics`` within the block, if a port is set.
+
+    Each scrape asks for the status like any client, so nothing is counted twice and nothing is
+    shared with the coordinator's loop; a loop that hangs shows as ``clustermcl_up 0``.
+
+    A port that cannot be listened on is said and tried again: localizing goes on without.
+
+    Raises:
+        SettingsError: the port is set, but the library for it is not installed.
+    """
+    if settings.port == 0:
+        yield
+        return
+    if find_spec("prometheus_client") is None:
+        raise SettingsError(
+            f"metrics.port = {settings.port} needs the library prometheus-client: "
+            f"pip install 'clustermcl[metrics]'"
+        )
+    stop = threading.Event()
+    server = threading.Thread(
+        target=_serve, args=(settings, lambda: _status(session), stop), daemon=True
+    )
+    server.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        server.join(ASK_WITHIN_S)
+
+
+def _status(session: zenoh.Session) -> Status | None:
+    with suppress(ClusterMclError, zenoh.ZError):
+        return ask(session, keys.STATUS, Status, timeout_s=ASK_WITHIN_S)
+    return None
+
+
+def _serve(
+    settings: MetricsSettings, status: Callable[[], Status | None], stop: threading.Event
+) -> None:
+    # Only who sets a port needs the library.
+    from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415 - see above
+
+    from zenoh_link.metrics_of_status import StatusCollector  # noqa: PLC0415 - see above
+
+    registry = CollectorRegistry()
+    registry.register(StatusCollector(status))
+    where = f"http://{settings.host}:{settings.port}/metrics"
+    said = False
+    while not stop.is_set():
+        try:
+            server, _ = start_http_server(settings.port, settings.host, registry)
+        except (OSError, UnicodeError) as error:  # a host may be no host at all
+            if not said:
+                _log.error("no metrics at %s: %s; tried again", where, error)
+            said = True
+            stop.wait(RETRY_S)
+            continue
+        _log.info("metrics at %s", where)
+        stop.wait()
+        server.shutdown()
+        server.server_close()

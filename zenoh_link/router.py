@@ -1,0 +1,98 @@
+"""The router of one machine: a Zenoh session in router mode, in a process of its own.
+
+``python -I -m zenoh_link.router --settings FILE``. Forwarding is native code, so Python costs
+nothing but memory. Where several machines meet, the official ``zenohd`` does the same job with
+``deploy/router.json5``; plugins (storage, REST) exist only there.
+"""
+
+import argparse
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+
+from process_runtime.main import Invocation, process_main
+from process_runtime.memory import give_back_freed_memory
+from process_runtime.settings import ZenohSettings
+from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
+from zenoh_link.configuration import as_zenoh, readable, router_configuration
+
+_log = logging.getLogger(__name__)
+
+TIDY_EVERY_S = 30.0
+_IN_USE = ("Address already in use", "Unable to acquire lock")
+
+
+@contextmanager
+def open_router(settings: ZenohSettings) -> Iterator[zenoh.Session]:
+    """Listen at the settings' endpoint and forward between all who connect, until left.
+
+    Raises:
+        AlreadyRunningError: something listens there already.
+        SettingsError: the endpoint is malformed, or not an address of this machine.
+    """
+    with _listen(as_zenoh(router_configuration(settings)), settings.router) as session:
+        yield session
+
+
+def run_router(invocation: Invocation) -> None:
+    """Route until the process is told to stop.
+
+    Raises:
+        InputFileError: the ``--config`` file is missing or not a Zenoh configuration.
+    """
+    file: Path | None = invocation.arguments.config
+    router = invocation.settings.zenoh.router
+    if file is None:
+        config, endpoints = as_zenoh(router_configuration(invocation.settings.zenoh)), router
+    else:
+        config = _read(file)
+        endpoints = config.get_json("listen/endpoints")
+    with _listen(config, endpoints):
+        _log.info("router listens at %s", endpoints)
+        while not invocation.stop.wait(TIDY_EVERY_S):
+            give_back_freed_memory()
+
+
+def main() -> None:
+    """Run the router process."""
+    process_main(
+        "router", run_router, describe="Router of one machine.", add_arguments=_add_arguments
+    )
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="Zenoh configuration (JSON5) used as it is, instead of the settings' endpoint",
+    )
+
+
+def _listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        problem = readable(error)
+        if any(phrase in problem for phrase in _IN_USE):
+            raise AlreadyRunningError(
+                f"{endpoints} is in use: a router or another program listens there already; "
+                f"stop it or set zenoh.router"
+            ) from error
+        raise SettingsError(f"cannot listen at {endpoints}: {problem}") from error
+
+
+def _read(file: Path) -> zenoh.Config:
+    if not file.is_file():
+        raise InputFileError(file, "no such file")
+    try:
+        return zenoh.Config.from_file(str(file))
+    except zenoh.ZError as error:
+        raise InputFileError(file, readable(error)) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Opening Zenoh: wait for the router without becoming deaf to Ctrl-C, close on the way out."""
+
+import logging
+import os
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol.errors import UnreachableError
+from zenoh_link.configuration import CONNECT_TRY_MS, as_zenoh, client_configuration
+
+_log = logging.getLogger(__name__)
+
+_PAUSE_S = 0.2
+
+_THREADS = "(rx: (worker_threads: 1))"
+"""Of Zenoh, for receiving: a client has one link, and a second thread would be woken for nothing
+by each message."""
+
+
+@contextmanager
+def open_session(
+    settings: ZenohSettings,
+    robot: RobotSettings,
+    stop: StopFlag,
+    wait_s: float | None,
+) -> Iterator[zenoh.Session]:
+    """Open this process's session as a client of the router; keys stand below the robot's name.
+
+    Once open, a session survives the loss of its router: it looks for it again and declares
+    everything anew. It must be closed, or the interpreter hangs at its exit: hence the context.
+    Fork before, never after: a forked child cannot open a session of its own.
+
+    Args:
+        settings: the router's endpoint, certificates, time-outs.
+        robot: whose keys these are.
+        stop: looked at while there is no router.
+        wait_s: how long to look for a router [s]; None looks for ever, as services do.
+
+    Raises:
+        UnreachableError: no router answered in `wait_s`.
+        SettingsError: the endpoint or the robot's name cannot be used.
+        StoppedError: `stop` was set before there was a router.
+    """
+    with _connect(settings, robot, stop, wait_s) as session:
+        _log.debug("connected to the router at %s", settings.router)
+        yield session
+
+
+def _connect(
+    settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
+) -> zenoh.Session:
+    os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read when a process first opens Zenoh
+    configuration = client_configuration(settings, robot)
+    deadline_s = time.monotonic() + wait_s if wait_s is not None else float("inf")
+    said = ""
+    while True:
+        stop.check()
+        left_ms = (deadline_s - time.monotonic()) * 1000.0
+        configuration["connect"]["timeout_ms"] = int(max(1.0, min(CONNECT_TRY_MS, left_ms)))
+        try:
+            return zenoh.open(as_zenoh(configuration))
+        except zenoh.ZError as error:
+            refusal = _refusal(settings)
+            if time.monotonic() >= deadline_s:
+                problem = (
+                    f"no router at {settings.router} within {wait_s:g} s: start one with "
+                    f"'clustermcl up' or 'python -I -m zenoh_link.router', "
+                    f"or set zenoh.router"
+                )
+                raise UnreachableError(refusal or problem) from error
+            said = _say_once(refusal or f"waiting for a router at {settings.router}", said)
+        stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
+
+
+def _refusal(settings: ZenohSettings) -> str | None:
+    """Why the router keeps us out; a ZError tells of an absent one just the same."""
+    if not settings.router.startswith("tls/"):
+        return None
+    from zenoh_link.tls import why_refused  # noqa: PLC0415 - 10 ms for those who need it
+
+    refused = why_refused(settings)
+    return f"{settings.router}: {refused}" if refused else None
+
+
+def _say_once(words: str, said: str) -> str:
+    if words != said:
+        _log.info("%s", words)
+    return words
