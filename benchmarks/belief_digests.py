@@ -1,14 +1,14 @@
 """Digests of beliefs, to show that a change of the code changed no belief, bit for bit.
 
-    python -m benchmarks.belief_digests DATA > before.txt
+    python -m benchmarks.belief_digests DATA [--seeds N] > before.txt
 
 DATA is a folder with the recordings `wean` and `intel`. A digest covers, step for step, what the
 in-process run believes: state, hypotheses, jobs that begin and end. The same machine, kernels and
 libraries give the same digests; another machine's need not agree in the last digit.
 """
 
+import argparse
 import hashlib
-import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -20,8 +20,6 @@ from coordinator.belief.outcome import Outcome
 from evaluation import in_process
 from evaluation.evaluation import EvaluateOptions, Run, course, model_of
 from process_runtime.settings import Settings
-
-SEEDS = range(3)
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,11 @@ def _facts(outcome: Outcome) -> Iterator[object]:
 
 def main() -> None:
     """Print a line for every course and seed."""
-    work = [(one, seed) for one in courses(Path(sys.argv[1])) for seed in SEEDS]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path, help="folder with the recordings")
+    parser.add_argument("--seeds", type=int, default=3, metavar="N")
+    asked = parser.parse_args()
+    work = [(one, seed) for one in courses(asked.data) for seed in range(asked.seeds)]
     with ProcessPoolExecutor(2) as pool:
         for line in pool.map(digest, work):
             print(line, flush=True)
