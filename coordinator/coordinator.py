@@ -6,20 +6,44 @@ story is a unit test.
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import assert_never
 
 from coordinator.answers import Answers
 from coordinator.checkpoint import PriorPose
 from coordinator.commands import carry_out
+from coordinator.events import (
+    CheckpointHeard,
+    CommandArrived,
+    Event,
+    HistoryArrived,
+    LinkBack,
+    LinkLost,
+    OdometryArrived,
+    OrderAnswered,
+    ReportArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerJoined,
+    WorkerLeft,
+    WorkerReturned,
+    WorkerToldState,
+)
 from coordinator.failover.state_recovery import Told
 from coordinator.failover.term import Term
-from coordinator.instructions import FetchScans, Instruction, PublishBelief, SendOrder
+from coordinator.instructions import (
+    AnswerCommand,
+    FetchScans,
+    Instruction,
+    PublishBelief,
+    SendOrder,
+)
 from coordinator.pose.last_pose import LastPose
 from coordinator.state import CoordinatorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
 from protocol.step_reset_detector import StepResetDetector
-from protocol.steps import OdometryReading, Scan
+from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer, Report
 
 NEVER_LATER = 16
@@ -79,9 +103,52 @@ class Coordinator:
         """Whether it knows enough to answer."""
         return self._term.begun
 
+    def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
+        self, event: Event, now_ns: int
+    ) -> list[Instruction]:
+        """Take in what happened, and say what to do about it, in this order.
+
+        Args:
+            event: what happened.
+            now_ns: when, by the clock of all events; it never steps back.
+        """
+        match event:
+            case ScanArrived(scan):
+                return self._on_scan(scan, now_ns)
+            case HistoryArrived(scans):
+                return self._on_history(scans, now_ns)
+            case OdometryArrived(reading):
+                self._state.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
+            case ReportArrived(worker, report):
+                return self._on_report(report, worker, now_ns)
+            case WorkerJoined(worker):
+                return self._on_worker_joined(worker, now_ns)
+            case WorkerToldState(worker, told):
+                return self._on_worker_told(worker, told, now_ns)
+            case WorkerLeft(worker):
+                return self._on_worker_left(worker, now_ns)
+            case WorkerReturned(worker):
+                self._state.placement.returned(worker)
+                return self._on_time_passed(now_ns)
+            case OrderAnswered(worker, answer):
+                self._on_order_answered(worker, answer)
+            case CheckpointHeard(checkpoint):
+                self._term.hear(checkpoint)
+            case LinkLost():
+                self._linked = False
+            case LinkBack():
+                return self._on_link_back(now_ns)
+            case CommandArrived(command):
+                return self._on_command(command, now_ns)
+            case TimePassed():
+                return self._on_time_passed(now_ns)
+            case _:
+                assert_never(event)
+        return []
+
     # --- what the robot does
 
-    def scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
+    def _on_scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step's scan arrived."""
         state = self._state
         if not state.placement.map_digest:
@@ -93,71 +160,62 @@ class Coordinator:
             state.counters["scan repeated or late"] += 1
             if self.begun and self._step_resets.starts_anew(scan, state.applied_scan):
                 state.count_anew(scan)
-                return self.scan(scan, now_ns)
+                return self._on_scan(scan, now_ns)
             return self._say_again(scan, now_ns)
         state.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
         if not self.begun:
-            return self.tick(now_ns)
+            return self._on_time_passed(now_ns)
         self._begin_search(scan)
         lost = state.collector.lost_before(scan)
-        return ([FetchScans(*lost)] if lost else []) + self.tick(now_ns)
+        return ([FetchScans(*lost)] if lost else []) + self._on_time_passed(now_ns)
 
-    def history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
+    def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Steps of the past; a coordinator without any begins with the newest of them."""
         if self.begun and not self._state.ensemble.searches:
             self._state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
-        return [do for scan in scans for do in self.scan(scan, now_ns)]
-
-    def odometry(self, reading: OdometryReading, now_ns: int) -> None:
-        """The robot moved."""
-        self._state.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
+        return [do for scan in scans for do in self._on_scan(scan, now_ns)]
 
     # --- what workers do
 
-    def report(self, report: Report, worker: str, now_ns: int) -> list[Instruction]:
+    def _on_report(self, report: Report, worker: str, now_ns: int) -> list[Instruction]:
         """A worker's job took a step."""
         if self.begun:
             self._state.on_report(report, worker)
         else:
             self._early_reports.append((report, worker))
-        return self.tick(now_ns)
+        return self._on_time_passed(now_ns)
 
-    def worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
+    def _on_worker_joined(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token appeared."""
         missed = self._state.placement.misses(name)
         silent_until_ns = self._term.joined(name, now_ns, missed=missed)
         self._state.placement.joined(name, silent_until_ns)
         self._state.changed = True  # a newcomer has heard no checkpoint yet
-        return self.tick(now_ns)
+        return self._on_time_passed(now_ns)
 
-    def worker_told(self, name: str, told: Told, now_ns: int) -> list[Instruction]:
+    def _on_worker_told(self, name: str, told: Told, now_ns: int) -> list[Instruction]:
         """A worker says what it does, and what the last coordinator had decided."""
         if not self._state.placement.has(name):
             return []
         self._term.answered(name, told)
         if not self.begun:
-            return self.tick(now_ns)
+            return self._on_time_passed(now_ns)
         newest, resumed = told.checkpoint, list[Instruction]()
         if newest is not None and newest.founded and not self._term.founded:
             resumed = self._resume(newest, now_ns)
         if not resumed:
             self._hear_out(name, told, now_ns)
-        return resumed + self.tick(now_ns)
+        return resumed + self._on_time_passed(now_ns)
 
-    def worker_left(self, name: str, now_ns: int) -> list[Instruction]:
+    def _on_worker_left(self, name: str, now_ns: int) -> list[Instruction]:
         """A worker's liveliness token is gone."""
         self._state.placement.left(name)
         self._term.left(name)
         self._state.changed = True
-        return self.tick(now_ns)
+        return self._on_time_passed(now_ns)
 
-    def worker_returned(self, name: str, now_ns: int) -> list[Instruction]:
-        """A worker that was away with our link is back; whether it is the same, it will say."""
-        self._state.placement.returned(name)
-        return self.tick(now_ns)
-
-    def order_answered(self, worker: str, answer: OrderAnswer) -> None:
+    def _on_order_answered(self, worker: str, answer: OrderAnswer) -> None:
         """A worker took an order, or says why not."""
         if answer.problem:
             self._state.counters["order refused"] += 1  # the worker's log says why
@@ -166,34 +224,24 @@ class Coordinator:
 
     # --- what others do
 
-    def checkpoint_heard(self, checkpoint: Checkpoint) -> None:
-        """Some coordinator, perhaps this one, published its checkpoint."""
-        self._term.hear(checkpoint)
-
-    def link_lost(self) -> None:
-        """Our own link is down: nothing is decided until it is back."""
-        self._linked = False
-
-    def link_back(self, now_ns: int) -> list[Instruction]:
+    def _on_link_back(self, now_ns: int) -> list[Instruction]:
         """Our own link is back: steps under way get their whole deadline again."""
         self._linked = True
         self._state.collector.wait_anew(now_ns)
-        return self.tick(now_ns)
+        return self._on_time_passed(now_ns)
 
-    def command(
-        self, command: SetPose | Relocalize, now_ns: int
-    ) -> tuple[CommandDone, list[Instruction]]:
-        """A person says where the robot is, or to search everywhere; done once for each id."""
+    def _on_command(self, command: SetPose | Relocalize, now_ns: int) -> list[Instruction]:
+        """Done once for each id; others know of it before it is answered."""
         instructions: list[Instruction] = []
         if command.command_id not in self._state.commands_done:
             if carry_out(command, self._state):
                 self._term.founded = True
                 instructions += self._believed(now_ns)
-            instructions += self.tick(now_ns)
+            instructions += self._on_time_passed(now_ns)
         problem = self._state.commands_done[command.command_id]
-        return CommandDone(sender=self._sender, problem=problem), instructions
+        return [*instructions, AnswerCommand(CommandDone(sender=self._sender, problem=problem))]
 
-    def tick(self, now_ns: int) -> list[Instruction]:
+    def _on_time_passed(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due and tell workers what is news to them."""
         if not self._linked or self.outranked_by is not None:
             return []

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from protocol.answers import Belief, PoseAnswer
+from protocol.answers import Belief, CommandDone, PoseAnswer
 from protocol.work import Checkpoint, TakeOver, WorkOrder
 
 
@@ -46,4 +46,11 @@ class FetchScans:
     """None: up to the newest."""
 
 
-Instruction = SendOrder | AskState | PublishCheckpoint | PublishBelief | FetchScans
+@dataclass(frozen=True)
+class AnswerCommand:
+    """Tell the person who gave a command what came of it."""
+
+    done: CommandDone
+
+
+Instruction = SendOrder | AskState | PublishCheckpoint | PublishBelief | FetchScans | AnswerCommand

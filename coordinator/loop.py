@@ -7,10 +7,24 @@ from collections.abc import Iterable
 import msgspec
 import zenoh
 
+from coordinator import events
 from coordinator.coordinator import Coordinator
+from coordinator.events import (
+    CheckpointHeard,
+    CommandArrived,
+    HistoryArrived,
+    LinkBack,
+    LinkLost,
+    OdometryArrived,
+    OrderAnswered,
+    ReportArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerToldState,
+)
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
-from coordinator.instructions import Instruction, PublishBelief
+from coordinator.instructions import AnswerCommand, Instruction, PublishBelief
 from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
 from coordinator.outgoing import Outgoing
@@ -109,40 +123,45 @@ class CoordinatorLoop:
                     return self._on_link(event, now_ns)
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
-        return self._coordinator.tick(now_ns)
+        return self._coordinator.handle(TimePassed(), now_ns)
 
-    def _on_message(self, event: Received, now_ns: int) -> list[Instruction]:
-        match event.key:
+    def _on_message(self, message: Received, now_ns: int) -> list[Instruction]:
+        key = message.key
+        if key.endswith("/health"):
+            self._on_health(key, decode(message.payload, Health), now_ns)
+            return []
+        return self._coordinator.handle(self._event_of(message, now_ns), now_ns)
+
+    def _event_of(  # noqa: PLR0911 - one for each key
+        self, message: Received, now_ns: int
+    ) -> events.Event:
+        """What a message means."""
+        match message.key:
             case keys.SCAN:
-                scan = decode(event.payload, Scan)
+                scan = decode(message.payload, Scan)
                 self._health.happened("scans")
                 self._warn_of_another_map(scan)
-                return self._coordinator.scan(scan, now_ns)
+                return ScanArrived(scan)
             case keys.ODOMETRY:
                 self._health.happened("odometry")
-                self._coordinator.odometry(decode(event.payload, OdometryReading), now_ns)
+                return OdometryArrived(decode(message.payload, OdometryReading))
             case keys.SCAN_HISTORY:
-                scans = decode(event.payload, ScanHistory).scans
-                return self._coordinator.history(scans, now_ns)
+                return HistoryArrived(decode(message.payload, ScanHistory).scans)
             case keys.CHECKPOINT:
-                self._coordinator.checkpoint_heard(decode(event.payload, Checkpoint))
+                return CheckpointHeard(decode(message.payload, Checkpoint))
             case key if key.endswith("/state"):
-                told = told_by(event.payload)
-                return self._coordinator.worker_told(keys.worker_name(key), told, now_ns)
+                return WorkerToldState(keys.worker_name(key), told_by(message.payload))
             case key if key.endswith("/order"):
-                answer = decode(event.payload, OrderAnswer)
-                self._coordinator.order_answered(keys.worker_name(key), answer)
-            case key if key.endswith("/health"):
-                self._on_health(key, decode(event.payload, Health), now_ns)
-            case _:
-                report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
-                mark("arrived", report, event.at_ns)
+                answer = decode(message.payload, OrderAnswer)
+                return OrderAnswered(keys.worker_name(key), answer)
+            case key:
+                report: Report = decode(message.payload, Report)  # type: ignore[arg-type] # a union
+                mark("arrived", report, message.at_ns)
                 mark("taken", report, now_ns)
                 mark("decoded", report)
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
-                return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
-        return []
+                return ReportArrived(keys.worker_name(key), report)
 
     def _warn_of_another_map(self, scan: Scan) -> None:
         """Say which map is meant; the coordinator itself counts the scan and drops it."""
@@ -173,18 +192,12 @@ class CoordinatorLoop:
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
             self._fencing.arise(now_ns)
-            return self._coordinator.link_back(now_ns)
-        self._coordinator.link_lost()
-        return []
+            return self._coordinator.handle(LinkBack(), now_ns)
+        return self._coordinator.handle(LinkLost(), now_ns)
 
     def _change(self, changes: Iterable[Change], now_ns: int) -> list[Instruction]:
         """Act upon what has become certain of the workers."""
-        what = {
-            "joined": self._coordinator.worker_joined,
-            "left": self._coordinator.worker_left,
-            "returned": self._coordinator.worker_returned,
-        }
-        return [do for change in changes for do in what[change.what](change.worker, now_ns)]
+        return [do for change in changes for do in self._coordinator.handle(change, now_ns)]
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
@@ -211,9 +224,11 @@ class CoordinatorLoop:
         except MalformedMessageError as error:
             asked.refuse(str(error))
             raise
-        done, instructions = self._coordinator.command(command, now_ns)
+        instructions = self._coordinator.handle(CommandArrived(command), now_ns)
         self._carry_out(instructions, now_ns)  # others know of it before it is answered
-        asked.answer(done)
+        for instruction in instructions:
+            if isinstance(instruction, AnswerCommand):
+                asked.answer(instruction.done)
         return []
 
     def _carry_out(self, instructions: list[Instruction], now_ns: int) -> None:

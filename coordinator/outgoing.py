@@ -8,6 +8,7 @@ import zenoh
 from zenoh import handlers
 
 from coordinator.instructions import (
+    AnswerCommand,
     AskState,
     FetchScans,
     Instruction,
@@ -53,6 +54,8 @@ class Outgoing:
                 case PublishBelief(belief, pose):
                     self._belief.put(belief)
                     self._pose.put(pose)
+                case AnswerCommand():
+                    pass  # by who holds the question
 
     def _fetch(self, fetch: FetchScans, until_s: float) -> None:
         def on_nobody() -> None:

@@ -1,8 +1,9 @@
 """What a new coordinator asks before it acts: the workers tell what the last one had decided."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import TypeVar
+
+import msgspec
 
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
@@ -19,8 +20,7 @@ KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
 M = TypeVar("M")
 
 
-@dataclass(frozen=True)
-class Told:
+class Told(msgspec.Struct, frozen=True):
     """A worker's answer, decoded."""
 
     term: int

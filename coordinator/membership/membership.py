@@ -5,8 +5,9 @@ the workers behind it work on. So the membership is frozen while the link is dow
 longer, and a vanished token counts only when the link has stood for a moment after it.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import TypeAlias
+
+from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
 
 SETTLE_NS = 100_000_000
 """Zenoh reports tokens as vanished up to some milliseconds before the link they came by."""
@@ -14,13 +15,8 @@ GRACE_NS = 2_000_000_000
 """After the link is back: twice the longest pause between two tries to connect."""
 
 
-@dataclass(frozen=True)
-class Change:
-    """What a worker did."""
-
-    worker: str
-    what: Literal["joined", "left", "returned"]
-    """`returned`: it was away with our link; it may have been started anew meanwhile."""
+Change: TypeAlias = WorkerJoined | WorkerLeft | WorkerReturned
+"""What a worker did."""
 
 
 class Membership:
@@ -51,11 +47,11 @@ class Membership:
             return []
         if worker not in self._present:
             self._present.add(worker)
-            return [Change(worker, "joined")]
+            return [WorkerJoined(worker)]
         gone_ns = self._gone_ns.pop(worker, None)
         if gone_ns is None or self._away_with_our_link(now_ns):
-            return [Change(worker, "returned")]
-        return [Change(worker, "left"), Change(worker, "joined")]
+            return [WorkerReturned(worker)]
+        return [WorkerLeft(worker), WorkerJoined(worker)]
 
     def due(self, now_ns: int) -> list[Change]:
         """The workers whose absence has become certain."""
@@ -65,7 +61,7 @@ class Membership:
         for worker in left:
             del self._gone_ns[worker]
             self._present.discard(worker)
-        return [Change(worker, "left") for worker in sorted(left)]
+        return [WorkerLeft(worker) for worker in sorted(left)]
 
     def _away_with_our_link(self, now_ns: int) -> bool:
         return not self._linked or now_ns < self._trust_from_ns

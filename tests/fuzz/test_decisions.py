@@ -9,6 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from coordinator.events import (
+    OdometryArrived,
+    ReportArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerJoined,
+    WorkerLeft,
+)
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
@@ -21,7 +29,7 @@ from sensor_bridge.extension import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
-from tests.unit.coordinator.test_coordinator import SECOND, DemoSummary
+from tests.unit.coordinator.test_coordinator import SECOND, Story
 from tests.unit.worker.test_job_table import SETTINGS, cloud, order, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
 from worker.job_table import JobTable
@@ -140,14 +148,14 @@ EVENTS = st.one_of(
 def test_whatever_happens_the_coordinators_belief_is_one(
     events: list[tuple[float, tuple[str, Any]]], begun: bool
 ) -> None:
-    story = DemoSummary("a", "b")
+    story = Story("a", "b")
     if begun:
         story.bootstrapped()
     now_ns = SECOND
     for wait_s, (what, told) in events:
         now_ns += int(wait_s * SECOND)
         happen(story, what, told, now_ns)
-        story.follow(story.coordinator.tick(now_ns))
+        story.follow(story.coordinator.handle(TimePassed(), now_ns))
         encode(story.coordinator.pose(now_ns))
         encode(story.coordinator.status(now_ns, {}))
     for belief in story.beliefs:
@@ -155,20 +163,20 @@ def test_whatever_happens_the_coordinators_belief_is_one(
         assert not probabilities or sum(probabilities) == pytest.approx(1.0)
 
 
-def happen(story: DemoSummary, what: str, told: Any, now_ns: int) -> None:
+def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
     coordinator = story.coordinator
     match what:
         case "scan":
-            story.follow(coordinator.scan(told, now_ns))
+            story.follow(coordinator.handle(ScanArrived(told), now_ns))
         case "report":
             assert isinstance(told, TrackReport | SearchReport)
             epoch = story.epochs.get(told.job_id, 0)
             worker = story.places.get(told.job_id, "a")
             told = msgspec.structs.replace(told, epoch=epoch)
-            story.follow(coordinator.report(told, worker, now_ns))
+            story.follow(coordinator.handle(ReportArrived(worker, told), now_ns))
         case "odometry":
-            coordinator.odometry(told, now_ns)
+            coordinator.handle(OdometryArrived(told), now_ns)
         case "joined":
-            story.follow(coordinator.worker_joined(told, now_ns))
+            story.follow(coordinator.handle(WorkerJoined(told), now_ns))
         case "left":
-            story.follow(coordinator.worker_left(told, now_ns))
+            story.follow(coordinator.handle(WorkerLeft(told), now_ns))

@@ -11,6 +11,17 @@ import msgspec
 import numpy as np
 
 from coordinator.coordinator import Coordinator
+from coordinator.events import (
+    CommandArrived,
+    HistoryArrived,
+    OrderAnswered,
+    ReportArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerJoined,
+    WorkerLeft,
+    WorkerToldState,
+)
 from coordinator.failover.state_recovery import told_by
 from coordinator.instructions import (
     AskState,
@@ -169,8 +180,8 @@ class Living:
             "coordinator", SETTINGS, CoordinatorSettings(), "test", self._now_ns, term=self._term
         )
         for worker in list(self.workers):
-            self._tell(lambda c, now, w=worker: c.worker_joined(w, now))  # type: ignore[misc] # a default
-        self._tell(lambda c, now: c.tick(now))
+            self._tell(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
+        self._tell(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
     def drive(self, step: int, *, stamp_ns: int | None = None) -> None:
@@ -179,7 +190,7 @@ class Living:
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
-        self._tell(lambda c, now: c.scan(scan, now))
+        self._tell(lambda c, now: c.handle(ScanArrived(scan), now))
         for worker in self.workers.values():
             self._report(worker, worker.scan(scan))
         self.settle()
@@ -187,7 +198,7 @@ class Living:
     def kill_worker(self, name: str) -> None:
         """A worker is gone at once, with all that it knew."""
         del self.workers[name]
-        self._tell(lambda c, now: c.worker_left(name, now))
+        self._tell(lambda c, now: c.handle(WorkerLeft(name), now))
         self.settle()
 
     def start_worker(self, name: str) -> None:
@@ -197,18 +208,18 @@ class Living:
 
     def join(self, name: str) -> None:
         """A worker is seen by the coordinator."""
-        self._tell(lambda c, now: c.worker_joined(name, now))
+        self._tell(lambda c, now: c.handle(WorkerJoined(name), now))
         self.settle()
 
     def command(self, command: SetPose) -> None:
         """A person asks for something."""
-        self._tell(lambda c, now: c.command(command, now)[1])
+        self._tell(lambda c, now: c.handle(CommandArrived(command), now))
         self.settle()
 
     def wait(self, seconds: float) -> None:
         """Time passes."""
         self._now_ns += int(seconds * 1e9)
-        self._tell(lambda c, now: c.tick(now))
+        self._tell(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
     def settle(self) -> None:
@@ -244,21 +255,22 @@ class Living:
             case FetchScans(first=first, last=last):
                 end = 2**60 if last is None else last
                 found = [s for s in self.scans if first <= s.step <= end]
-                self._tell(lambda c, now: c.history(found, now))
+                self._tell(lambda c, now: c.handle(HistoryArrived(tuple(found)), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
                     told = told_by(self.workers[name].state(question.term))
-                    self._tell(lambda c, now: c.worker_told(name, told, now))
+                    self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     answer, reports = self.workers[name].order(encode(order))
-                    self._tell(lambda c, now: c.order_answered(name, answer) or c.tick(now))
+                    self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
+                    self._tell(lambda c, now: c.handle(TimePassed(), now))
                     self._report(self.workers[name], reports)
 
     def _report(self, worker: InMemoryWorker, reports: list[Report]) -> None:
         for report in reports:
             copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
-            self._tell(lambda c, now, r=copy: c.report(r, worker.name, now))  # type: ignore[misc] # a default
+            self._tell(lambda c, now, r=copy: c.handle(ReportArrived(worker.name, r), now))  # type: ignore[misc] # a default
 
     def particles(self) -> dict[str, bytes]:
         """The particles of each tracked cluster, as they are now."""

@@ -5,6 +5,7 @@ import pytest
 
 from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
+from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
 from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
 from particle_filter.settings import FilterSettings
@@ -63,10 +64,11 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
 def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data: bytes) -> None:
     broken = Checkpoint(sender="c", term=5, serial=1, step=9, founded=True, state=data)
     made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=broken)
-    made.worker_joined("w", 0)
-    made.worker_told("w", NOTHING, 1)
+    made.handle(WorkerJoined("w"), 0)
+    made.handle(WorkerToldState("w", NOTHING), 1)
     assert made.begun
-    (handed_on,) = (i for i in made.scan(scan(0), 2) if isinstance(i, PublishCheckpoint))
+    done = made.handle(ScanArrived(scan(0)), 2)
+    (handed_on,) = (i for i in done if isinstance(i, PublishCheckpoint))
     assert handed_on.checkpoint.term == 6
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
 
@@ -76,8 +78,8 @@ def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -
         sender="c", term=5, serial=1, step=11, founded=True, state=changed(state, map_digest="old")
     )
     made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
-    made.worker_joined("w", 0)
-    made.scan(scan(40), 1)
-    made.worker_told("w", NOTHING, 2)
+    made.handle(WorkerJoined("w"), 0)
+    made.handle(ScanArrived(scan(40)), 1)
+    made.handle(WorkerToldState("w", NOTHING), 2)
     assert made.status(3, {}).counters == {"checkpoint of another map": 1}
     assert made.status(3, {}).clusters == 0

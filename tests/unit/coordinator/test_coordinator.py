@@ -3,8 +3,20 @@
 import pytest
 
 from coordinator.coordinator import Coordinator
+from coordinator.events import (
+    CommandArrived,
+    LinkBack,
+    LinkLost,
+    OrderAnswered,
+    ReportArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerJoined,
+    WorkerLeft,
+    WorkerToldState,
+)
 from coordinator.failover.state_recovery import Told
-from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
+from coordinator.instructions import AnswerCommand, AskState, Instruction, PublishBelief, SendOrder
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
@@ -16,7 +28,7 @@ SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 
 
-class DemoSummary:
+class Story:
     """A coordinator and obedient workers that report what the story says."""
 
     def __init__(self, *workers: str) -> None:
@@ -29,7 +41,7 @@ class DemoSummary:
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
         for worker in workers:
-            self.follow(self.coordinator.worker_joined(worker, 0))
+            self.follow(self.coordinator.handle(WorkerJoined(worker), 0))
 
     def follow(self, instructions: list[Instruction]) -> None:
         for instruction in instructions:
@@ -38,7 +50,7 @@ class DemoSummary:
                     self.beliefs.append(decode(encode(belief), Belief))
                 case AskState(worker=worker):
                     nothing = Told(term=0, holds=(), checkpoint=None, reports=())
-                    self.follow(self.coordinator.worker_told(worker, nothing, 0))
+                    self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:
                         self.epochs[assignment.job_id] = assignment.epoch
@@ -48,16 +60,16 @@ class DemoSummary:
                         sender=worker, order=order.order, incarnation=1,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
                     )  # fmt: skip
-                    self.coordinator.order_answered(worker, answer)
+                    self.coordinator.handle(OrderAnswered(worker, answer), 0)
 
     def scan(self, step: int, *, at_s: float) -> None:
-        self.follow(self.coordinator.scan(scan(step), int(at_s * SECOND)))
+        self.follow(self.coordinator.handle(ScanArrived(scan(step)), int(at_s * SECOND)))
 
     def report(self, report: Report, *, at_s: float) -> None:
         worker = self.places[report.job_id]
-        self.follow(self.coordinator.report(report, worker, int(at_s * SECOND)))
+        self.follow(self.coordinator.handle(ReportArrived(worker, report), int(at_s * SECOND)))
 
-    def bootstrapped(self) -> "DemoSummary":
+    def bootstrapped(self) -> "Story":
         self.scan(0, at_s=0.0)
         places = {NORTH: 0.5, SOUTH: 0.5}
         self.report(searched("s0.0", 0, places, epoch=self.epochs["s0.0"]), at_s=0.1)
@@ -73,14 +85,14 @@ class DemoSummary:
 
 
 def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
-    story = DemoSummary("a", "b").bootstrapped()
+    story = Story("a", "b").bootstrapped()
     story.scan(1, at_s=1.0)
     north = tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"])
     south = tracked("c1", 1, 0.1, SOUTH, epoch=story.epochs["c1"])
     forger = story.places["c0"]
     assert forger != story.places["c1"]
     forged = tracked("c1", 1, 1e9, SOUTH, epoch=story.epochs["c1"])
-    story.follow(story.coordinator.report(forged, forger, SECOND))
+    story.follow(story.coordinator.handle(ReportArrived(forger, forged), SECOND))
     story.report(south, at_s=1.1)
     story.report(north, at_s=1.1)
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
@@ -89,29 +101,29 @@ def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
 
 
 def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
-    story = DemoSummary("a", "b").bootstrapped()
+    story = Story("a", "b").bootstrapped()
     story.tracks(1, at_s=1.0, north=0.3, south=0.1)
     assert [belief.step for belief in story.beliefs] == [0, 1]
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.75, 0.25])
 
 
 def test_a_slow_worker_is_waited_for_until_the_deadline_and_not_longer() -> None:
-    story = DemoSummary("a", "b").bootstrapped()
+    story = Story("a", "b").bootstrapped()
     for step in range(1, 4):  # past the grace of jobs just handed out
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
     assert story.beliefs[-1].step == 3
-    story.follow(story.coordinator.tick(int(10.6 * SECOND)))
+    story.follow(story.coordinator.handle(TimePassed(), int(10.6 * SECOND)))
     assert story.beliefs[-1].step == 4
     assert story.beliefs[-1].missing == ("c1",)
     assert [h.probability for h in story.beliefs[-1].hypotheses] == pytest.approx([0.5, 0.5])
 
 
 def test_a_resurrected_worker_cannot_vote() -> None:
-    story = DemoSummary("a", "b").bootstrapped()
+    story = Story("a", "b").bootstrapped()
     story.tracks(1, at_s=1.0, north=0.1, south=0.1)
     old_epoch, old_place = story.epochs["c1"], story.places["c1"]
-    story.follow(story.coordinator.worker_left(old_place, 2 * SECOND))
+    story.follow(story.coordinator.handle(WorkerLeft(old_place), 2 * SECOND))
     assert story.places["c1"] != old_place
     story.scan(2, at_s=2.0)
     story.report(tracked("c1", 2, 1e9, SOUTH, epoch=old_epoch), at_s=2.1)
@@ -123,27 +135,27 @@ def test_a_resurrected_worker_cannot_vote() -> None:
 
 
 def test_without_workers_the_belief_stands_and_status_says_so() -> None:
-    story = DemoSummary("a").bootstrapped()
-    story.follow(story.coordinator.worker_left("a", SECOND))
+    story = Story("a").bootstrapped()
+    story.follow(story.coordinator.handle(WorkerLeft("a"), SECOND))
     story.scan(1, at_s=5.0)
-    story.follow(story.coordinator.tick(6 * SECOND))
+    story.follow(story.coordinator.handle(TimePassed(), 6 * SECOND))
     assert story.beliefs[-1].missing == ("c0", "c1")
     assert story.coordinator.pose(6 * SECOND).workers == 0
-    story.follow(story.coordinator.worker_joined("b", 7 * SECOND))
+    story.follow(story.coordinator.handle(WorkerJoined("b"), 7 * SECOND))
     assert {story.places["c0"], story.places["c1"]} == {"b"}
 
 
 def test_a_scan_of_another_map_is_refused_and_counted() -> None:
-    story = DemoSummary("a").bootstrapped()
-    story.follow(story.coordinator.scan(scan(1, digest="another"), SECOND))
+    story = Story("a").bootstrapped()
+    story.follow(story.coordinator.handle(ScanArrived(scan(1, digest="another")), SECOND))
     assert story.beliefs[-1].step == 0
     assert story.coordinator.status(SECOND, {}).counters["scan of another map"] == 1
 
 
 def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
-    story = DemoSummary("a").bootstrapped()
+    story = Story("a").bootstrapped()
     command = SetPose(sender="client", command_id="1", map_from_robot=(3.0, 4.0, 0.5))
-    story.follow(story.coordinator.command(command, SECOND)[1])
+    story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
     assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
     assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((3.0, 4.0, 0.5))
     assert "c2" in story.epochs, "a worker tracks it"
@@ -151,20 +163,21 @@ def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
 
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
     command = Relocalize(sender="client", command_id="1")
-    done, instructions = DemoSummary("a").coordinator.command(command, 0)
-    assert "no scan has arrived" in done.problem
+    instructions = Story("a").coordinator.handle(CommandArrived(command), 0)
+    (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
+    assert "no scan has arrived" in answer.done.problem
     assert not any(isinstance(one, PublishBelief) for one in instructions)
 
 
 def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:
-    story = DemoSummary("a", "b").bootstrapped()
+    story = Story("a", "b").bootstrapped()
     for step in range(1, 4):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     story.tracks(4, at_s=10.0, north=0.3, south=None)
-    story.coordinator.link_lost()
-    story.follow(story.coordinator.tick(int(15 * SECOND)))
+    story.coordinator.handle(LinkLost(), 0)
+    story.follow(story.coordinator.handle(TimePassed(), int(15 * SECOND)))
     assert story.beliefs[-1].step == 3
-    story.follow(story.coordinator.link_back(int(16 * SECOND)))
+    story.follow(story.coordinator.handle(LinkBack(), int(16 * SECOND)))
     assert story.beliefs[-1].step == 3
     story.report(tracked("c1", 4, 0.1, SOUTH, epoch=story.epochs["c1"]), at_s=16.1)
     assert story.beliefs[-1].missing == ()

@@ -1,15 +1,16 @@
 """A worker that freezes or is slow: told as events, without a network."""
 
+from coordinator.events import TimePassed, WorkerLeft
 from coordinator.instructions import Instruction, SendOrder
 from coordinator.membership.straggler_policy import FIRST_PAUSE_NS, GIVEN_UP_AFTER
 from tests.unit.coordinator.reports import tracked
-from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, DemoSummary
+from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
 
 DEADLINE_S = 0.5
 """The default of `coordinator.step_deadline_s`."""
 
 
-class StoryWithFrozen(DemoSummary):
+class StoryWithFrozen(Story):
     """Some workers do not answer orders."""
 
     def __init__(self, *workers: str) -> None:
@@ -26,7 +27,7 @@ class StoryWithFrozen(DemoSummary):
         )
 
     def tick(self, *, at_s: float) -> None:
-        self.follow(self.coordinator.tick(int(at_s * SECOND)))
+        self.follow(self.coordinator.handle(TimePassed(), int(at_s * SECOND)))
 
 
 def with_two_clusters() -> StoryWithFrozen:
@@ -69,7 +70,8 @@ def test_one_that_thaws_stands_by_and_takes_jobs_again_after_its_pause() -> None
     story.frozen.clear()
     story.tick(at_s=given_up_s + 1.0)  # its order is repeated, and answered
     for worker in {"a", "b", "c"} - {frozen, story.places["c0"]}:
-        story.follow(story.coordinator.worker_left(worker, int((given_up_s + 1.0) * SECOND)))
+        now_ns = int((given_up_s + 1.0) * SECOND)
+        story.follow(story.coordinator.handle(WorkerLeft(worker), now_ns))
     assert story.places["c1"] == story.places["c0"], "in its pause it gets nothing"
     story.tick(at_s=given_up_s + FIRST_PAUSE_NS / SECOND + 1.0)
     assert frozen in {story.places["c0"], story.places["c1"]}

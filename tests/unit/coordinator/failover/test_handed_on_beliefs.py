@@ -4,6 +4,7 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
+from coordinator.events import TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from tests.unit.coordinator.living import Living, symmetric_room
@@ -167,7 +168,7 @@ def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     assert {b.term for b in living.beliefs[12]} == {1}, "of a lower term than was heard before"
     living.kill_worker("w0")  # it gives the jobs to others, who refuse
     assert old.outranked_by == 2
-    assert old.tick(10**12) == []
+    assert old.handle(TimePassed(), 10**12) == []
     living.coordinator = woken
     for name, worker in living.workers.items():
         assert [job[:2] for job in worker.table.summary()] == [job[:2] for job in jobs[name]]

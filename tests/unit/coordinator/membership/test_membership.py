@@ -1,6 +1,7 @@
 """Who is there, as far as a coordinator can know it whose own link may break."""
 
-from coordinator.membership.membership import GRACE_NS, SETTLE_NS, Change, Membership
+from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
+from coordinator.membership.membership import GRACE_NS, SETTLE_NS, Membership
 
 MS, SECOND = 1_000_000, 1_000_000_000
 
@@ -8,7 +9,7 @@ MS, SECOND = 1_000_000, 1_000_000_000
 def membership_of(*workers: str) -> Membership:
     membership = Membership()
     for worker in workers:
-        assert membership.token(worker, True, 0) == [Change(worker, "joined")]
+        assert membership.token(worker, True, 0) == [WorkerJoined(worker)]
     return membership
 
 
@@ -16,7 +17,7 @@ def test_a_worker_that_dies_has_left_a_moment_later() -> None:
     membership = membership_of("a", "b")
     assert membership.token("a", False, SECOND) == []
     assert membership.due(SECOND + SETTLE_NS - 1) == []
-    assert membership.due(SECOND + SETTLE_NS) == [Change("a", "left")]
+    assert membership.due(SECOND + SETTLE_NS) == [WorkerLeft("a")]
     assert membership.due(2 * SECOND) == []
 
 
@@ -24,7 +25,7 @@ def test_a_worker_that_is_back_within_that_moment_was_started_anew() -> None:
     membership = membership_of("a")
     membership.token("a", False, SECOND)
     changes = membership.token("a", True, SECOND + 10 * MS)
-    assert changes == [Change("a", "left"), Change("a", "joined")]
+    assert changes == [WorkerLeft("a"), WorkerJoined("a")]
     assert membership.due(9 * SECOND) == []
 
 
@@ -36,8 +37,8 @@ def test_nobody_leaves_with_our_own_link() -> None:
     assert not membership.linked
     assert membership.due(60 * SECOND) == []
     membership.link(True, 60 * SECOND)
-    assert membership.token("a", True, 60 * SECOND + MS) == [Change("a", "returned")]
-    assert membership.token("b", True, 60 * SECOND + MS) == [Change("b", "returned")]
+    assert membership.token("a", True, 60 * SECOND + MS) == [WorkerReturned("a")]
+    assert membership.token("b", True, 60 * SECOND + MS) == [WorkerReturned("b")]
     assert membership.due(99 * SECOND) == []
 
 
@@ -49,14 +50,14 @@ def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None
     membership.link(True, 2 * SECOND)
     membership.token("a", True, 2 * SECOND + MS)
     assert membership.due(2 * SECOND + GRACE_NS - 1) == []
-    assert membership.due(2 * SECOND + GRACE_NS) == [Change("b", "left")]
+    assert membership.due(2 * SECOND + GRACE_NS) == [WorkerLeft("b")]
 
 
 def test_who_appears_for_the_first_time_after_a_lost_link_joins() -> None:
     membership = membership_of("a")
     membership.link(False, SECOND)
     membership.link(True, 2 * SECOND)
-    assert membership.token("c", True, 2 * SECOND) == [Change("c", "joined")]
+    assert membership.token("c", True, 2 * SECOND) == [WorkerJoined("c")]
 
 
 def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
@@ -67,7 +68,7 @@ def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
     membership.link(False, 3 * SECOND)
     assert membership.due(60 * SECOND) == []
     membership.link(True, 61 * SECOND)
-    assert membership.due(61 * SECOND + GRACE_NS) == [Change("a", "left")]
+    assert membership.due(61 * SECOND + GRACE_NS) == [WorkerLeft("a")]
 
 
 def test_the_first_link_needs_no_grace() -> None:
@@ -75,7 +76,7 @@ def test_the_first_link_needs_no_grace() -> None:
     membership.link(True, 0)
     membership.token("a", True, 0)
     membership.token("a", False, 1)
-    assert membership.due(1 + SETTLE_NS) == [Change("a", "left")]
+    assert membership.due(1 + SETTLE_NS) == [WorkerLeft("a")]
 
 
 def test_a_token_of_somebody_unknown_that_vanishes_is_nothing() -> None:

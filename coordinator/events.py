@@ -1,0 +1,117 @@
+"""What a coordinator is told: plain facts, in the order in which they happened.
+
+The loop at the rim makes them of messages, tokens and questions. Each can be written down and read
+again as MessagePack, so that a recorded run is replayed with just these objects.
+"""
+
+from typing import TypeAlias
+
+import msgspec
+
+from coordinator.failover.state_recovery import Told
+from protocol.answers import Relocalize, SetPose
+from protocol.steps import OdometryReading, Scan
+from protocol.work import Checkpoint, OrderAnswer, Report
+
+
+class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
+    """Each is known by its name."""
+
+
+class ScanArrived(_Fact, frozen=True):
+    """A step's scan, as it was published."""
+
+    scan: Scan
+
+
+class HistoryArrived(_Fact, frozen=True):
+    """Scans of the past, as the bridge answered; perhaps none."""
+
+    scans: tuple[Scan, ...]
+
+
+class OdometryArrived(_Fact, frozen=True):
+    """The robot moved."""
+
+    reading: OdometryReading
+
+
+class ReportArrived(_Fact, frozen=True):
+    """A worker's job took a step."""
+
+    worker: str
+    report: Report
+
+
+class WorkerJoined(_Fact, frozen=True):
+    """A worker's liveliness token appeared."""
+
+    worker: str
+
+
+class WorkerLeft(_Fact, frozen=True):
+    """A worker's liveliness token is gone for certain."""
+
+    worker: str
+
+
+class WorkerReturned(_Fact, frozen=True):
+    """A worker was away with our own link; it may have been started anew meanwhile."""
+
+    worker: str
+
+
+class WorkerToldState(_Fact, frozen=True):
+    """A worker says what it does, and what the last coordinator had decided."""
+
+    worker: str
+    told: Told
+
+
+class OrderAnswered(_Fact, frozen=True):
+    """A worker took an order, or says why not."""
+
+    worker: str
+    answer: OrderAnswer
+
+
+class CheckpointHeard(_Fact, frozen=True):
+    """Another coordinator published its checkpoint."""
+
+    checkpoint: Checkpoint
+
+
+class LinkLost(_Fact, frozen=True):
+    """Our own link is down: nothing is decided until it is back."""
+
+
+class LinkBack(_Fact, frozen=True):
+    """Our own link is back."""
+
+
+class CommandArrived(_Fact, frozen=True):
+    """A person says where the robot is, or to search everywhere."""
+
+    command: SetPose | Relocalize
+
+
+class TimePassed(_Fact, frozen=True):
+    """Nothing but time."""
+
+
+Event: TypeAlias = (
+    ScanArrived
+    | HistoryArrived
+    | OdometryArrived
+    | ReportArrived
+    | WorkerJoined
+    | WorkerLeft
+    | WorkerReturned
+    | WorkerToldState
+    | OrderAnswered
+    | CheckpointHeard
+    | LinkLost
+    | LinkBack
+    | CommandArrived
+    | TimePassed
+)
