@@ -71,8 +71,9 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
     if settings.router.startswith("tls/"):
         if not settings.tls_certificate:
             raise SettingsError(
-                f"zenoh.router = {settings.router!r}: a router there needs a certificate: set "
-                f"zenoh.tls_certificate and zenoh.tls_private_key"
+                key="zenoh.tls_certificate",
+                problem=f"zenoh.router = {settings.router!r}: a router there needs a certificate: "
+                f"set zenoh.tls_certificate and zenoh.tls_private_key",
             )
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
@@ -107,7 +108,8 @@ def as_zenoh(configuration: Configuration) -> zenoh.Config:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
             what = "robot.name" if key == "namespace" else f"Zenoh's {key}"
-            raise SettingsError(f"{what} = {json.dumps(value)}: {readable(error)}") from error
+            problem = f"{what} = {json.dumps(value)}: {readable(error)}"
+            raise SettingsError(key=what, problem=problem) from error
     return config
 
 
@@ -141,7 +143,9 @@ def check_endpoint(endpoint: str) -> None:
     else:
         problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
     if problem:
-        raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
+        raise SettingsError(
+            key="zenoh.router", problem=f"zenoh.router = {endpoint!r} is not an endpoint: {problem}"
+        )
 
 
 def _transport() -> Configuration:

@@ -45,7 +45,8 @@ def secure_router_configuration(
     """
     check_endpoint(endpoint)
     if not endpoint.startswith("tls/"):
-        raise SettingsError(f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT")
+        problem = f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT"
+        raise SettingsError(key="--listen", problem=problem)
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [endpoint]}
