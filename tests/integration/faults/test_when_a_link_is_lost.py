@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: a tracking worker dies (cable). A partition costs the steps it lasted."""
+"""docs/failures.md: a tracking worker dies (cable). A partition costs the steps it lasted."""
 
 import time
 from collections.abc import Iterator
