@@ -31,12 +31,13 @@ def written_output() -> Iterator[None]:
         try:
             yield
         finally:
-            if sys.stdout is not None:  # closed by who started us
+            if sys.stdout is not None:  # it is None where who started us has closed it
                 sys.stdout.flush()
     except OSError as error:
         if error.errno not in _DISK_ERRORS:
             raise
-        _discard_the_rest()
+        if sys.stdout is not None:
+            _discard_the_rest()
         raise OutputLostError(problem=error.strerror or str(error)) from error
 
 

@@ -51,7 +51,8 @@ def _connect(
     settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
     configuration = client_configuration(settings, robot)
-    deadline_s = time.monotonic() + wait_s if wait_s is not None else float("inf")
+    started_s = time.monotonic()
+    deadline_s = started_s + wait_s if wait_s is not None else float("inf")
     said = ""
     while True:
         stop.check()
@@ -66,7 +67,7 @@ def _connect(
                 raise UnreachableError(
                     who="router",
                     endpoint=settings.router,
-                    waited_s=wait_s or 0.0,
+                    waited_s=time.monotonic() - started_s,
                     problem=refusal
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'python -I -m zenoh_link.router', "
