@@ -58,9 +58,10 @@ def _connect(
         stop.check()
         left_ms = (deadline_s - time.monotonic()) * 1000.0
         configuration["connect"]["timeout_ms"] = int(max(1.0, min(CONNECT_TRY_MS, left_ms)))
+        config = as_zenoh(configuration)
         try:
             with receiving_threads(CLIENT):
-                return zenoh.open(as_zenoh(configuration))
+                return zenoh.open(config)
         except zenoh.ZError as error:
             refusal = _refusal(settings)
             if time.monotonic() >= deadline_s:
