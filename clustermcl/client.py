@@ -41,6 +41,10 @@ _SENDER = "client"
 class CommandRefusedError(ClusterMclError):
     """The system understood a command and will not carry it out."""
 
+    def __init__(self, *, command: str, problem: str) -> None:
+        self.command, self.problem = command, problem
+        super().__init__(problem)
+
 
 class Client:
     """A connection to the system of one robot; use it in a ``with`` block.
@@ -177,12 +181,12 @@ class Client:
     def _tell(self, key: str, command: SetPose | Relocalize | Kidnap) -> None:
         done = self._ask(key, CommandDone, command)
         if done.problem:
-            raise CommandRefusedError(done.problem)
+            raise CommandRefusedError(command=key, problem=done.problem)
 
     def _ask(self, key: str, answer: type[A], message: Message | None = None) -> A:
         """Ask until answered: just after a link came up, a query may find nobody."""
         settings = self._settings.zenoh
-        now_s = time.monotonic()
+        asked_s = now_s = time.monotonic()
         deadline_s = max(self._deadline_s, now_s + settings.query_timeout_s)
         while True:
             timeout_s = min(settings.query_timeout_s, max(deadline_s - now_s, _PAUSE_S))
@@ -191,19 +195,22 @@ class Client:
             except UnreachableError as error:
                 now_s = time.monotonic()
                 if now_s + _PAUSE_S >= deadline_s:
-                    raise self._nobody(key, error) from error
+                    raise self._nobody(key, now_s - asked_s, error) from error
             self._stop.wait(_PAUSE_S)
             self._stop.check()
             now_s = time.monotonic()
 
-    def _nobody(self, key: str, error: UnreachableError) -> UnreachableError:
+    def _nobody(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
         who = "simulator" if key == keys.KIDNAP else "coordinator"
         router = self._settings.zenoh.router
         denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(
-            f"no {who} of robot {self._settings.robot.name!r} answers at "
+            who=who,
+            endpoint=router,
+            waited_s=waited_s,
+            problem=f"no {who} of robot {self._settings.robot.name!r} answers at "
             f"{router} ({error}): start one with 'clustermcl up', or set robot.name or "
-            f"zenoh.router{denied if router.startswith('tls/') else ''}"
+            f"zenoh.router{denied if router.startswith('tls/') else ''}",
         )
 
 

@@ -14,6 +14,7 @@ import typer
 from evaluation.experiments.command import experiments
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
+from process_runtime.output import written_output
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError
@@ -46,11 +47,11 @@ def main() -> None:
     """Run the command; errors that a person can mend are one line and exit code 2."""
     configure_logging("clustermcl", "warning")
     try:
-        app()
+        with written_output():
+            app()
     except StoppedError:
         sys.exit(EXIT_INTERRUPTED)
     except ClusterMclError as error:
-        sys.stdout.flush()
         sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
         sys.exit(EXIT_ERROR)
     except BrokenPipeError:  # the reader of a pipe has seen enough

@@ -47,6 +47,10 @@ _POLL_S = 0.05
 class StalledError(ClusterMclError):
     """The processes run but nothing comes of it."""
 
+    def __init__(self, *, silent_s: float) -> None:
+        self.silent_s = silent_s
+        super().__init__(f"no belief has come for {silent_s:.0f} s")
+
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
@@ -122,7 +126,8 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     settings = msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)
     if simulated:
         if options.reference is not None:
-            raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
+            problem = "--reference: a simulated robot knows where it is; leave it out"
+            raise SettingsError(key="--reference", problem=problem)
         simulated_world(source)
         if options.map_file:
             load_map(options.map_file)
@@ -130,9 +135,11 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
         title = f"simulated robot in {source.removeprefix(PREFIX)}"
         return _Show(settings, title, steps, True, options.steps is None, None)
     if options.steps is not None:
-        raise SettingsError("--steps: only for a simulated robot; a recording has its own end")
+        problem = "--steps: only for a simulated robot; a recording has its own end"
+        raise SettingsError(key="--steps", problem=problem)
     if not map_file:
-        raise SettingsError("--map is missing: a recording needs the map it was made in")
+        problem = "--map is missing: a recording needs the map it was made in"
+        raise SettingsError(key="--map", problem=problem)
     load_map(map_file)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(source, settings.bridge)
@@ -202,7 +209,7 @@ class _Audience:
             if self._hear():
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _SILENCE_S:
-                raise StalledError(f"no belief has come for {_SILENCE_S:.0f} s")
+                raise StalledError(silent_s=_SILENCE_S)
         return self._summary
 
     def truth_of(self, belief: Belief) -> PoseTuple | None:

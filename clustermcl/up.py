@@ -48,7 +48,8 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
         simulated_world(bridge.source)
         return
     if not bridge.map:
-        raise SettingsError("bridge.map is empty: name the map file there, or by --set bridge.map=")
+        problem = "bridge.map is empty: name the map file there, or by --set bridge.map="
+        raise SettingsError(key="bridge.map", problem=problem)
     load_map(bridge.map)
     if bridge.source != LIVE_SOURCE:
         open_recording(bridge.source, bridge)

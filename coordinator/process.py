@@ -64,9 +64,11 @@ def run_coordinator(invocation: Invocation) -> None:
             if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
                 if not may_wait:
                     raise AlreadyRunningError(
-                        f"robot {settings.robot.name!r} has a coordinator already at "
-                        f"{settings.zenoh.router}: stop it, start this one with --standby, "
-                        f"or choose another robot.name"
+                        what="a coordinator",
+                        robot=settings.robot.name,
+                        endpoint=settings.zenoh.router,
+                        advice="stop it, start this one with --standby, "
+                        "or choose another robot.name",
                     )
                 standby = StandbyLoop(session, settings.coordinator.take_over_after_s)
                 if not standby.run(stop):

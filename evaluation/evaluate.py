@@ -29,6 +29,10 @@ from protocol.errors import ClusterMclError, InputFileError, SettingsError
 class RunFailedError(ClusterMclError):
     """A run came to no end."""
 
+    def __init__(self, *, seed: int, problem: str) -> None:
+        self.seed, self.problem = seed, problem
+        super().__init__(f"seed {seed}: {problem}")
+
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     """Run all seeds, print a table, and write the JSON where one is asked for.
@@ -51,13 +55,17 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
 def _refuse_what_does_not_fit(options: EvaluateOptions) -> None:
     if options.algorithm not in ALGORITHMS:
         known = " or ".join(ALGORITHMS)
-        raise SettingsError(f"--algorithm {options.algorithm}: there is {known}")
+        problem = f"--algorithm {options.algorithm}: there is {known}"
+        raise SettingsError(key="--algorithm", problem=problem)
     if options.simulated and options.reference:
-        raise SettingsError("--reference: a simulated robot knows where it is; leave it out")
+        problem = "--reference: a simulated robot knows where it is; leave it out"
+        raise SettingsError(key="--reference", problem=problem)
     if not options.simulated and not options.map_file:
-        raise SettingsError("--map is missing: a recording needs the map it was made in")
+        problem = "--map is missing: a recording needs the map it was made in"
+        raise SettingsError(key="--map", problem=problem)
     if not options.simulated and options.kidnap_at is not None:
-        raise SettingsError("--kidnap-at: only a simulated robot can be kidnapped")
+        problem = "--kidnap-at: only a simulated robot can be kidnapped"
+        raise SettingsError(key="--kidnap-at", problem=problem)
     if options.json_file is not None and not options.json_file.parent.is_dir():
         raise InputFileError(options.json_file, "its folder does not exist")
 
@@ -75,7 +83,7 @@ def _all_results(runs: Sequence[Run], steps: int, jobs: int | None) -> list[dict
                 case Done(piece=piece, result=result):
                     done[piece] = result
                 case Failed(piece=piece, problem=problem):
-                    raise RunFailedError(f"seed {runs[piece].settings.seed}: {problem}")
+                    raise RunFailedError(seed=runs[piece].settings.seed, problem=problem)
     stop.check()
     return [done[piece] for piece in range(len(runs))]
 

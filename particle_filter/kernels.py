@@ -4,9 +4,21 @@ Kept apart from the array types so that processes without mathematics never impo
 `NUMBA_DISABLE_JIT=1` runs every kernel as plain Python.
 """
 
+import pickle
+from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 from particle_filter.arrays import F
+
+_CACHE_ERRORS = (OSError, EOFError, pickle.UnpicklingError)
+"""What a full disk raises, and a file that a power cut has cut off."""
+
+cache_problems: list[str] = []
+"""Why machine code cannot be kept on disk or read from there; empty where it can.
+
+Kernels work all the same. The process says it, for nothing here speaks to a person.
+"""
 
 
 def kernel(function: F) -> F:
@@ -17,9 +29,30 @@ def kernel(function: F) -> F:
     """
     from numba import njit  # noqa: PLC0415 - heavy; only processes that compute pay for it
 
-    compiled = njit(cache=True, error_model="numpy", boundscheck=False)(function)
-    _stamp_with_callees(compiled, function)
+    compile_lazily = partial(njit, error_model="numpy", boundscheck=False)
+    try:
+        compiled = compile_lazily(cache=True)(function)
+    except RuntimeError:  # numba's, at once, when it finds no place for its files
+        cache_problems.append("no folder for them can be written")
+        return cast(F, compile_lazily()(function))
+    if hasattr(compiled, "_cache"):  # it is not plain Python
+        _stamp_with_callees(compiled, function)
+        for method in ("load_overload", "save_overload"):
+            setattr(compiled._cache, method, _forgiving(getattr(compiled._cache, method)))
     return cast(F, compiled)
+
+
+def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Do without the disk where it fails: what is not loaded is compiled."""
+
+    def forgiving(*arguments: Any) -> Any:
+        try:
+            return method(*arguments)
+        except _CACHE_ERRORS as error:
+            cache_problems.append(str(error))
+            return None
+
+    return forgiving
 
 
 def _stamp_with_callees(compiled: Any, function: Any) -> None:

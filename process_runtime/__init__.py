@@ -1,1 +1,1 @@
-"""What every process needs: Zenoh session, inbox, settings, log, shutdown."""
+"""What every process needs: settings, log, shutdown, children. No Zenoh in it."""

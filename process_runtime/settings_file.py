@@ -97,7 +97,8 @@ def _parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))
         if not equals or not name:
-            raise SettingsError(f"{_COMMAND_LINE} {assignment!r}: write section.key=value")
+            problem = f"{_COMMAND_LINE} {assignment!r}: write section.key=value"
+            raise SettingsError(key=_COMMAND_LINE, problem=problem)
         _check_known(name, _COMMAND_LINE)
         values[name] = _parse_value(_canonical(name), text)
     return values
@@ -120,7 +121,8 @@ def _without_aliases(values: Mapping[str, Any], where: str) -> dict[str, Any]:
     for name, value in values.items():
         setting = _canonical(name)
         if setting in renamed or (setting != name and setting in values):
-            raise SettingsError(f"{where}: {name} and {setting} are the same setting: give one")
+            problem = f"{name} and {setting} are the same setting: give one"
+            raise SettingsError(key=setting, problem=problem, where=where)
         if setting != name:
             _check(TABLE[setting], value, where, name)
             renamed[setting] = math.sqrt(value)
@@ -135,17 +137,20 @@ def _canonical(name: str) -> str:
 
 def _check_section(name: str, where: str) -> None:
     if name not in _SECTIONS:
-        raise SettingsError(f"{where}: unknown section [{name}]{_hint(name, _SECTIONS)}")
+        problem = f"unknown section [{name}]{_hint(name, _SECTIONS)}"
+        raise SettingsError(key=name, problem=problem, where=where)
 
 
 def _check_known(name: str, where: str) -> None:
     if _canonical(name) in TABLE:
         return
     if name in _SECTIONS:
-        raise SettingsError(f"{where}: {name} is a section: give {name}.KEY")
+        problem = f"{name} is a section: give {name}.KEY"
+        raise SettingsError(key=name, problem=problem, where=where)
     known = [*TABLE, *_NAV2_ALIASES]
     elsewhere = [setting for setting in known if setting.endswith(f".{name.rpartition('.')[2]}")]
-    raise SettingsError(f"{where}: unknown setting {name}{_hint(name, elsewhere or known)}")
+    problem = f"unknown setting {name}{_hint(name, elsewhere or known)}"
+    raise SettingsError(key=name, problem=problem, where=where)
 
 
 def _hint(name: str, known: Sequence[str]) -> str:
@@ -161,9 +166,8 @@ def _check(setting: SettingInfo, value: object, where: str, name: str | None = N
     except msgspec.ValidationError:
         fits = False
     if not fits:
-        raise SettingsError(
-            f"{where}: {name or setting.name} = {_shown(value)}: expected {setting.expected}"
-        )
+        problem = f"{name or setting.name} = {_shown(value)}: expected {setting.expected}"
+        raise SettingsError(key=setting.name, problem=problem, where=where)
 
 
 def _shown(value: object) -> str:

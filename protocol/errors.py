@@ -33,7 +33,17 @@ class ReferenceFileError(InputFileError):
 
 
 class SettingsError(ClusterMclError):
-    """A setting is unknown, of the wrong type, or out of its range."""
+    """A setting or an option is unknown, of the wrong type, out of its range, or cannot be used.
+
+    Args:
+        key: the setting, such as ``bridge.map``, or the option, such as ``--map``.
+        problem: a sentence that names it.
+        where: the file, or ``--set``; None where that is not known.
+    """
+
+    def __init__(self, *, key: str, problem: str, where: str | None = None) -> None:
+        self.key, self.problem, self.where = key, problem, where
+        super().__init__(problem if where is None else f"{where}: {problem}")
 
 
 class ProtocolError(ClusterMclError):
@@ -79,11 +89,38 @@ class OldTermError(ProtocolError):
 
 
 class UnreachableError(ClusterMclError):
-    """No router, or nobody behind it, answered in time."""
+    """No router, or nobody behind it, answered in time.
+
+    Args:
+        who: the router, a process, or the key that was asked.
+        problem: a sentence that names it.
+        waited_s: how long an answer was waited for [s].
+        endpoint: the router's; None where it is not known.
+    """
+
+    def __init__(
+        self, *, who: str, problem: str, waited_s: float, endpoint: str | None = None
+    ) -> None:
+        self.who, self.problem, self.waited_s, self.endpoint = who, problem, waited_s, endpoint
+        super().__init__(problem)
 
 
 class AlreadyRunningError(ClusterMclError):
-    """A second coordinator or bridge was started for the same robot."""
+    """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
+
+    Args:
+        what: what is there already, such as ``a coordinator``.
+        endpoint: the router's.
+        advice: what a person can do.
+        robot: whose it is; None for what listens at the endpoint itself.
+    """
+
+    def __init__(self, *, what: str, endpoint: str, advice: str, robot: str | None = None) -> None:
+        self.what, self.endpoint, self.advice, self.robot = what, endpoint, advice, robot
+        taken = f"{endpoint} is in use: {what} listens there already; "
+        if robot is not None:
+            taken = f"robot {robot!r} has {what} already at {endpoint}: "
+        super().__init__(taken + advice)
 
 
 def printable(text: str, at_most: int = 200) -> str:

@@ -68,10 +68,13 @@ def run_bridge(invocation: Invocation) -> None:
     settings, arguments = invocation.settings.bridge, invocation.arguments
     map_file, source_name = arguments.map or settings.map, arguments.source or settings.source
     if not map_file:
-        raise SettingsError("bridge.map is empty: name the map file there, or by --map")
+        raise SettingsError(
+            key="bridge.map", problem="bridge.map is empty: name the map file there, or by --map"
+        )
     if source_name.startswith("sim:"):
         raise SettingsError(
-            f"{source_name} is a simulation: start 'python -I -m robot_simulator' instead"
+            key="bridge.source",
+            problem=f"{source_name} is a simulation: start 'python -I -m robot_simulator' instead",
         )
     grid_map = load_map(map_file)
     source = None if source_name == LIVE_SOURCE else RecordedSource(source_name, settings)
@@ -99,8 +102,10 @@ def serve_robot(
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
             raise AlreadyRunningError(
-                f"robot {settings.robot.name!r} has a sensor bridge already at "
-                f"{settings.zenoh.router}: stop it, or choose another robot.name"
+                what="a sensor bridge",
+                robot=settings.robot.name,
+                endpoint=settings.zenoh.router,
+                advice="stop it, or choose another robot.name",
             )
         loop = BridgeLoop(
             invocation.process, session, settings.bridge, grid_map, source, extend(session)

@@ -66,7 +66,9 @@ def soak(
         import psutil  # noqa: F401, PLC0415 - asked for before anything else is imported
     except ModuleNotFoundError as error:
         raise SettingsError(
-            "the soak test needs psutil, which is not installed: pip install 'clustermcl[soak]'"
+            key="soak",
+            problem="the soak test needs psutil, which is not installed: "
+            "pip install 'clustermcl[soak]'",
         ) from error
     # What follows takes a second to import; other commands do without.
     from rich.console import Console  # noqa: PLC0415 - see above
@@ -80,7 +82,8 @@ def soak(
 
     if unknown := set(only or ()) - set(Kind):
         known = ", ".join(Kind)
-        raise SettingsError(f"--only {unknown.pop()!r} is no fault; known are: {known}")
+        problem = f"--only {unknown.pop()!r} is no fault; known are: {known}"
+        raise SettingsError(key="--only", problem=problem)
     options = SoakOptions(
         minutes=minutes,
         robots=robots,

@@ -36,6 +36,13 @@ _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 class NotReadyError(ClusterMclError):
     """The processes run, but a robot does not find its first places."""
 
+    def __init__(self, *, robots: Sequence[str], waited_s: float) -> None:
+        self.robots, self.waited_s = tuple(robots), waited_s
+        super().__init__(
+            f"{', '.join(robots)}: no places found within {waited_s:.0f} s; "
+            "their logs say why: --logs DIR keeps them"
+        )
+
 
 class Soak:
     """The processes, what is heard of them, and what is done to them."""
@@ -112,10 +119,7 @@ class Soak:
             self._turn()
             if time.monotonic() > deadline_s:
                 waiting = [name for name, o in self._checks.items() if not o.ready]
-                raise NotReadyError(
-                    f"{', '.join(waiting)}: no places found within {allowed_s:.0f} s; "
-                    "their logs say why: --logs DIR keeps them"
-                )
+                raise NotReadyError(robots=waiting, waited_s=allowed_s)
             self._stop.wait(_TURN_S)
             self._progress.starting(
                 sum(observer.ready for observer in self._checks.values()), len(self._robots)

@@ -38,8 +38,9 @@ def run_soak(
     places = PLACES if options.rooms else None
     if places is not None and settings.belief.clusters < places:
         raise SettingsError(
-            f"belief.clusters = {settings.belief.clusters}: eight rooms alike need {places}; "
-            "or choose another --world"
+            key="belief.clusters",
+            problem=f"belief.clusters = {settings.belief.clusters}: eight rooms alike need "
+            f"{places}; or choose another --world",
         )
     with temporary_folder() as folder, temporary_files_in(folder) as left:
         robots = robots_settings(_kept_in(folder, settings), options.robots)

@@ -24,7 +24,7 @@ CACHE_VERSION = 4
 """Raise it when the same map and settings give another field."""
 
 _FILES = ("codes.npy", "cells.npy", "jumps.npy", "scale.npy")
-_SUMS = "crc32.json"
+_SUMS, _PART = "crc32.json", ".part"
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
@@ -70,11 +70,14 @@ def sensor_model(
 def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
     """Let one process of the machine compute, and the others wait for what it writes.
 
-    Twelve at once would take twelve times the memory and, on two cores, six times as long.
+    Twelve at once would take twelve times the memory and, on two cores, six times as long. Parts
+    that are there now were left by one that was killed.
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
     with (cache_folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # given back when the file is closed, however
+        for left in cache_folder.glob(f"*{_PART}"):
+            shutil.rmtree(left, ignore_errors=True)
         yield
 
 
@@ -97,8 +100,15 @@ def _name(grid_map: GridMap, settings: SensorSettings) -> str:
 
 def _write(entry: Path, model: SensorModel) -> None:
     """Write all arrays into a folder that appears under its name complete or not at all."""
-    entry.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=".part"))
+    part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
+    try:
+        _write_arrays(part, model)
+        part.rename(entry)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)  # the disk was full; else it has its name
+
+
+def _write_arrays(part: Path, model: SensorModel) -> None:
     field = model.field
     np.save(part / "codes.npy", field.codes)
     np.save(part / "cells.npy", field.cells)
@@ -106,10 +116,6 @@ def _write(entry: Path, model: SensorModel) -> None:
     np.save(part / "scale.npy", np.array([field.log_floor, field.log_step]))
     sums = {name: _checksum(part / name) for name in _FILES}
     (part / _SUMS).write_bytes(msgspec.json.encode(sums))
-    try:
-        part.rename(entry)
-    except OSError:  # another worker was first
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def _checksum(path: Path) -> int:

@@ -1,7 +1,10 @@
 """Kernels compiled, or read from their disk cache, before workers are forked."""
 
+import logging
+
 import numpy as np
 
+from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.ray_casting import jump_field
@@ -11,6 +14,8 @@ from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
 from protocol.work import Assignment, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
+
+_log = logging.getLogger(__name__)
 
 
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
@@ -47,6 +52,12 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     running(Assignment(job_id="c", epoch=0, job=track), model, small, sender="warm-up").advance(
         _scan(3, rng)
     )
+    if kernels.cache_problems:
+        _log.warning(
+            "compiled kernels cannot be kept on disk: %s; every start compiles for some "
+            "seconds, unless NUMBA_CACHE_DIR names a folder that can be written",
+            kernels.cache_problems[0],
+        )
 
 
 def _scan(step: int, rng: np.random.Generator) -> Scan:

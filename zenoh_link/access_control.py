@@ -179,13 +179,16 @@ def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, An
 def _check(robots: Sequence[str], workers: Sequence[str]) -> None:
     for name in (*robots, *workers):
         if not _NAME.fullmatch(name):
-            raise SettingsError(f"{name!r} is no name: use letters, digits, _ and single -")
+            problem = f"{name!r} is no name: use letters, digits, _ and single -"
+            raise SettingsError(key="--robot" if name in robots else "--worker", problem=problem)
     for name in workers:
         if name != WORKER and not name.startswith(f"{WORKER}-"):
-            raise SettingsError(f"worker {name!r}: call it worker or worker-NAME")
+            problem = f"worker {name!r}: call it worker or worker-NAME"
+            raise SettingsError(key="--worker", problem=problem)
         for other in workers:
             if other.startswith(f"{name}-"):
                 raise SettingsError(
-                    f"{name!r} would cover the processes of {other!r}, as {other}-0: "
-                    f"give all of them names of one kind, such as worker-a and worker-b"
+                    key="--worker",
+                    problem=f"{name!r} would cover the processes of {other!r}, as {other}-0: "
+                    f"give all of them names of one kind, such as worker-a and worker-b",
                 )

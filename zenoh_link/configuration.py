@@ -25,7 +25,8 @@ _MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
 _WAIT_BEFORE_CLOSE_US = 300_000
 _QUEUED_BATCHES = 16
 """Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
-_SOCKET_PATH_MAX_BYTES = 107
+SOCKET_PATH_MAX_BYTES = 107
+"""Of a Unix socket, on Linux."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
 Configuration = dict[str, Any]
@@ -71,8 +72,9 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
     if settings.router.startswith("tls/"):
         if not settings.tls_certificate:
             raise SettingsError(
-                f"zenoh.router = {settings.router!r}: a router there needs a certificate: set "
-                f"zenoh.tls_certificate and zenoh.tls_private_key"
+                key="zenoh.tls_certificate",
+                problem=f"zenoh.router = {settings.router!r}: a router there needs a certificate: "
+                f"set zenoh.tls_certificate and zenoh.tls_private_key",
             )
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
@@ -107,7 +109,8 @@ def as_zenoh(configuration: Configuration) -> zenoh.Config:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
             what = "robot.name" if key == "namespace" else f"Zenoh's {key}"
-            raise SettingsError(f"{what} = {json.dumps(value)}: {readable(error)}") from error
+            problem = f"{what} = {json.dumps(value)}: {readable(error)}"
+            raise SettingsError(key=what, problem=problem) from error
     return config
 
 
@@ -136,12 +139,14 @@ def check_endpoint(endpoint: str) -> None:
     elif protocol == "unixsock-stream":
         if not address.startswith("/"):
             problem = "write unixsock-stream/ and an absolute path, so two slashes"
-        elif len(os.fsencode(address)) > _SOCKET_PATH_MAX_BYTES:
-            problem = f"a socket's path has at most {_SOCKET_PATH_MAX_BYTES} bytes"
+        elif len(os.fsencode(address)) > SOCKET_PATH_MAX_BYTES:
+            problem = f"a socket's path has at most {SOCKET_PATH_MAX_BYTES} bytes"
     else:
         problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
     if problem:
-        raise SettingsError(f"zenoh.router = {endpoint!r} is not an endpoint: {problem}")
+        raise SettingsError(
+            key="zenoh.router", problem=f"zenoh.router = {endpoint!r} is not an endpoint: {problem}"
+        )
 
 
 def _transport() -> Configuration:

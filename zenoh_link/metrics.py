@@ -38,8 +38,9 @@ def metrics_served(settings: MetricsSettings, session: zenoh.Session) -> Iterato
         return
     if find_spec("prometheus_client") is None:
         raise SettingsError(
-            f"metrics.port = {settings.port} needs the library prometheus-client: "
-            f"pip install 'clustermcl[metrics]'"
+            key="metrics.port",
+            problem=f"metrics.port = {settings.port} needs the library prometheus-client: "
+            f"pip install 'clustermcl[metrics]'",
         )
     stop = threading.Event()
     server = threading.Thread(

@@ -18,6 +18,7 @@ from process_runtime.memory import give_back_freed_memory
 from process_runtime.settings import ZenohSettings
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
+from zenoh_link.threads import ROUTER, receiving_threads
 
 _log = logging.getLogger(__name__)
 
@@ -74,15 +75,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
     try:
-        return zenoh.open(config)
+        with receiving_threads(ROUTER):
+            return zenoh.open(config)
     except zenoh.ZError as error:
         problem = readable(error)
         if any(phrase in problem for phrase in _IN_USE):
             raise AlreadyRunningError(
-                f"{endpoints} is in use: a router or another program listens there already; "
-                f"stop it or set zenoh.router"
+                what="a router or another program",
+                endpoint=endpoints,
+                advice="stop it or set zenoh.router",
             ) from error
-        raise SettingsError(f"cannot listen at {endpoints}: {problem}") from error
+        raise SettingsError(
+            key="zenoh.router", problem=f"cannot listen at {endpoints}: {problem}"
+        ) from error
 
 
 def _read(file: Path) -> zenoh.Config:

@@ -13,6 +13,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from process_runtime.main import outermost
+from process_runtime.output import written_output
 from process_runtime.settings import ZenohSettings
 from protocol.errors import SettingsError
 from zenoh_link.access_control import WORKER, access_control
@@ -45,7 +46,8 @@ def secure_router_configuration(
     """
     check_endpoint(endpoint)
     if not endpoint.startswith("tls/"):
-        raise SettingsError(f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT")
+        problem = f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT"
+        raise SettingsError(key="--listen", problem=problem)
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [endpoint]}
@@ -97,7 +99,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         configuration = secure_router_configuration(
             given.listen, given.certificates, given.robot, given.worker or [WORKER]
         )
-        sys.stdout.write(as_commented_json5(configuration, words))
+        with written_output():
+            sys.stdout.write(as_commented_json5(configuration, words))
 
     return outermost("secure_router", write)
 

@@ -1,7 +1,6 @@
 """Opening Zenoh: wait for the router without becoming deaf to Ctrl-C, close on the way out."""
 
 import logging
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,14 +11,11 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import UnreachableError
 from zenoh_link.configuration import CONNECT_TRY_MS, as_zenoh, client_configuration
+from zenoh_link.threads import CLIENT, receiving_threads
 
 _log = logging.getLogger(__name__)
 
 _PAUSE_S = 0.2
-
-_THREADS = "(rx: (worker_threads: 1))"
-"""Of Zenoh, for receiving: a client has one link, and a second thread would be woken for nothing
-by each message."""
 
 
 @contextmanager
@@ -54,25 +50,30 @@ def open_session(
 def _connect(
     settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
-    os.environ.setdefault("ZENOH_RUNTIME", _THREADS)  # read when a process first opens Zenoh
     configuration = client_configuration(settings, robot)
-    deadline_s = time.monotonic() + wait_s if wait_s is not None else float("inf")
+    started_s = time.monotonic()
+    deadline_s = started_s + wait_s if wait_s is not None else float("inf")
     said = ""
     while True:
         stop.check()
         left_ms = (deadline_s - time.monotonic()) * 1000.0
         configuration["connect"]["timeout_ms"] = int(max(1.0, min(CONNECT_TRY_MS, left_ms)))
+        config = as_zenoh(configuration)
         try:
-            return zenoh.open(as_zenoh(configuration))
+            with receiving_threads(CLIENT):
+                return zenoh.open(config)
         except zenoh.ZError as error:
             refusal = _refusal(settings)
             if time.monotonic() >= deadline_s:
-                problem = (
-                    f"no router at {settings.router} within {wait_s:g} s: start one with "
+                raise UnreachableError(
+                    who="router",
+                    endpoint=settings.router,
+                    waited_s=time.monotonic() - started_s,
+                    problem=refusal
+                    or f"no router at {settings.router} within {wait_s:g} s: start one with "
                     f"'clustermcl up' or 'python -I -m zenoh_link.router', "
-                    f"or set zenoh.router"
-                )
-                raise UnreachableError(refusal or problem) from error
+                    f"or set zenoh.router",
+                ) from error
             said = _say_once(refusal or f"waiting for a router at {settings.router}", said)
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))
 

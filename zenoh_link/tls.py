@@ -41,7 +41,8 @@ def check_files(settings: ZenohSettings) -> None:
     certificate, key = settings.tls_certificate, settings.tls_private_key
     if bool(certificate) != bool(key):
         given, missing = ("tls_certificate", "tls_private_key")[:: 1 if certificate else -1]
-        raise SettingsError(f"zenoh.{given} is set and zenoh.{missing} is not: give both")
+        problem = f"zenoh.{given} is set and zenoh.{missing} is not: give both"
+        raise SettingsError(key=f"zenoh.{missing}", problem=problem)
     _context(settings)
 
 
@@ -80,16 +81,17 @@ def _named(settings: ZenohSettings) -> str:
 
 
 def _check_readable(name: str, file: str) -> None:
+    key, given = f"zenoh.{name}", f"zenoh.{name} = {file!r}"
     try:
         text = Path(file).read_text(encoding="ascii", errors="replace")
     except FileNotFoundError as error:
-        raise SettingsError(f"zenoh.{name} = {file!r}: no such file") from error
+        raise SettingsError(key=key, problem=f"{given}: no such file") from error
     except OSError as error:
-        raise SettingsError(f"zenoh.{name} = {file!r}: {error.strerror}") from error
+        raise SettingsError(key=key, problem=f"{given}: {error.strerror}") from error
     kind = "PRIVATE KEY" if name == "tls_private_key" else "CERTIFICATE"
     if not re.search(rf"-----BEGIN [A-Z ]*{kind}-----", text):
         article = "private key" if kind == "PRIVATE KEY" else "certificate"
-        raise SettingsError(f"zenoh.{name} = {file!r}: there is no {article} in it (PEM)")
+        raise SettingsError(key=key, problem=f"{given}: there is no {article} in it (PEM)")
 
 
 def _context(settings: ZenohSettings) -> ssl.SSLContext:
@@ -99,7 +101,8 @@ def _context(settings: ZenohSettings) -> ssl.SSLContext:
         context = ssl.create_default_context(cafile=authority or None)
     except ssl.SSLError as error:
         raise SettingsError(
-            f"zenoh.tls_ca_certificate = {authority!r}: not a certificate: {error.reason}"
+            key="zenoh.tls_ca_certificate",
+            problem=f"zenoh.tls_ca_certificate = {authority!r}: not a certificate: {error.reason}",
         ) from error
     certificate, key = settings.tls_certificate, settings.tls_private_key
     if certificate:
@@ -110,7 +113,8 @@ def _context(settings: ZenohSettings) -> ssl.SSLContext:
             if error.reason == "KEY_VALUES_MISMATCH":
                 problem = "do not fit together: the key is another certificate's"
             raise SettingsError(
-                f"zenoh.tls_certificate = {certificate!r} and "
-                f"zenoh.tls_private_key = {key!r} {problem}"
+                key="zenoh.tls_private_key",
+                problem=f"zenoh.tls_certificate = {certificate!r} and "
+                f"zenoh.tls_private_key = {key!r} {problem}",
             ) from error
     return context

@@ -225,4 +225,4 @@ def ask(
         if reply.err is not None:
             said = reply.err.payload.to_bytes().decode(errors="replace")
             problem = f"no answer on {key!r}: {said}"
-    raise UnreachableError(problem)
+    raise UnreachableError(who=key, problem=problem, waited_s=timeout_s)

@@ -5,6 +5,7 @@ import time
 
 import zenoh
 
+from coordinator.membership.membership import SETTLE_NS
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
@@ -13,8 +14,6 @@ from protocol.work import Checkpoint
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Link, Received, Token, subscribe, watch, watch_link
 
-SETTLE_NS = 100_000_000
-"""Zenoh reports tokens as vanished up to some milliseconds before the link they came by."""
 TICK_S = 0.05
 
 _log = logging.getLogger(__name__)

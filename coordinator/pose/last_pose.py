@@ -10,6 +10,7 @@ import logging
 import math
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
@@ -26,6 +27,9 @@ MAX_FILE_BYTES = 16 * 1024
 FORMAT = 1
 MOVED_BY_HAND = diagonal(0.5, 0.26)
 """While nobody looked, the robot may have been pushed so far: as when a person says where it is."""
+LEFT_AFTER_S = 60.0
+"""Writing a pose takes milliseconds: a part of a file that is older was left behind."""
+_PART = ".part"
 ODOMETRY_STARTS_WITHIN = (0.5, 0.5)
 """Odometry this near to its origin [m], [rad] has probably been set to it."""
 
@@ -107,7 +111,7 @@ def write(folder: Path, robot: str, pose: LastPose) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     target = file_of(folder, robot, pose.map_digest)
     kept = _File(format=FORMAT, sha256=_checksum(pose), last_pose=pose)
-    number, part = tempfile.mkstemp(dir=folder, prefix=target.stem, suffix=".part")
+    number, part = tempfile.mkstemp(dir=folder, prefix=target.stem, suffix=_PART)
     try:
         with os.fdopen(number, "wb") as file:
             file.write(msgspec.json.format(msgspec.json.encode(kept), indent=2) + b"\n")
@@ -118,6 +122,21 @@ def write(folder: Path, robot: str, pose: LastPose) -> None:
         Path(part).unlink(missing_ok=True)
         raise
     _sync_folder(folder)
+
+
+def remove_leftovers(folder: Path, robot: str, now_s: float) -> None:
+    """Remove parts of files that a process left when it was killed while it wrote.
+
+    Args:
+        folder: where last poses are kept.
+        robot: whose.
+        now_s: time of the wall clock [s]; a part that is younger than `LEFT_AFTER_S` may be
+            another coordinator's, at work.
+    """
+    for part in folder.glob(f"last-pose-{quote(robot, safe='')}-*{_PART}"):
+        with suppress(OSError):  # gone already, or a folder that cannot be written
+            if now_s - part.stat().st_mtime > LEFT_AFTER_S:
+                part.unlink()
 
 
 def read_all(folder: Path, robot: str) -> dict[str, LastPose]:

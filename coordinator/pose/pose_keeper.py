@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,6 +52,7 @@ class PoseKeeper:
             thread.join()
 
     def _run(self, folder: Path) -> None:
+        last_pose.remove_leftovers(folder, self._robot, time.time())
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._closed or self._newest is not None)

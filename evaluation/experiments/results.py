@@ -64,6 +64,10 @@ class ExperimentResult(msgspec.Struct, kw_only=True):
 class OutputError(ClusterMclError):
     """A result cannot be written."""
 
+    def __init__(self, *, path: Path, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: cannot be written: {problem}; give another --out")
+
 
 def write_result(result: ExperimentResult, folder: Path) -> Path:
     """Write `NAME.json` into a folder; it appears complete or not at all.
@@ -90,8 +94,7 @@ def write_text(path: Path, text: str) -> Path:
         Path(file.name).chmod(0o644)
         Path(file.name).replace(path)
     except OSError as error:
-        problem = error.strerror or error
-        raise OutputError(f"{path}: cannot be written: {problem}; give another --out") from error
+        raise OutputError(path=path, problem=error.strerror or str(error)) from error
     return path
 
 

@@ -13,6 +13,7 @@ import yaml
 import zenoh
 
 from process_runtime.settings_file import load_settings
+from zenoh_link.threads import ROUTER, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
@@ -48,7 +49,14 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     image = services(PLAIN)["router"]["image"]
     assert image == f"docker.io/eclipse/zenoh:{zenoh_version()}"
     assert services(PLAIN)["router"]["command"] == ["--config", "/etc/clustermcl/router.json5"]
+    assert services(PLAIN)["router"]["environment"][VARIABLE] == ROUTER
     zenoh.Config.from_file(str(DEPLOY / "router.json5"))
+
+
+def test_the_pages_tell_the_official_router_how_many_threads_ours_has() -> None:
+    files = [DEPLOY / "router.json5", DEPLOY / "systemd" / "clustermcl-router.service"]
+    for file in (*files, DEPLOY.parent / "docs" / "operations.md"):
+        assert ROUTER in file.read_text(), file
 
 
 def zenoh_version() -> str:

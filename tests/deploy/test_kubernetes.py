@@ -13,6 +13,7 @@ import pytest
 import yaml
 
 from process_runtime.settings_file import load_settings
+from zenoh_link.threads import ROUTER, VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
 KUSTOMIZATION = yaml.safe_load((FOLDER / "kustomization.yaml").read_text())
@@ -96,6 +97,11 @@ def test_every_pod_runs_a_process_of_ours_or_the_official_router() -> None:
             continue
         assert container["image"] in {image["name"] for image in KUSTOMIZATION["images"]}
         assert importlib.util.find_spec(f"{container['args'][0]}.__main__") is not None
+
+
+def test_the_router_has_more_threads_than_a_machine_has_links() -> None:
+    (container,) = pods()["router"]["containers"]
+    assert {"name": VARIABLE, "value": ROUTER} in container["env"]
 
 
 def test_what_is_mounted_is_there_and_what_is_there_is_mounted() -> None:

@@ -1,5 +1,7 @@
-"""docs/operations.md and docs/security.md: what they name is there, what they print runs."""
+"""The pages of docs: what they name is there, what they print runs, what they list is all."""
 
+import ast
+import importlib.util
 import os
 import re
 import shutil
@@ -21,6 +23,12 @@ REPOSITORY = Path(__file__).parents[2]
 OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
 SECURITY = (REPOSITORY / "docs" / "security.md").read_text()
 PAGES = OPERATIONS + SECURITY
+DOCS = sorted((REPOSITORY / "docs").rglob("*.md"))
+PYTHON = [
+    file.relative_to(REPOSITORY)
+    for file in REPOSITORY.rglob("*.py")
+    if not any(part.startswith(".") for part in file.relative_to(REPOSITORY).parts)
+]
 
 
 def sources() -> Iterator[str]:
@@ -105,6 +113,50 @@ def test_what_the_pages_name_is_there() -> None:
             capture_output=True, check=False,
         )  # fmt: skip
         assert ran.returncode == 0, command
+
+
+@pytest.mark.parametrize("page", DOCS, ids=lambda page: page.stem)
+def test_every_python_file_that_a_page_names_is_there(page: Path) -> None:
+    for name in set(re.findall(r"`([\w/]+\.py)`", page.read_text())):
+        assert any(f"/{file.as_posix()}".endswith(f"/{name}") for file in PYTHON), name
+
+
+def attributes() -> dict[str, set[str]]:
+    """Of every class of the repository: what its body defines."""
+    found: dict[str, set[str]] = {}
+    for file in PYTHON:
+        for node in ast.walk(ast.parse((REPOSITORY / file).read_text())):
+            if isinstance(node, ast.ClassDef):
+                names = {n.name for n in node.body if isinstance(n, ast.FunctionDef)}
+                found.setdefault(node.name, set()).update(names)
+    return found
+
+
+def test_every_method_that_a_page_names_is_there() -> None:
+    known = attributes()
+    text = "".join(page.read_text() for page in DOCS)
+    named = re.findall(r"`(?:[a-z_]+\.)*([A-Z][A-Za-z]+)\.([a-z_]+)`", text)
+    assert len(named) > 2
+    for name, attribute in named:
+        assert attribute in known[name], (name, attribute)
+
+
+def test_the_list_of_modules_is_that_of_the_files() -> None:
+    script = REPOSITORY / "docs" / "list_modules.py"
+    spec = importlib.util.spec_from_file_location(script.stem, script)
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    page = made.PAGE.read_text()
+    assert "| `coordinator.py` |  | " in page
+    assert page == made.renewed(page), "write it anew: python docs/list_modules.py"
+
+
+def test_every_fault_that_is_tested_stands_in_the_table_of_failures() -> None:
+    table = (REPOSITORY / "docs" / "failures.md").read_text()
+    tests = {file.name for file in (REPOSITORY / "tests/integration/faults").glob("test_*.py")}
+    assert set(re.findall(r"`(test_\w+\.py)`", table)) == tests
 
 
 def blocks(page: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: the coordinator dies: a new one carries on with the same belief."""
+"""docs/failures.md: the coordinator dies: a new one carries on with the same belief."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: a tracking worker dies (cable). A partition costs the steps it lasted."""
+"""docs/failures.md: a tracking worker dies (cable). A partition costs the steps it lasted."""
 
 import time
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ import pytest
 from process_runtime.settings import WorkerSettings
 from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
+from tests.integration.faults.asking import asked_all_along
 from tests.integration.faults.other_machine import OtherMachine, free_port, other_machine
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
@@ -32,7 +33,7 @@ def test_a_partition_of_ten_seconds_costs_the_steps_it_lasted_and_nothing_else(
 ) -> None:
     endpoint = f"tcp/{machine.address_here}:{free_port(machine.address_here)}"
     settings = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=3))
-    with system(settings, endpoint=endpoint) as tested:
+    with system(settings, endpoint=endpoint) as tested, asked_all_along(tested) as longest_s:
         file = tested.folder / "settings.toml"
         far = start_process(
             machine.command(
@@ -56,6 +57,7 @@ def test_a_partition_of_ten_seconds_costs_the_steps_it_lasted_and_nothing_else(
         while time.monotonic() < cut_s + 10.0:  # the partition itself
             tested.wait_for_steps(1)
         assert not any(belief.missing for belief in tested.since(step + 8))
+        assert longest_s() < stretched_s(3.0), "this side has its links, and is answered"
         machine.plug_it_in_again()
         plugged_s = time.monotonic()
         wait_until(lambda: set(FAR) <= set(workers_of(tested)))

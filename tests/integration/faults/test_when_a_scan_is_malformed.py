@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: a scan is malformed, empty, all out of range, not finite, from the future.
+"""docs/failures.md: a scan is malformed, empty, all out of range, not finite, from the future.
 
 It is counted by its cause, said once in the log, dropped; the filters do not notice.
 """

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: a tracking worker dies: its cluster goes on elsewhere, untouched.
+"""docs/failures.md: a tracking worker dies: its cluster goes on elsewhere, untouched.
 
 That its particles are bit-identical then, `test_same_beliefs` shows; here it is the time it takes.
 """

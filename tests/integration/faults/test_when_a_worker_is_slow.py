@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: a slow worker is left behind and then replaced; it never slows others."""
+"""docs/failures.md: a slow worker is left behind and then replaced; it never slows others."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: no worker is left: status and pose say so; one that appears takes over."""
+"""docs/failures.md: no worker is left: status and pose say so; one that appears takes over."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: the bridge or the robot's clock stops: the pose has an age and is stale."""
+"""docs/failures.md: the bridge or the robot's clock stops: the pose has an age and is stale."""
 
 import signal
 import time

@@ -1,4 +1,4 @@
-"""DESIGN.md section 4: the map differs between processes: refused, with both digests."""
+"""docs/failures.md: the map differs between processes: refused, with both digests."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""DESIGN.md sections 3 and 4: a restarted router costs the steps it lasted, and nothing else."""
+"""docs/failures.md: a restarted router costs the steps it lasted, and nothing else."""
 
 import time
 

@@ -25,6 +25,24 @@ def test_a_router_says_when_it_listens_and_ends_when_told_to(
     assert process.out == ""
 
 
+def test_a_router_that_a_client_starts_has_more_threads_than_a_machine_has_links(
+    zenoh_settings: ZenohSettings,
+    start_router: Callable[[], RunningProcess],
+    open_client: OpenClient,
+) -> None:
+    first = start_router()
+    open_client()
+    first.kill()
+    Path(zenoh_settings.router.partition("/")[2]).unlink(missing_ok=True)
+    second = start_router()
+
+    def receiving() -> int:
+        names = Path(f"/proc/{second.pid}/task").glob("*/comm")
+        return sum(name.read_text().startswith("rx-") for name in names)
+
+    wait_until(lambda: receiving() == 16)  # the client has come back: they are started with a link
+
+
 def test_a_port_in_use_is_one_line_and_exit_code_2(start_process: StartProcess) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"

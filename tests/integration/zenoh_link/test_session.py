@@ -1,4 +1,5 @@
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from tests.integration.waiting import wait_until
 from zenoh_link.inbox import Inbox
 from zenoh_link.router import open_router
 from zenoh_link.session import open_session
+from zenoh_link.threads import VARIABLE
 from zenoh_link.wire import Events, Link, Unread, watch_link
 
 CLIENT = Path(__file__).parent / "programs" / "client.py"
@@ -180,3 +182,14 @@ def test_messages_nobody_reads_are_kept_as_many_as_asked_and_wake_nobody(
     speaker.put(keys.SCAN, bytes(max_bytes_on(keys.SCAN) + 1))
     wait_until(lambda: not list(unread.drain()) and inbox.dropped() == {"state too large": 1})
     assert inbox.get(0.0) is None
+
+
+@pytest.mark.usefixtures("router")
+def test_a_child_started_later_does_not_have_our_count_of_threads(
+    open_client: OpenClient, start_process: StartProcess
+) -> None:
+    open_client()
+    child = start_process([sys.executable, "-c", "import os; print(dict(os.environ))"])
+    assert child.wait() == 0
+    assert "PATH" in child.out
+    assert VARIABLE not in child.out

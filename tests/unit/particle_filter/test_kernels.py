@@ -2,10 +2,16 @@
 
 import importlib
 import os
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+REPOSITORY = Path(__file__).parents[3]
+compiled = pytest.mark.skipif(
+    os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled"
+)
 
 LIBRARY = """
 from particle_filter.kernels import kernel
@@ -24,7 +30,7 @@ def two() -> float:
 """
 
 
-@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+@compiled
 def test_machine_code_on_disk_is_not_used_when_a_callee_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -41,3 +47,54 @@ def test_machine_code_on_disk_is_not_used_when_a_callee_has_changed(
     for name in (library, program):
         del sys.modules[name]
     assert answers == [2.0, 20.0]
+
+
+SAY = """
+from kernel_alone import one
+from particle_filter.kernels import cache_problems
+print(one(), *cache_problems)
+"""
+
+
+FULL_DISK = """
+import resource, signal
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))  # no file may be longer: as a full disk
+"""
+
+
+def run_kernel(
+    folder: Path, before: str = "", **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Run a kernel in a process of its own; it prints the answer, and what ails the cache."""
+    (folder / "kernel_alone.py").write_text(LIBRARY.format(value=3.0))
+    search = os.pathsep.join([str(REPOSITORY), str(folder)])
+    return subprocess.run(
+        [sys.executable, "-c", before + SAY],
+        env={**os.environ, "PYTHONPATH": search, **environment},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@compiled
+def test_without_a_folder_to_keep_it_in_a_kernel_is_compiled_and_says_why(tmp_path: Path) -> None:
+    # Numba's locator for notebooks finds no place for a file, as none does on a read-only disk.
+    ran = run_kernel(tmp_path, NUMBA_CACHE_LOCATOR_CLASSES="IPythonCacheLocator")
+    assert (ran.stdout, ran.stderr) == ("3.0 no folder for them can be written\n", "")
+
+
+@compiled
+def test_a_disk_that_is_full_costs_only_the_copy_on_it(tmp_path: Path) -> None:
+    ran = run_kernel(tmp_path, FULL_DISK, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert (ran.stdout, ran.stderr) == ("3.0 [Errno 27] File too large\n", "")
+
+
+@compiled
+def test_what_a_power_cut_has_cut_off_is_compiled_anew(tmp_path: Path) -> None:
+    cache = tmp_path / "cache"
+    assert run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache)).stdout == "3.0\n"
+    (index,) = cache.rglob("*.nbi")
+    index.write_bytes(b"")
+    ran = run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache))
+    assert ran.stdout.startswith("3.0 ")
+    assert ran.stderr == ""

@@ -35,7 +35,7 @@ def test_an_error_of_a_persons_making_is_one_line_and_exit_code_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def body(_: Invocation) -> None:
-        raise UnreachableError("no router\nanywhere")
+        raise UnreachableError(who="router", problem="no router\nanywhere", waited_s=0.0)
 
     assert run(body, "--name", "t-1") == 2
     assert capsys.readouterr().err == "t-1: no router anywhere\n"

@@ -1,3 +1,4 @@
+import errno
 import logging
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -103,3 +104,26 @@ def test_of_many_processes_one_computes_and_the_others_read(
     assert len(computed) == 1
     for model in models:
         np.testing.assert_array_equal(model.field.codes, models[0].field.codes)
+
+
+def test_a_full_disk_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(path: Path, _array: object) -> None:
+        path.write_bytes(b"half of i")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(np, "save", full)
+    with caplog.at_level(logging.WARNING):
+        sensor_model(grid_map(), SETTINGS, tmp_path)
+    assert "No space left" in caplog.text
+    assert [left.name for left in tmp_path.iterdir()] == ["lock"]
+
+
+def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path) -> None:
+    left = tmp_path / "tmpabcd.part"
+    left.mkdir()
+    (left / "codes.npy").write_bytes(b"half of i")
+    sensor_model(grid_map(), SETTINGS, tmp_path)
+    assert not left.exists()
+    assert len(list(tmp_path.glob("field-*"))) == 1

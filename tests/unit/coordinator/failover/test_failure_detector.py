@@ -1,6 +1,7 @@
 from coordinator.failover.self_fencing import LISTEN_NS, PAUSE_NS, SelfFencing
-from coordinator.failover.standby import SETTLE_NS, FailureDetector
+from coordinator.failover.standby import FailureDetector
 from coordinator.instructions import FetchScans, SendOrder
+from coordinator.membership.membership import SETTLE_NS
 from protocol.work import WorkOrder
 
 SECOND = 1_000_000_000

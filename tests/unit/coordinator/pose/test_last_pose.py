@@ -1,4 +1,6 @@
+import errno
 import math
+import os
 from pathlib import Path
 
 import msgspec
@@ -87,6 +89,33 @@ def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
         for _ in range(3):
             keeper.offer(POSE)
     assert caplog.text.count("cannot be kept") == 1
+
+
+def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path) -> None:
+    last_pose.write(tmp_path, "robot", POSE)
+    old, new, others = (
+        tmp_path / f"last-pose-{name}.part" for name in ("robot-0123a", "robot-0123b", "r2-0123")
+    )
+    for part in (old, new, others):
+        part.write_bytes(b"half of i")
+    for part in (old, others):
+        os.utime(part, (0.0, 0.0))
+    with PoseKeeper(tmp_path, "robot", every_s=3600.0).running():
+        pass
+    assert not old.exists()
+    assert new.exists(), "another coordinator may be writing it"
+    assert others.exists(), "another robot's"
+    assert last_pose.read_all(tmp_path, "robot") == {POSE.map_digest: POSE}
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_number: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        last_pose.write(tmp_path, "robot", POSE)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_odometry_that_goes_on_carries_the_place_on() -> None:

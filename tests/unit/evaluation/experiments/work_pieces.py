@@ -13,7 +13,7 @@ def work(piece: str, advanced: Callable[[int], None]) -> str:
         case "fail":
             raise ZeroDivisionError("nothing to divide by")
         case "refuse":
-            raise SettingsError("two\nlines")
+            raise SettingsError(key="x", problem="two\nlines")
         case "die":
             os._exit(7)
         case "signalled":

@@ -1,0 +1,86 @@
+"""Writes the picture of the rooms and the lists of modules in docs/architecture.md.
+
+python docs/list_modules.py
+
+Rows come from pyproject.toml (`tool.importlinter`), words from the first line of each docstring,
+and what a module touches from its imports; so the page says what the files say.
+"""
+
+import ast
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "architecture.md"
+LISTED = ("coordinator", "worker", "sensor_bridge", "zenoh_link", "process_runtime", "protocol")
+TOUCHED = {
+    "Zenoh": {"zenoh", "zenoh_link"},
+    "clock": {"time"},
+    "log": {"logging"},
+    "files": {"fcntl", "os", "pathlib", "shutil", "tempfile"},
+}
+
+
+def main() -> None:
+    """Write the page anew; what stands outside the marks stays as it is."""
+    PAGE.write_text(renewed(PAGE.read_text()))
+
+
+def renewed(page: str) -> str:
+    """The page as it should be."""
+    for mark, lines in (("rooms", picture()), ("modules", tables())):
+        before, start, rest = page.partition(f"<!-- {mark}: python docs/list_modules.py -->\n")
+        _, end, after = rest.partition(f"<!-- end of {mark} -->\n")
+        page = "".join([before, start, *(f"{line}\n" for line in lines), end, after])
+    return page
+
+
+def picture() -> Iterator[str]:
+    """The rows of rooms as boxes on one another."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    layers = project["tool"]["importlinter"]["contracts"][0]["layers"]
+    rows = [[room.strip() for room in layer.split("|")] for layer in layers]
+    lines = [[f" {room:<16} {told(ROOT / room / '__init__.py')} " for room in row] for row in rows]
+    width = max(len(line) for row in lines for line in row)
+    yield "```"
+    yield f"┌{'─' * width}┐"
+    for row in lines:
+        if row is not lines[0]:
+            yield f"├{'─' * width}┤  ↓ imports"
+        yield from (f"│{line:<{width}}│" for line in row)
+    yield f"└{'─' * width}┘"
+    yield "```"
+
+
+def tables() -> Iterator[str]:
+    """A table for each folder: its modules, what they touch, and what they are for."""
+    for room in LISTED:
+        folders = sorted({file.parent for file in (ROOT / room).rglob("*.py")})
+        for folder in folders:
+            yield from ("", f"**`{folder.relative_to(ROOT)}/`** {told(folder / '__init__.py')}", "")
+            yield from ("| module | touches | what it is |", "| --- | --- | --- |")
+            for file in sorted(folder.glob("[!_]*.py")):
+                words = told(file).replace("|", "\\|")
+                yield f"| `{file.name}` | {', '.join(touched(file))} | {words} |"
+    yield ""
+
+
+def told(file: Path) -> str:
+    """The first line of a file's docstring."""
+    return (ast.get_docstring(ast.parse(file.read_text())) or "").partition("\n")[0]
+
+
+def touched(file: Path) -> list[str]:
+    """What of the world a module imports the means to touch."""
+    imported = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            imported |= {alias.name.partition(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            imported.add(node.module.partition(".")[0])
+    return [thing for thing, modules in TOUCHED.items() if imported & modules]
+
+
+if __name__ == "__main__":
+    main()

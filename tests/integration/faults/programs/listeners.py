@@ -1,0 +1,28 @@
+"""Sessions that hear everything on ``test``, as the workers of a machine hear scans."""
+
+import argparse
+from contextlib import ExitStack
+
+from process_runtime.main import Invocation, process_main
+from zenoh_link.session import open_session
+
+
+def body(invocation: Invocation) -> None:
+    """Hear until stopped."""
+    settings = invocation.settings
+    with ExitStack() as sessions:
+        for _ in range(invocation.arguments.count):
+            session = sessions.enter_context(
+                open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=20.0)
+            )
+            session.declare_subscriber("test", lambda _sample: None)
+        print("all listen", flush=True)
+        invocation.stop.wait(float("inf"))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--count", type=int, required=True)
+
+
+if __name__ == "__main__":
+    process_main("listeners", body, describe="Listeners.", add_arguments=add_arguments)

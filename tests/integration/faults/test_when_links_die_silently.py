@@ -1,0 +1,60 @@
+"""docs/failures.md: several links die without a word. Those who still have theirs are served."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from process_runtime.supervisor import python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.faults.other_machine import OtherMachine, free_port, other_machine
+from tests.integration.processes import python_script
+from tests.integration.waiting import stretched_s, wait_until
+from zenoh_link.session import open_session
+
+LISTENERS = Path(__file__).parent / "programs" / "listeners.py"
+LINKS = 12
+CLOSING_S = 12.0
+"""The lease of a dead link, and as long as its close may wait."""
+
+
+@pytest.fixture
+def machine() -> Iterator[OtherMachine]:
+    with other_machine() as made:
+        yield made
+
+
+def put_and_time_the_answer(session: zenoh.Session) -> float:
+    """Publish what the dead links shall have as well; return how long a question took [s]."""
+    session.put("test", bytes(10_000))
+    asked_s = time.monotonic()
+    wait_until(lambda: any(reply.ok for reply in session.get("pose", timeout=1.0)), 30.0)
+    return time.monotonic() - asked_s
+
+
+def test_who_still_has_a_link_is_answered_while_others_die(
+    machine: OtherMachine, start_process: StartProcess
+) -> None:
+    settings = ZenohSettings(router=f"tcp/{machine.address_here}:{free_port(machine.address_here)}")
+    words = ["--set", f"zenoh.router={settings.router}"]
+    start_process(python_module("zenoh_link.router", *words)).wait_for("router listens at")
+    listeners = python_script(LISTENERS, *words, "--count", str(LINKS))
+    start_process(machine.command(listeners)).wait_for("all listen")
+    robot, stop = RobotSettings(), StopFlag()
+    with (
+        open_session(settings, robot, stop, wait_s=20.0) as answers,
+        open_session(settings, robot, stop, wait_s=20.0) as asks,
+    ):
+        answers.declare_queryable("pose", lambda query: query.reply("pose", b"here"))
+        put_and_time_the_answer(asks)
+
+        machine.pull_the_cable()
+        cut_s, longest_s = time.monotonic(), 0.0
+        while time.monotonic() < cut_s + CLOSING_S:
+            longest_s = max(longest_s, put_and_time_the_answer(asks))
+            stop.wait(0.05)  # as often as a laser speaks
+        assert longest_s < stretched_s(3.0)

@@ -1,0 +1,44 @@
+"""What a command prints, where it cannot be printed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from process_runtime.output import OutputLostError, written_output
+
+FULL = Path("/dev/full")
+pytestmark = pytest.mark.skipif(not FULL.exists(), reason="needs Linux's full disk")
+
+
+def typed(module: str, *words: str) -> tuple[int, str]:
+    """Exit code and standard error of a command whose output goes to a full disk."""
+    with FULL.open("wb") as disk:
+        ran = subprocess.run(
+            [sys.executable, "-I", "-m", module, *words],
+            stdin=subprocess.DEVNULL, stdout=disk, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    return ran.returncode, ran.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [["settings"], ["--help"], ["pose", "--help"], ["experiments", "--list"]], ids=" ".join
+)
+def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
+    said = "clustermcl: the output cannot be written: No space left on device\n"
+    assert typed("clustermcl", *words) == (2, said)
+
+
+def test_so_it_is_for_the_routers_file() -> None:
+    said = "secure_router: the output cannot be written: No space left on device\n"
+    assert typed("zenoh_link.secure_router") == (2, said)
+
+
+def test_other_errors_of_files_are_not_about_the_output() -> None:
+    with pytest.raises(FileNotFoundError), written_output():
+        Path("/no/such/file").read_bytes()
+
+
+def test_what_was_lost_is_a_fact() -> None:
+    assert OutputLostError(problem="disk full").problem == "disk full"

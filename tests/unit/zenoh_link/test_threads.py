@@ -1,0 +1,38 @@
+import os
+
+import pytest
+
+from zenoh_link import threads
+from zenoh_link.threads import CLIENT, ROUTER, VARIABLE, receiving_threads
+
+
+@pytest.fixture(autouse=True)
+def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "_read", False)
+    monkeypatch.delenv(VARIABLE, raising=False)
+
+
+def test_zenoh_is_told_while_it_opens_and_children_are_not() -> None:
+    with receiving_threads(ROUTER):
+        assert os.environ[VARIABLE] == ROUTER
+    assert VARIABLE not in os.environ
+
+
+def test_it_is_taken_back_when_there_is_no_router_yet() -> None:
+    with pytest.raises(ZeroDivisionError), receiving_threads(CLIENT):
+        raise ZeroDivisionError
+    assert VARIABLE not in os.environ
+
+
+def test_only_the_first_session_of_a_process_is_told() -> None:
+    with receiving_threads(ROUTER):
+        pass
+    with receiving_threads(CLIENT):
+        assert VARIABLE not in os.environ
+
+
+def test_what_a_person_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, "(rx: (worker_threads: 40))")
+    with receiving_threads(ROUTER):
+        assert os.environ[VARIABLE] == "(rx: (worker_threads: 40))"
+    assert os.environ[VARIABLE] == "(rx: (worker_threads: 40))"
