@@ -33,7 +33,7 @@ from evaluation.experiments.case import (
 )
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
-from evaluation.experiments.task import Run, Task, run_task
+from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
@@ -148,11 +148,11 @@ def _steps_count(task: Task) -> int:
         ClusterMclError: an input cannot be used.
     """
     steps = Run(task).course.steps
-    match task.case:
-        case Case(robot=Simulated(), updates=int(updates)):
+    match task.case.robot:
+        case Simulated():
             next(steps)
-            return updates
-        case _:
+            return task.case.updates or DEFAULT_STEPS
+        case Recorded():
             return sum(1 for _ in steps)
 
 
@@ -168,6 +168,7 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[di
                 case Advanced(amount=amount):
                     progress.advance(bar, amount)
                 case Done(piece=piece, result=finished):
+                    progress.advance(bar, finished.measures.updates % PROGRESS_EVERY)
                     done[piece] = result_of(seed, finished.measures)
                 case Failed(problem=problem):
                     raise RunFailedError(f"seed {seed}: {problem}")

@@ -40,6 +40,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     final_error_m: float | None
     """Of the last estimate."""
     final_error_rad: float | None
+    """The same of its heading."""
     settled_at_update: int | None
     """If localized: right for good from this update on."""
     settled_after_s: float | None
