@@ -11,56 +11,51 @@ import argparse
 import hashlib
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from coordinator.belief.outcome import Outcome
-from evaluation import in_process
-from evaluation.evaluation import EvaluateOptions, Run, course, model_of
+from evaluation.experiments.case import AfterStep, Case, Recorded, Simulated
+from evaluation.experiments.task import Run, Task
 from process_runtime.settings import Settings
+from worker.map_model import default_cache_folder
 
 
-@dataclass(frozen=True)
-class Course:
-    """What a robot drives, by name."""
-
-    name: str
-    options: EvaluateOptions
-
-
-def courses(data: Path) -> list[Course]:
+def cases(data: Path) -> list[Case]:
     """Two simulated and two recorded ones."""
     wean, intel = data / "wean", data / "intel"
+    kidnapped = Simulated(world="office", kidnapping=AfterStep(100))
     return [
-        Course("cross", EvaluateOptions(recording="sim:cross")),
-        Course("office, kidnapped", EvaluateOptions(recording="sim:office", kidnap_at=100)),
-        Course(
-            "Wean 1",
-            EvaluateOptions(
-                recording=str(wean / "robotdata1.log.xz"), map_file=str(wean / "map.yaml")
-            ),
-        ),
-        Course(
-            "Intel",
-            EvaluateOptions(recording=str(intel / "log.clf.gz"), map_file=str(intel / "map.yaml")),
-        ),
+        _case("cross", Simulated(world="cross"), updates=300),
+        _case("office, kidnapped", kidnapped, updates=300),
+        _case("Wean 1", _recorded(wean / "robotdata1.log.xz", wean / "map.yaml")),
+        _case("Intel", _recorded(intel / "log.clf.gz", intel / "map.yaml")),
     ]
 
 
-def digest(work: tuple[Course, int]) -> str:
-    """A line that names a course and a seed, and the digest of all its beliefs."""
-    course_of, seed = work
-    run = Run(course_of.options, msgspec.structs.replace(Settings(), seed=seed))
-    grid_map, steps = course(run)
+def _case(name: str, robot: Simulated | Recorded, updates: int | None = None) -> Case:
+    return Case(name=name, title=name, robot=robot, updates=updates, seeds=1, ordinary_seeds=0)
+
+
+def _recorded(recording: Path, grid_map: Path) -> Recorded:
+    return Recorded(recording=recording, map=grid_map, reference=None)
+
+
+def digest(work: tuple[Case, int]) -> str:
+    """A line that names a case and a seed, and the digest of all its beliefs."""
+    case, seed = work
+    task = Task(
+        case=case,
+        algorithm="cluster-mcl",
+        seed=seed,
+        settings=Settings(),
+        cache_folder=default_cache_folder(),
+    )
     whole, count = hashlib.sha256(), 0
-    scans = (scan for scan, _ in steps)
-    for _, outcome in in_process.outcomes(scans, model_of(run, grid_map), run.settings):
+    for outcome in Run(task).outcomes():
         for fact in _facts(outcome):
             whole.update(repr(fact).encode())
         count += 1
-    return f"{course_of.name}, seed {seed}, {count} steps: {whole.hexdigest()}"
+    return f"{case.name}, seed {seed}, {count} steps: {whole.hexdigest()}"
 
 
 def _facts(outcome: Outcome) -> Iterator[object]:
@@ -77,7 +72,7 @@ def main() -> None:
     parser.add_argument("data", type=Path, help="folder with the recordings")
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
     asked = parser.parse_args()
-    work = [(one, seed) for one in courses(asked.data) for seed in range(asked.seeds)]
+    work = [(one, seed) for one in cases(asked.data) for seed in range(asked.seeds)]
     with ProcessPoolExecutor(2) as pool:
         for line in pool.map(digest, work):
             print(line, flush=True)

@@ -10,6 +10,8 @@ from typing import Self, TypeVar
 
 import zenoh
 
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import from_message
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -26,6 +28,7 @@ from protocol.answers import (
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
 from protocol.message import Message, PoseTuple
+from protocol.steps import MapMessage
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -109,6 +112,17 @@ class Client:
         """How the system is."""
         return self._ask(keys.STATUS, Status)
 
+    def map(self, *, timeout_s: float = 30.0) -> GridMap:
+        """The map that all poses are in; its cells are checked against its digest.
+
+        Args:
+            timeout_s: how long a large map may take over a slow link.
+
+        Raises:
+            MalformedMessageError: what the bridge sent is no map, or not the one it announced.
+        """
+        return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
+
     def set_pose(
         self,
         map_from_robot: PoseTuple,
@@ -183,15 +197,26 @@ class Client:
         if done.problem:
             raise CommandRefusedError(command=key, problem=done.problem)
 
-    def _ask(self, key: str, answer: type[A], message: Message | None = None) -> A:
-        """Ask until answered: just after a link came up, a query may find nobody."""
+    def _ask(
+        self,
+        key: str,
+        answer: type[A],
+        message: Message | None = None,
+        timeout_s: float | None = None,
+    ) -> A:
+        """Ask until answered: just after a link came up, a query may find nobody.
+
+        An answer may take `timeout_s`; None: `zenoh.query_timeout_s`, or less near the deadline.
+        """
         settings = self._settings.zenoh
         asked_s = now_s = time.monotonic()
         deadline_s = max(self._deadline_s, now_s + settings.query_timeout_s)
         while True:
-            timeout_s = min(settings.query_timeout_s, max(deadline_s - now_s, _PAUSE_S))
+            within_s = min(settings.query_timeout_s, max(deadline_s - now_s, _PAUSE_S))
             try:
-                return ask(self._session, key, answer, timeout_s=timeout_s, message=message)
+                return ask(
+                    self._session, key, answer, timeout_s=timeout_s or within_s, message=message
+                )
             except UnreachableError as error:
                 now_s = time.monotonic()
                 if now_s + _PAUSE_S >= deadline_s:
@@ -201,7 +226,7 @@ class Client:
             now_s = time.monotonic()
 
     def _nobody(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
-        who = "simulator" if key == keys.KIDNAP else "coordinator"
+        who = {keys.KIDNAP: "simulator", keys.MAP: "bridge"}.get(key, "coordinator")
         router = self._settings.zenoh.router
         denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(

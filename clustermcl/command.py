@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from evaluation.experiments.command import experiments
+from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
@@ -21,6 +21,8 @@ from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError
 
 EXIT_INTERRUPTED = 130
+MOST_STEPS = 100_000
+"""Of an evaluated run: 20 km of driving. What is measured is kept until its end."""
 
 app = typer.Typer(
     help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
@@ -121,15 +123,20 @@ def evaluate(
     algorithm: Annotated[
         str, typer.Option(metavar="NAME", help="cluster-mcl, or mcl for ordinary MCL.")
     ] = "cluster-mcl",
-    seeds: Annotated[int, typer.Option(min=1, help="Runs; the first has the settings' seed.")] = 1,
+    seeds: Annotated[
+        int,
+        typer.Option(min=1, max=MOST_RUNS, help="Runs; the first has the settings' seed."),
+    ] = 1,
     steps: Annotated[
-        int | None, typer.Option(min=1, help="Steps of a simulated robot, or at most so many.")
+        int | None,
+        typer.Option(min=1, max=MOST_STEPS, help="Steps of a simulated robot, or at most so many."),
     ] = None,
     kidnap_at: Annotated[
         int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Runs at a time; left out: one for each core.")
+        int | None,
+        typer.Option(min=1, max=MOST_JOBS, help="Runs at a time; left out: one for each core."),
     ] = None,
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
@@ -138,8 +145,7 @@ def evaluate(
     assignments: Assignments = None,
 ) -> None:
     """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
-    from evaluation.evaluate import run_evaluate  # noqa: PLC0415 - see the module
-    from evaluation.evaluation import EvaluateOptions  # noqa: PLC0415 - see the module
+    from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the module
 
     options = EvaluateOptions(
         recording=recording,

@@ -1,9 +1,14 @@
-"""`clustermcl evaluate`: localize in one process as often as asked, and measure how well."""
+"""`clustermcl evaluate`: localize in one process as often as asked, and measure how well.
+
+It is one experiment more, made of a person's options instead of taken from the catalogue.
+"""
 
 import json
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -18,12 +23,26 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from evaluation.evaluation import ALGORITHMS, EvaluateOptions, Run, evaluated, seeded, steps_count
+from evaluation.experiments.case import (
+    ALGORITHMS,
+    AfterStep,
+    Algorithm,
+    Case,
+    Recorded,
+    Simulated,
+)
+from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
+from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
 from protocol.errors import ClusterMclError, InputFileError, SettingsError
+from robot_simulator.source import PREFIX
+from worker.map_model import default_cache_folder
+
+DEFAULT_STEPS = 300
+"""Of a simulated robot, which never stops by itself."""
 
 
 class RunFailedError(ClusterMclError):
@@ -34,6 +53,21 @@ class RunFailedError(ClusterMclError):
         super().__init__(f"seed {seed}: {problem}")
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvaluateOptions:
+    """What a person asked for."""
+
+    recording: str
+    map_file: str | None = None
+    reference: Path | None = None
+    algorithm: str = "cluster-mcl"
+    seeds: int = 1
+    steps: int | None = None
+    kidnap_at: int | None = None
+    jobs: int | None = None
+    json_file: Path | None = None
+
+
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     """Run all seeds, print a table, and write the JSON where one is asked for.
 
@@ -41,51 +75,132 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         ClusterMclError: an input cannot be used, or a run failed.
         StoppedError: interrupted.
     """
-    _refuse_what_does_not_fit(options)
-    if not options.simulated:
+    algorithm, case = algorithm_of(options), case_of(options)
+    if options.json_file is not None and not options.json_file.parent.is_dir():
+        raise InputFileError(options.json_file, "its folder does not exist")
+    if isinstance(case.robot, Recorded):
         opened(options.recording, settings.bridge)  # says which lines are left out, once
-    runs = seeded(options, settings)
-    steps = steps_count(runs[0])  # says what is wrong before any process is started
-    results = _all_results(runs, steps, options.jobs)
+    tasks = [
+        Task(
+            case=case,
+            algorithm=algorithm,
+            seed=seed,
+            settings=settings,
+            cache_folder=default_cache_folder(),
+        )
+        for seed in range(settings.seed, settings.seed + options.seeds)
+    ]
+    steps = _steps_count(tasks[0])  # says what is wrong before any process is started
+    results = _all_results(tasks, steps, options.jobs)
     if options.json_file is not None:
-        _write(options, results)
+        _write(options, options.json_file, results)
     Console().print(_table(results, f"{options.algorithm} on {options.recording}"))
 
 
-def _refuse_what_does_not_fit(options: EvaluateOptions) -> None:
-    if options.algorithm not in ALGORITHMS:
-        known = " or ".join(ALGORITHMS)
-        problem = f"--algorithm {options.algorithm}: there is {known}"
-        raise SettingsError(key="--algorithm", problem=problem)
-    if options.simulated and options.reference:
-        problem = "--reference: a simulated robot knows where it is; leave it out"
-        raise SettingsError(key="--reference", problem=problem)
-    if not options.simulated and not options.map_file:
+def algorithm_of(options: EvaluateOptions) -> Algorithm:
+    """The algorithm that is asked for.
+
+    Raises:
+        SettingsError: there is none of that name.
+    """
+    for algorithm in ALGORITHMS:
+        if algorithm == options.algorithm:
+            return algorithm
+    known = " or ".join(ALGORITHMS)
+    problem = f"--algorithm {options.algorithm}: there is {known}"
+    raise SettingsError(key="--algorithm", problem=problem)
+
+
+def case_of(options: EvaluateOptions) -> Case:
+    """The experiment that is asked for.
+
+    Raises:
+        SettingsError: options that do not fit together.
+    """
+    robot = _robot_of(options)
+    updates = options.steps or (DEFAULT_STEPS if isinstance(robot, Simulated) else None)
+    return Case(
+        name="evaluate",
+        title=options.recording,
+        robot=robot,
+        updates=updates,
+        seeds=options.seeds,
+        ordinary_seeds=options.seeds,
+    )
+
+
+def _robot_of(options: EvaluateOptions) -> Simulated | Recorded:
+    map_file = Path(options.map_file) if options.map_file else None
+    if options.recording.startswith(PREFIX):
+        if options.reference:
+            problem = "--reference: a simulated robot knows where it is; leave it out"
+            raise SettingsError(key="--reference", problem=problem)
+        return Simulated(
+            world=options.recording.removeprefix(PREFIX),
+            map=map_file,
+            kidnapping=None if options.kidnap_at is None else AfterStep(options.kidnap_at),
+        )
+    if map_file is None:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
-    if not options.simulated and options.kidnap_at is not None:
+    if options.kidnap_at is not None:
         problem = "--kidnap-at: only a simulated robot can be kidnapped"
         raise SettingsError(key="--kidnap-at", problem=problem)
-    if options.json_file is not None and not options.json_file.parent.is_dir():
-        raise InputFileError(options.json_file, "its folder does not exist")
+    return Recorded(recording=Path(options.recording), map=map_file, reference=options.reference)
 
 
-def _all_results(runs: Sequence[Run], steps: int, jobs: int | None) -> list[dict[str, Any]]:
+def _steps_count(task: Task) -> int:
+    """How many steps a run makes, having read every input as far as that takes.
+
+    Raises:
+        ClusterMclError: an input cannot be used.
+    """
+    steps = Run(task).course.steps
+    match task.case.robot:
+        case Simulated():
+            next(steps)
+            return task.case.updates or DEFAULT_STEPS
+        case Recorded():
+            return sum(1 for _ in steps)
+
+
+def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[dict[str, Any]]:
     """The result of every run, in their order; as many at a time as there are cores."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, dict[str, Any]] = {}
     with _progress() as progress:
-        bar = progress.add_task("steps", total=steps * len(runs))
-        for event in in_parallel(evaluated, runs, jobs or os.cpu_count() or 1, stop):
+        bar = progress.add_task("steps", total=steps * len(tasks))
+        for event in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
+            seed = tasks[event.piece].seed
             match event:
                 case Advanced(amount=amount):
                     progress.advance(bar, amount)
-                case Done(piece=piece, result=result):
-                    done[piece] = result
-                case Failed(piece=piece, problem=problem):
-                    raise RunFailedError(seed=runs[piece].settings.seed, problem=problem)
+                case Done(piece=piece, result=finished):
+                    progress.advance(bar, finished.measures.updates % PROGRESS_EVERY)
+                    done[piece] = result_of(seed, finished.measures)
+                case Failed(problem=problem):
+                    raise RunFailedError(seed=seed, problem=problem)
     stop.check()
-    return [done[piece] for piece in range(len(runs))]
+    return [done[piece] for piece in range(len(tasks))]
+
+
+def result_of(seed: int, measures: RunMeasures) -> dict[str, Any]:
+    """An entry in `runs` of the JSON; steps are counted from 0, updates from 1."""
+    settled = measures.settled_at_update
+    return {
+        "seed": seed,
+        "steps": measures.updates,
+        "localized": measures.localized,
+        "final_error_m": measures.final_error_m,
+        "final_error_rad": measures.final_error_rad,
+        "localized_at_step": None if settled is None else settled - 1,
+        "localized_at_s": measures.settled_after_s,
+        "confidently_wrong_fraction": measures.confidently_wrong_share,
+        "truth_tracked_fraction": measures.tracked_share,
+        "truth_probability_mean": measures.truth_probability,
+        "rmse_m": measures.rmse_m,
+        "wall_s": measures.wall_s,
+    }
 
 
 def _progress() -> Progress:
@@ -104,8 +219,7 @@ def _progress() -> Progress:
     )
 
 
-def _write(options: EvaluateOptions, results: Sequence[dict[str, Any]]) -> None:
-    assert options.json_file is not None  # asked for by the caller
+def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any]]) -> None:
     whole = {
         "algorithm": options.algorithm,
         "recording": options.recording,
@@ -113,9 +227,9 @@ def _write(options: EvaluateOptions, results: Sequence[dict[str, Any]]) -> None:
         "runs": results,
     }
     try:
-        options.json_file.write_text(json.dumps(whole, indent=2) + "\n", encoding="utf-8")
+        file.write_text(json.dumps(whole, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        raise InputFileError(options.json_file, error.strerror or str(error)) from error
+        raise InputFileError(file, error.strerror or str(error)) from error
 
 
 def _table(runs: Sequence[dict[str, Any]], title: str) -> Table:

@@ -22,33 +22,6 @@ _BLOCK = 256
 """Particles scored together: their numbers stay in the nearest cache."""
 
 
-def log_field(cells: Cells, cell_m: float, settings: SensorSettings) -> LogField:
-    """Log-likelihood of a beam that ends in each cell.
-
-    log(hit_weight * N(d; 0, hit_sigma_m) + random_weight / max_range_m) [1/m], where d is the
-    distance to the nearest occupied cell, capped at `max_obstacle_distance_m`. A true density,
-    so that the logarithms of beams add; unknown cells are as far as they are.
-
-    Args:
-        cells: (rows, cols) grid; row 0 has the lowest y.
-        cell_m: side of a cell [m].
-        settings: the sensor model's numbers.
-
-    Returns:
-        (rows, cols).
-
-    Raises:
-        ValueError: no cell is occupied; every pose would fit equally well.
-
-    References:
-        Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
-    """
-    field = np.empty(cells.shape, np.float32)
-    for rows, strip in _strips(cells, cell_m, settings):
-        field[rows] = strip
-    return field
-
-
 def _strips(
     cells: Cells, cell_m: float, settings: SensorSettings
 ) -> Iterator[tuple[slice, LogField]]:
@@ -117,7 +90,24 @@ class LikelihoodField:
     def build(
         cls, cells: Cells, cell_m: float, map_from_grid: Pose, settings: SensorSettings
     ) -> "LikelihoodField":
-        """Compute the field of a map; see `log_field` for arguments and errors."""
+        """Compute the field of a map: the log-likelihood of a beam that ends in each cell.
+
+        log(hit_weight * N(d; 0, hit_sigma_m) + random_weight / max_range_m) [1/m], where d is the
+        distance to the nearest occupied cell, capped at `max_obstacle_distance_m`. A true
+        density, so that the logarithms of beams add; unknown cells are as far as they are.
+
+        Args:
+            cells: (rows, cols) grid; row 0 has the lowest y.
+            cell_m: side of a cell [m].
+            map_from_grid: (3,) the outer corner of cell (0, 0), in the map's frame.
+            settings: the sensor model's numbers.
+
+        Raises:
+            ValueError: no cell is occupied; every pose would fit equally well.
+
+        References:
+            Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
+        """
         log_floor, log_step = _code_scale(settings)
         codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
         for rows, strip in _strips(cells, cell_m, settings):

@@ -11,7 +11,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import OCCUPIED, Cells, Points, Pose, Poses
+from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
 from particle_filter.kernel_arguments import plain, read_only
 from particle_filter.kernels import kernel
 
@@ -45,38 +45,6 @@ def jump_field(cells: Cells) -> JumpField:
     return fields
 
 
-def cast_rays(
-    cells: Cells,
-    cell_m: float,
-    grid_from_laser: Pose,
-    angles: NDArray[np.float64],
-    max_range_m: float,
-) -> NDArray[np.float64]:
-    """Distance from a laser to the first occupied cell's boundary along each beam.
-
-    Walks cell by cell, with nothing computed ahead; of many poses, see `cast_rays_from_poses`.
-
-    Args:
-        cells: (rows, cols) grid map.
-        cell_m: side of a cell [m].
-        grid_from_laser: (3,) pose of the laser in the grid's frame.
-        angles: (B,) directions of the beams in the laser's frame [rad].
-        max_range_m: how far a ray is followed [m].
-
-    Returns:
-        (B,) distances [m]; 0 inside an occupied cell, `max_range_m` where nothing is hit.
-
-    Raises:
-        ValueError: the pose or an angle is not finite, or a length is not positive.
-
-    References:
-        Amanatides and Woo, A Fast Voxel Traversal Algorithm (1987).
-    """
-    one_by_one = np.broadcast_to((cells != OCCUPIED).view(np.uint8), (4, *cells.shape))
-    poses = np.reshape(grid_from_laser, (1, 3))
-    return cast_rays_from_poses(one_by_one, cell_m, poses, angles, max_range_m).reshape(-1)
-
-
 def cast_rays_from_poses(
     jumps: JumpField,
     cell_m: float,
@@ -98,6 +66,9 @@ def cast_rays_from_poses(
 
     Raises:
         ValueError: a pose or an angle is not finite, or a length is not positive.
+
+    References:
+        Amanatides and Woo, A Fast Voxel Traversal Algorithm (1987).
     """
     if not (cell_m > 0 and max_range_m > 0):
         raise ValueError(f"cell {cell_m} m and range {max_range_m} m must be positive")

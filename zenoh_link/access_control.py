@@ -68,7 +68,7 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 _VIEWER = Rights(
     reads=(keys.POSE, keys.BELIEF, keys.TRUTH),
-    asks=(keys.POSE, keys.HYPOTHESES, keys.STATUS),
+    asks=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.MAP),
 )
 
 _ROLES = {

@@ -115,11 +115,6 @@ class Inbox(Generic[EventT]):
             self._closed = True
             self._tell()
 
-    @property
-    def closed(self) -> bool:
-        """Whether `close` was called; there may still be something to get."""
-        return self._closed
-
     def dropped(self) -> dict[str, int]:
         """How many were lost here: by kind of state, refused events as ``event``."""
         with self._lock:

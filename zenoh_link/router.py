@@ -7,15 +7,12 @@ nothing but memory. Where several machines meet, the official ``zenohd`` does th
 
 import argparse
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import zenoh
 
 from process_runtime.main import Invocation, process_main
 from process_runtime.memory import give_back_freed_memory
-from process_runtime.settings import ZenohSettings
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
 from zenoh_link.threads import ROUTER, receiving_threads
@@ -24,18 +21,6 @@ _log = logging.getLogger(__name__)
 
 TIDY_EVERY_S = 30.0
 _IN_USE = ("Address already in use", "Unable to acquire lock")
-
-
-@contextmanager
-def open_router(settings: ZenohSettings) -> Iterator[zenoh.Session]:
-    """Listen at the settings' endpoint and forward between all who connect, until left.
-
-    Raises:
-        AlreadyRunningError: something listens there already.
-        SettingsError: the endpoint is malformed, or not an address of this machine.
-    """
-    with _listen(as_zenoh(router_configuration(settings)), settings.router) as session:
-        yield session
 
 
 def run_router(invocation: Invocation) -> None:
@@ -51,7 +36,7 @@ def run_router(invocation: Invocation) -> None:
     else:
         config = _read(file)
         endpoints = config.get_json("listen/endpoints")
-    with _listen(config, endpoints):
+    with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
         while not invocation.stop.wait(TIDY_EVERY_S):
             give_back_freed_memory()
@@ -73,7 +58,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
+def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
+    """Listen at the endpoints of a configuration and forward between all who connect.
+
+    Raises:
+        AlreadyRunningError: something listens there already.
+        SettingsError: an endpoint is malformed, or not an address of this machine.
+    """
     try:
         with receiving_threads(ROUTER):
             return zenoh.open(config)

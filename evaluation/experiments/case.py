@@ -1,18 +1,61 @@
 """One experiment: a robot somewhere, how long, how often, and what is asked of it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
+from coordinator.belief.outcome import Outcome
+from evaluation import in_process, ordinary_mcl
 from evaluation.experiments.figures import Figure
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings
+from protocol.steps import Scan
 
 Algorithm = Literal["cluster-mcl", "mcl"]
-ALGORITHMS: tuple[Algorithm, ...] = ("cluster-mcl", "mcl")
+Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
+ALGORITHMS: dict[Algorithm, Outcomes] = {
+    "cluster-mcl": in_process.outcomes,
+    "mcl": ordinary_mcl.outcomes,
+}
 
 _SETUP_MS = 400.0
 """Time to read a map and to set a robot up."""
+
+
+class AfterStep(msgspec.Struct, frozen=True):
+    """The robot is lifted elsewhere after this step; the first step is 0."""
+
+    step: int
+
+
+class OnceRight(msgspec.Struct, frozen=True):
+    """The robot is lifted elsewhere once the estimate was right 40 times in a row."""
+
+    at_latest: int
+    """Or after so many updates, right or not."""
+
+
+class Simulated(msgspec.Struct, frozen=True, kw_only=True):
+    """A simulated robot."""
+
+    world: str
+    """Name of a world, or a map file."""
+    map: Path | None = None
+    """What the localizer is given; None: the world's own map."""
+    people: int = 0
+    """People who walk about near the robot."""
+    kidnapping: AfterStep | OnceRight | None = None
+
+
+class Recorded(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot that was recorded."""
+
+    recording: Path
+    map: Path
+    reference: Path | None
+    """Where it really was; None: nobody knows, and no update is judged."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
@@ -22,11 +65,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """What a person types."""
     title: str
     """One line about it."""
-    world: str = ""
-    """A simulated world; empty: a recording."""
-    recording: Path = Path()
-    map: Path = Path()
-    reference: Path = Path()
+    robot: Simulated | Recorded
     updates: int | None = None
     """A run has at most so many; None: to the recording's end."""
     updates_after_event: int | None = None
@@ -41,19 +80,13 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """So many poses of the map look alike, or nearly so: it is k-fold symmetric."""
     has_feature: bool = False
     """Something in the map tells the symmetric poses apart."""
-    people: int = 0
-    """People who walk about near the robot."""
-    kidnap: bool = False
-    """The robot is lifted elsewhere once the estimate was right 40 times in a row."""
-    kidnap_at_latest: int = 0
-    """Or after so many updates, right or not."""
     settings: tuple[str, ...] = ()
     """Settings that belong to the experiment, `section.key=value`."""
-    figures: tuple[Figure, ...]
-    update_ms: float
+    figures: tuple[Figure, ...] = ()
+    update_ms: float = 0.0
     """Measured time of one update of Cluster-MCL on one core; for the estimate only."""
-    ordinary_update_ms: float
-    typical_updates: int
+    ordinary_update_ms: float = 0.0
+    typical_updates: int = 0
     """Of one run; for the estimate only."""
 
     @property

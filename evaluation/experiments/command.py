@@ -7,6 +7,9 @@ from typing import Annotated
 
 import typer
 
+MOST_RUNS, MOST_JOBS = 10_000, 256
+"""What is asked beyond is a slip of the keys."""
+
 
 def experiments(
     names: Annotated[
@@ -15,7 +18,9 @@ def experiments(
     ] = None,
     seeds: Annotated[
         int | None,
-        typer.Option(min=1, help="Runs of each experiment; left out: its own number."),
+        typer.Option(
+            min=1, max=MOST_RUNS, help="Runs of each experiment; left out: its own number."
+        ),
     ] = None,
     first_seed: Annotated[int, typer.Option(min=0, help="The first seed; others follow.")] = 0,
     all_seeds: Annotated[
@@ -40,7 +45,8 @@ def experiments(
         typer.Option(metavar="DIR", help="Folder of recordings; left out: $CLUSTERMCL_DATA."),
     ] = None,
     jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes; left out: one for each core.")
+        int | None,
+        typer.Option(min=1, max=MOST_JOBS, help="Processes; left out: one for each core."),
     ] = None,
     no_plots: Annotated[bool, typer.Option("--no-plots", help="Draw no plots.")] = False,
     settings_file: Annotated[

@@ -1,9 +1,10 @@
 """The steps of one run with the true poses, whether the robot is simulated or recorded."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from evaluation.experiments.case import Case
+from evaluation.experiments.case import Case, Recorded, Simulated
 from evaluation.references import Reference, load_reference
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
@@ -11,8 +12,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps
-from robot_simulator.worlds.catalogue import world
+from robot_simulator.source import PREFIX, SimulatedSource, simulated_steps, simulated_world
 from sensor_bridge.recording import open_recording
 from sensor_bridge.step_maker import steps_of
 
@@ -26,6 +26,8 @@ class Course:
 
     map: GridMap
     """What the localizer is given."""
+    map_name: str
+    """Its file or world, for errors."""
     steps: Iterator[TrueStep]
     """Lazily: the next step is made when it is asked for."""
     kidnap: Callable[[], object]
@@ -41,33 +43,32 @@ def course_of(case: Case, seed: int, settings: BridgeSettings) -> Course:
         settings: the motion gate.
 
     Raises:
-        ClusterMclError: a file cannot be used, or the world does not exist.
+        ClusterMclError: a file cannot be used, or the world does not exist; of a recording this
+            may show at its first step.
     """
-    return _simulated(case, seed, settings) if case.world else _recorded(case, settings)
-
-
-def _simulated(case: Case, seed: int, settings: BridgeSettings) -> Course:
-    place = world(case.world)
-    source = SimulatedSource(Simulation(place, seed, people=case.people), steps=case.updates)
-    steps = simulated_steps(source, settings, place.map.digest)
-    return Course(place.map, steps, lambda: source.kidnap(None))
-
-
-def _recorded(case: Case, settings: BridgeSettings) -> Course:
-    grid_map, reference = load_map(case.map), load_reference(case.reference)
-    recording = open_recording(case.recording, settings)
-    scans = steps_of(recording, settings, grid_map.digest)
-    return Course(grid_map, _with_truth(scans, reference, case.updates), _cannot_kidnap)
+    match case.robot:
+        case Simulated() as robot:
+            world = simulated_world(robot.world)
+            simulation = Simulation(world, seed, people=robot.people)
+            source = SimulatedSource(simulation, steps=case.updates)
+            grid_map = load_map(robot.map) if robot.map else world.map
+            steps = simulated_steps(source, settings, grid_map.digest)
+            map_name = str(robot.map or f"{PREFIX}{robot.world}")
+            return Course(grid_map, map_name, steps, lambda: source.kidnap(None))
+        case Recorded() as robot:
+            grid_map = load_map(robot.map)
+            reference = load_reference(robot.reference) if robot.reference else None
+            scans = steps_of(open_recording(robot.recording, settings), settings, grid_map.digest)
+            true_steps = _with_truth(scans, reference, case.updates)
+            return Course(grid_map, str(robot.map), true_steps, _cannot_kidnap)
 
 
 def _with_truth(
-    scans: Iterator[Scan], reference: Reference, updates: int | None
+    scans: Iterator[Scan], reference: Reference | None, updates: int | None
 ) -> Iterator[TrueStep]:
-    for made, scan in enumerate(scans, start=1):
-        pose = reference.pose_at(scan.stamp_ns)
+    for scan in itertools.islice(scans, updates):
+        pose = reference.pose_at(scan.stamp_ns) if reference else None
         yield scan, None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
-        if made == updates:
-            return
 
 
 def _cannot_kidnap() -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from evaluation.experiments.case import ALGORITHMS, Algorithm, Case
+from evaluation.experiments.case import ALGORITHMS, Algorithm, Recorded, Simulated
 from evaluation.experiments.plots import plot_probabilities, plot_reliability, plot_trajectories
 from evaluation.experiments.results import ExperimentResult
 from evaluation.experiments.suite import Traces
@@ -11,7 +11,7 @@ from evaluation.experiments.summary import summary
 from evaluation.experiments.trace import Trace
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
-from robot_simulator.worlds.catalogue import world
+from robot_simulator.source import simulated_world
 
 
 def draw_all(
@@ -34,7 +34,7 @@ def draw_all(
             name = result.case.name
             plots[name] = (
                 plot_probabilities(name, runs, folder),
-                plot_trajectories(name, runs, _map_of(result.case), folder),
+                plot_trajectories(name, runs, _map_of(result.case.robot), folder),
             )
     parts = {algorithm: summary(results, algorithm).estimates for algorithm in ALGORITHMS}
     if any(part.claims for part in parts.values()):
@@ -47,5 +47,9 @@ def _in_order(traces: dict[Algorithm, Trace]) -> dict[Algorithm, Trace]:
     return {a: traces[a] for a in ALGORITHMS if a in traces and traces[a].steps}
 
 
-def _map_of(case: Case) -> GridMap:
-    return world(case.world).map if case.world else load_map(case.map)
+def _map_of(robot: Simulated | Recorded) -> GridMap:
+    match robot:
+        case Simulated():
+            return simulated_world(robot.world).map
+        case Recorded():
+            return load_map(robot.map)

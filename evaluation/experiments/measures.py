@@ -8,22 +8,26 @@ its images when the map is turned about its middle; a copy is *tracked* if some 
 1 m and 20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first
 update at which at least 3 beams would be more than 0.3 m longer or shorter at every other copy
 (see `sight`). *Right for good* is from the first update on after which every estimate of the run
-is right. Numbers that `clustermcl evaluate` gives too are taken from there (`evaluation.judge`).
+is right. An update whose true pose nobody knows is not *judged*: it is counted among the updates,
+and is in no other number. `clustermcl evaluate` gives some of these numbers, under names of its
+own.
 """
 
+import math
 import statistics
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 import msgspec
 import numpy as np
 
 from evaluation.experiments.step_facts import StepFacts
-from evaluation.judge import Accuracy
 from particle_filter.belief import normalised_entropy
 
 IN_A_ROW = 5
 """So many right estimates in a row are no accident."""
+LAST_UPDATES = 10
+"""Who is right on so many at the end is localized."""
 
 
 class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -32,9 +36,11 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     updates: int
     """Steps of the run."""
     localized: bool
-    """The estimates of the last 10 updates were right."""
+    """The estimates of the last 10 updates (of all, if there were fewer) were right."""
     final_error_m: float | None
     """Of the last estimate."""
+    final_error_rad: float | None
+    """The same of its heading."""
     settled_at_update: int | None
     """If localized: right for good from this update on."""
     settled_after_s: float | None
@@ -101,7 +107,6 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 def measures_of(
     facts: Sequence[StepFacts],
-    accuracy: Accuracy,
     *,
     seen_at_update: int | None = None,
     kidnapped_at_update: int | None = None,
@@ -112,40 +117,43 @@ def measures_of(
     """All numbers of a run.
 
     Args:
-        facts: its judged updates, in order.
-        accuracy: of `evaluation.judge.Judge` on the same updates.
+        facts: its updates, in order.
         seen_at_update: when the feature was seen.
         kidnapped_at_update: when the robot was kidnapped.
         right_before_kidnap: whether the system had been right before.
         short_beam_share: share of the beams that something stood in the way of.
         wall_s: how long the run took.
     """
-    held = after_bootstrap(facts)
+    held = [step for step in after_bootstrap(facts) if step.judged]
+    judged = [step for step in facts if step.judged]
+    final = judged[-1].error if judged else None
+    good = right_for_good(judged)
+    settled = good[0].update if good else None
     entropies = [entropy_of_copies(step) for step in held]
-    settled = accuracy.localized_at_step
     seen = seen_at_update
-    after_kidnap = [f for f in facts if kidnapped_at_update and f.update > kidnapped_at_update]
+    after_kidnap = [f for f in judged if kidnapped_at_update and f.update > kidnapped_at_update]
     return RunMeasures(
-        updates=accuracy.steps,
-        localized=accuracy.localized,
-        final_error_m=accuracy.final_error_m,
+        updates=len(facts),
+        localized=bool(good),
+        final_error_m=final.distance_m if final else None,
+        final_error_rad=final.heading_rad if final else None,
         settled_at_update=settled,
-        settled_after_s=accuracy.localized_at_s,
-        rmse_m=accuracy.rmse_m,
-        confidently_wrong_share=accuracy.confidently_wrong_fraction,
-        tracked_share=accuracy.truth_tracked_fraction,
-        kept_share=kept_share(facts),
-        truth_probability=accuracy.truth_probability_mean,
-        right_share=share([step.right for step in facts]) or 0.0,
-        right_at_50=right_at(facts, 50),
-        right_at_100=right_at(facts, 100),
-        right_within=first_right(facts),
+        settled_after_s=(good[0].stamp_ns - facts[0].stamp_ns) / 1e9 if good else None,
+        rmse_m=root_mean_square([step.error.distance_m for step in good if step.error]),
+        confidently_wrong_share=share([step.confidently_wrong for step in judged]),
+        tracked_share=share([step.tracked for step in held]),
+        kept_share=kept_share(judged),
+        truth_probability=share([step.copies[0] or 0.0 for step in held]),
+        right_share=share([step.right for step in judged]) or 0.0,
+        right_at_50=right_at(judged, 50),
+        right_at_100=right_at(judged, 100),
+        right_within=first_right(judged),
         bootstrap_update=held[0].update if held else None,
         copies_found=sum(p is not None for p in held[0].copies) if held else None,
         all_tracked_share=share([step.all_tracked for step in held]),
         entropy_mean=statistics.fmean(entropies) if entropies else None,
         entropy_min=min(entropies, default=None),
-        leader_changes=leader_changes(facts),
+        leader_changes=leader_changes(judged),
         seen_at_update=seen,
         all_tracked_until_seen_share=(
             share([step.all_tracked for step in held if step.update < seen]) if seen else None
@@ -155,9 +163,9 @@ def measures_of(
         right_before_kidnap=right_before_kidnap,
         alarm_after_kidnap=since(first_alarm(after_kidnap), kidnapped_at_update),
         right_after_kidnap=since(first_right(after_kidnap), kidnapped_at_update),
-        localized_share=share([step.state == "localized" for step in facts]) or 0.0,
+        localized_share=share([step.state == "localized" for step in judged]) or 0.0,
         localized_wrong_share=(
-            share([step.state == "localized" and not step.right for step in facts]) or 0.0
+            share([step.state == "localized" and not step.right for step in judged]) or 0.0
         ),
         short_beam_share=short_beam_share,
         wall_s=wall_s,
@@ -170,8 +178,19 @@ def after_bootstrap(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
     return facts[first:]
 
 
-def share(flags: Sequence[bool]) -> float | None:
-    """Share of those that are set; None of none."""
+def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
+    """The last updates, with right estimates; none if there are fewer than 10 and not all."""
+    count = sum(1 for _ in takewhile(lambda step: step.right, reversed(judged)))
+    return judged[len(judged) - count :] if count >= min(LAST_UPDATES, len(judged)) else ()
+
+
+def root_mean_square(values: Sequence[float]) -> float | None:
+    """Of none: None."""
+    return math.sqrt(sum(value**2 for value in values) / len(values)) if values else None
+
+
+def share(flags: Sequence[bool] | Sequence[float]) -> float | None:
+    """Share of those that are set, or the mean; None of none."""
     return sum(flags) / len(flags) if flags else None
 
 

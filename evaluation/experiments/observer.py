@@ -1,14 +1,13 @@
 """Watches a run: notes every step, and knows when the robot is kidnapped and when it is over."""
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import Case
+from evaluation.experiments.case import AfterStep, Case, OnceRight, Recorded, Simulated
 from evaluation.experiments.measures import RunMeasures, measures_of
 from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.sight import Sight
 from evaluation.experiments.step_facts import StepFacts, facts_of
 from evaluation.experiments.symmetry import middle_of, turned_copies
 from evaluation.experiments.trace import Trace, TraceStep, places_of
-from evaluation.judge import Judge
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -29,8 +28,12 @@ class Observer:
 
     def __init__(self, case: Case, seed: int, grid_map: GridMap, *, with_trace: bool) -> None:
         self._case, self._middle = case, middle_of(grid_map)
-        self._sight = Sight(grid_map) if case.has_feature or case.people else None
-        self._judge = Judge()
+        match case.robot:
+            case Simulated(people=people, kidnapping=kidnapping):
+                self._people, self._kidnapping = people, kidnapping
+            case Recorded():
+                self._people, self._kidnapping = 0, None
+        self._sight = Sight(grid_map) if case.has_feature or self._people else None
         self._facts: list[StepFacts] = []
         self._update = self._right_in_a_row = 0
         self._seen_at: int | None = None
@@ -44,12 +47,12 @@ class Observer:
         """Take one step and what the system made of it; `truth` is None where nobody knows."""
         self._update += 1
         state, places = outcome.state, outcome.hypotheses
-        self._judge.on_step(self._update, scan.stamp_ns, state, places, truth)
+        symmetry = self._case.symmetry
+        copies = turned_copies(truth, symmetry, self._middle) if truth else ()
+        facts = facts_of(self._update, scan.stamp_ns, state, places, copies)
+        self._facts.append(facts)
         if truth is None:
             return
-        copies = turned_copies(truth, self._case.symmetry, self._middle)
-        facts = facts_of(self._update, state, places, copies)
-        self._facts.append(facts)
         self._right_in_a_row = self._right_in_a_row + 1 if facts.right else 0
         self._look(scan, copies)
         for index, (probability, right) in enumerate(facts.claims):
@@ -65,10 +68,16 @@ class Observer:
     @property
     def kidnap_now(self) -> bool:
         """Whether the robot shall be lifted elsewhere before the next step."""
-        if not self._case.kidnap or self._kidnapped_at is not None:
+        if self._kidnapped_at is not None:
             return False
-        good = self._right_in_a_row >= GOOD_BEFORE_KIDNAP
-        return good or self._update >= self._case.kidnap_at_latest
+        match self._kidnapping:
+            case None:
+                return False
+            case AfterStep(step=step):
+                return self._update == step + 1
+            case OnceRight(at_latest=at_latest):
+                good = self._right_in_a_row >= GOOD_BEFORE_KIDNAP
+                return good or self._update >= at_latest
 
     def kidnapped(self) -> None:
         """The robot was lifted elsewhere after the last step."""
@@ -87,7 +96,6 @@ class Observer:
         shares = self._short_shares
         return measures_of(
             self._facts,
-            self._judge.accuracy(),
             seen_at_update=self._seen_at,
             kidnapped_at_update=self._kidnapped_at,
             right_before_kidnap=self._right_before_kidnap,
@@ -99,7 +107,7 @@ class Observer:
         """Note what the scan could show."""
         if self._sight is None:
             return
-        if self._case.people:
+        if self._people:
             self._short_shares.append(self._sight.short_share(scan, copies[0]))
         if self._case.has_feature and self._seen_at is None:
             self._seen_at = self._update if self._sight.tells_apart(scan, copies) else None

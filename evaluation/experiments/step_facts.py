@@ -11,10 +11,12 @@ from protocol.message import PoseTuple
 
 @dataclass(frozen=True, slots=True)
 class StepFacts:
-    """One judged step: one whose true pose is known."""
+    """One step."""
 
     update: int
     """Its place among the steps of the run; the first is 1."""
+    stamp_ns: int
+    """Time of its scan."""
     state: State
     probability: float
     """Of the estimate, the most probable place; 0 without one."""
@@ -24,7 +26,13 @@ class StepFacts:
     """Of every place held: its probability and whether it is right."""
     copies: tuple[float | None, ...]
     """For the true pose and each symmetric copy of it: the probability of all places that are
-    right about it together; None where there is no such place."""
+    right about it together; None where there is no such place. Empty: nobody knows the true
+    pose."""
+
+    @property
+    def judged(self) -> bool:
+        """The true pose is known. Of a step that is not judged only number, time and state are."""
+        return bool(self.copies)
 
     @property
     def right(self) -> bool:
@@ -54,20 +62,26 @@ class StepFacts:
 
 
 def facts_of(
-    update: int, state: State, hypotheses: Sequence[Hypothesis], copies: Sequence[PoseTuple]
+    update: int,
+    stamp_ns: int,
+    state: State,
+    hypotheses: Sequence[Hypothesis],
+    copies: Sequence[PoseTuple],
 ) -> StepFacts:
     """Note one step.
 
     Args:
         update: its place among the steps of the run.
+        stamp_ns: time of its scan.
         state: of the system after it.
         hypotheses: the places held after it, most probable first.
-        copies: the true pose, then its symmetric copies.
+        copies: the true pose, then its symmetric copies; empty where nobody knows.
     """
-    places = () if state == "searching" else hypotheses
+    places = () if state == "searching" or not copies else hypotheses
     errors = [pose_error(place.mean, copies[0]) for place in places]
     return StepFacts(
         update=update,
+        stamp_ns=stamp_ns,
         state=state,
         probability=places[0].probability if places else 0.0,
         error=errors[0] if errors else None,

@@ -1,6 +1,6 @@
 """The experiments in symmetric worlds: places that nobody can tell apart, or only late."""
 
-from evaluation.experiments.case import Case
+from evaluation.experiments.case import Case, Simulated
 from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
 
@@ -12,7 +12,7 @@ def symmetric_cases() -> tuple[Case, ...]:
     cross = Case(
         name="cross",
         title="Four places that nobody can tell apart, 3,000 updates",
-        world="cross",
+        robot=Simulated(world="cross"),
         updates=3000,
         typical_updates=3000,
         symmetry=4,
@@ -33,7 +33,7 @@ def symmetric_cases() -> tuple[Case, ...]:
     rectangle = Case(
         name="rectangle",
         title="Two places that nobody can tell apart, 3,000 updates",
-        world="rectangle",
+        robot=Simulated(world="rectangle"),
         updates=3000,
         typical_updates=3000,
         symmetry=2,
@@ -65,7 +65,7 @@ def _without_transition(case: Case, places: int) -> Case:
     return Case(
         name=f"{case.name}-no-transition",
         title=f"{case.title}, without any transition probability (eq. 14 to the letter)",
-        world=case.world,
+        robot=case.robot,
         updates=case.updates,
         typical_updates=case.typical_updates,
         symmetry=case.symmetry,
@@ -89,7 +89,7 @@ def feature_cases() -> tuple[Case, ...]:
         Case(
             name="gates",
             title="A two-fold symmetric room; one missing cabinet, seen in the last segment, tells",
-            world="gates",
+            robot=Simulated(world="gates"),
             updates=400,
             updates_after_event=40,
             typical_updates=325,
@@ -114,7 +114,7 @@ def feature_cases() -> tuple[Case, ...]:
         Case(
             name="cross-feature",
             title="The cross with one cabinet at the end of one arm",
-            world="cross_feature",
+            robot=Simulated(world="cross_feature"),
             updates=400,
             updates_after_event=40,
             typical_updates=190,

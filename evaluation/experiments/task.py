@@ -1,26 +1,25 @@
 """One run of one experiment: an algorithm on a robot's steps, watched from outside."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
 from coordinator.belief.outcome import Outcome
-from evaluation import in_process, ordinary_mcl
-from evaluation.experiments.case import Algorithm, Case
-from evaluation.experiments.course import TrueStep, course_of
+from evaluation.experiments.case import ALGORITHMS, Algorithm, Case
+from evaluation.experiments.course import Course, course_of
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.observer import Observer
 from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.trace import Trace
+from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
+from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from worker.map_model import sensor_model
-
-_OUTCOMES = {"cluster-mcl": in_process.outcomes, "mcl": ordinary_mcl.outcomes}
 
 PROGRESS_EVERY = 10
 """Updates between two words about how far a run is."""
@@ -62,23 +61,12 @@ def run_task(task: Task, progress: Callable[[int], None]) -> Finished:
     Raises:
         ClusterMclError: an input cannot be used.
     """
-    case = task.case
-    course = course_of(case, task.seed, task.settings.bridge)
-    settings = msgspec.structs.replace(task.settings, seed=task.seed)
-    model = sensor_model(course.map, settings.sensor, task.cache_folder)
-    observer = Observer(case, task.seed, course.map, with_trace=task.with_trace)
+    run = Run(task)
     started_s = time.perf_counter()
-    outcomes = _OUTCOMES[task.algorithm]
-    followed = _paired(course.steps, lambda scans: outcomes(scans, model, settings))
-    for made, (scan, outcome, truth) in enumerate(followed, start=1):
-        observer.on_step(scan, outcome, truth)
+    for made, _ in enumerate(run.outcomes(), start=1):
         if made % PROGRESS_EVERY == 0:
             progress(PROGRESS_EVERY)
-        if observer.over:
-            break
-        if observer.kidnap_now:
-            course.kidnap()
-            observer.kidnapped()
+    observer = run.observer
     return Finished(
         measures=observer.measures(time.perf_counter() - started_s),
         reliability=observer.reliability,
@@ -87,17 +75,44 @@ def run_task(task: Task, progress: Callable[[int], None]) -> Finished:
     )
 
 
-def _paired(
-    steps: Iterable[TrueStep],
-    follow: Callable[[Iterator[Scan]], Iterator[tuple[Scan, Outcome]]],
-) -> Iterator[tuple[Scan, Outcome, PoseTuple | None]]:
-    """Outcomes with the true poses of their steps; one step is taken at a time."""
-    truths: dict[int, PoseTuple | None] = {}
+class Run:
+    """A run that is about to begin: the robot at its start, the map read, the observer there.
 
-    def scans() -> Iterator[Scan]:
-        for scan, truth in steps:
+    Raises:
+        ClusterMclError: an input cannot be used.
+    """
+
+    def __init__(self, task: Task) -> None:
+        case = task.case
+        self.course = course_of(case, task.seed, task.settings.bridge)
+        self._settings = msgspec.structs.replace(task.settings, seed=task.seed)
+        self._model = _model(self.course, self._settings, task.cache_folder)
+        self._follow = ALGORITHMS[task.algorithm]
+        self.observer = Observer(case, task.seed, self.course.map, with_trace=task.with_trace)
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """What the algorithm makes of every step; the next step is taken when it is asked for."""
+        truths: dict[int, PoseTuple | None] = {}
+        observer = self.observer
+        for scan, outcome in self._follow(self._scans(truths), self._model, self._settings):
+            observer.on_step(scan, outcome, truths.pop(scan.step))
+            yield outcome
+            if observer.over:
+                return
+            if observer.kidnap_now:
+                self.course.kidnap()
+                observer.kidnapped()
+
+    def _scans(self, truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:
+        """The scans alone, while the truth at each is put aside."""
+        for scan, truth in self.course.steps:
             truths[scan.step] = truth
             yield scan
 
-    for scan, outcome in follow(scans()):
-        yield scan, outcome, truths.pop(scan.step)
+
+def _model(course: Course, settings: Settings, cache_folder: Path) -> SensorModel:
+    """The map as the sensors see it, from the cache that all runs share."""
+    try:
+        return sensor_model(course.map, settings.sensor, cache_folder)
+    except ValueError as error:  # there is nothing in the map to measure against
+        raise MapFileError(course.map_name, str(error)) from error

@@ -12,7 +12,7 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
-from zenoh_link.router import open_router
+from tests.integration.routers import open_router
 from zenoh_link.session import open_session
 
 StartProcess = Callable[[Sequence[str]], RunningProcess]

@@ -41,7 +41,7 @@ PUBLISHED = {  # key: who may publish it, who reads it
 }
 
 SERVED = {  # key: who serves it, who may ask for it
-    keys.MAP: ("bridge", {"worker-a", "worker-b"}),
+    keys.MAP: ("bridge", {"worker-a", "worker-b", "viewer", "operator"}),
     keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator"}),
     keys.KIDNAP: ("bridge", {"operator"}),
     keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),

@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from clustermcl.client import Client
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.stop import StopFlag
@@ -17,6 +18,7 @@ from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.codec import decode
 from protocol.steps import TruePose
+from robot_simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import client_with, require_openssl
 from tests.integration.security.conftest import free_port
@@ -122,6 +124,11 @@ def test_a_viewer_sees_the_robot_localized_by_two_workers(stack: SecureStack) ->
     status = json.loads(stack.typed("viewer", "status", "--json").stdout)
     assert set(status["workers"]) == {"worker-a-0", "worker-b-0"}
     assert status["steps_lost"] == 0
+
+
+def test_a_viewer_gets_the_map(stack: SecureStack) -> None:
+    with Client(load_settings(stack.settings_of("viewer"), [])) as viewer:
+        assert viewer.map().digest == world("hall").map.digest
 
 
 @pytest.mark.parametrize("command", [("relocalize",), ("set-pose", "1", "2", "0")])

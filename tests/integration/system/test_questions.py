@@ -5,11 +5,13 @@ import subprocess
 import sys
 
 import msgspec
+import numpy as np
 import pytest
 
 from clustermcl.client import Client
 from process_runtime.settings import Settings
 from protocol.answers import PoseAnswer
+from robot_simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import wait_until
@@ -66,6 +68,15 @@ def test_hypotheses_are_sorted_and_sum_to_one(system: Settings) -> None:
 def test_hypotheses_above_a_probability_are_those(system: Settings) -> None:
     above = typed(system, "hypotheses", "--above", "0.2", "--json").stdout
     assert all(place["probability"] >= 0.2 for place in json.loads(above)["hypotheses"])
+
+
+def test_another_program_gets_the_map_that_poses_are_in(system: Settings) -> None:
+    with Client(system) as client:
+        found = client.map()
+    hall = world("hall").map
+    assert found.digest == hall.digest
+    assert np.array_equal(found.cells, hall.cells)
+    assert (found.cell_m, found.map_from_grid) == (hall.cell_m, hall.map_from_grid)
 
 
 def test_status_tells_workers_steps_and_what_was_lost(system: Settings) -> None:

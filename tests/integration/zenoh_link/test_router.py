@@ -10,8 +10,8 @@ from process_runtime.supervisor import python_module
 from protocol.errors import AlreadyRunningError, SettingsError
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess
+from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
-from zenoh_link.router import open_router
 
 ROUTER_FILE = Path(__file__).parents[3] / "deploy" / "router.json5"
 

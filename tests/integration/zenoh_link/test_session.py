@@ -15,9 +15,9 @@ from protocol.errors import UnreachableError
 from protocol.limits import max_bytes_on
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
+from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
 from zenoh_link.inbox import Inbox
-from zenoh_link.router import open_router
 from zenoh_link.session import open_session
 from zenoh_link.threads import VARIABLE
 from zenoh_link.wire import Events, Link, Unread, watch_link

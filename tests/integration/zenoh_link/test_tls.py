@@ -10,6 +10,7 @@ import pytest
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import SettingsError, UnreachableError
+from tests.integration.routers import open_router
 from tests.integration.security.certificates import (
     client_with,
     make_certificates,
@@ -18,7 +19,6 @@ from tests.integration.security.certificates import (
 )
 from tests.integration.waiting import wait_until
 from zenoh_link.configuration import client_configuration, router_configuration
-from zenoh_link.router import open_router
 from zenoh_link.session import open_session
 
 require_openssl()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
+from particle_filter.ray_casting import cast_rays_from_poses
 from particle_filter.settings import SensorSettings
 
 
@@ -32,6 +33,19 @@ def cast_ray(cells: Cells, cell_m: float, pose: Pose, angle: float, max_range_m:
     enters = np.maximum(np.maximum(x_in, y_in), 0.0)
     cut = enters[enters <= np.minimum(x_out, y_out)]
     return float(min([*cut, max_range_m]))
+
+
+def cast_rays(
+    cells: Cells,
+    cell_m: float,
+    grid_from_laser: Pose,
+    angles: NDArray[np.float64],
+    max_range_m: float,
+) -> NDArray[np.float64]:
+    """The product's rays from one pose, cell by cell: no jump is longer than one."""
+    one_by_one = np.broadcast_to((cells != OCCUPIED).view(np.uint8), (4, *cells.shape))
+    poses = np.reshape(grid_from_laser, (1, 3))
+    return cast_rays_from_poses(one_by_one, cell_m, poses, angles, max_range_m).reshape(-1)
 
 
 def _between(

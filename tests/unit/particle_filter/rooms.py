@@ -4,9 +4,10 @@ import numpy as np
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import cast_rays, jump_field
+from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import Beams, SensorModel, beams_of
 from particle_filter.settings import SensorSettings
+from tests.unit.particle_filter.naive_rays import cast_rays
 
 CELL_M = 0.05
 ANGLES = np.linspace(-np.pi, np.pi, 72, endpoint=False)

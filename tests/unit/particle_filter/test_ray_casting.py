@@ -8,8 +8,9 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
-from particle_filter.ray_casting import cast_rays, cast_rays_from_poses, jump_field
+from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from tests.unit.particle_filter import naive_rays
+from tests.unit.particle_filter.naive_rays import cast_rays
 
 CELL_M = 0.25
 ALL_AROUND = np.linspace(-np.pi, np.pi, 48, endpoint=False) + 0.01  # never along a grid line

@@ -63,7 +63,7 @@ def test_a_closed_inbox_hands_out_what_it_has_and_takes_no_more() -> None:
     inbox.close()
     inbox.put_newest("scan", "after")
     assert not inbox.put("after")
-    assert (inbox.get(60.0), inbox.get(60.0), inbox.closed) == ("before", None, True)
+    assert (inbox.get(60.0), inbox.get(60.0)) == ("before", None)
 
 
 def test_nothing_comes_from_an_empty_inbox_once_the_time_is_up() -> None:

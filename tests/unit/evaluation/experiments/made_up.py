@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from evaluation.experiments.case import Case
+from evaluation.experiments.case import Case, Simulated
 from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.measures import RunMeasures, measures_of
 from evaluation.experiments.provenance import Provenance
@@ -13,7 +13,6 @@ from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.results import ExperimentResult, RunRecord
 from evaluation.experiments.step_facts import StepFacts, facts_of
 from evaluation.experiments.symmetry import turned_copies
-from evaluation.judge import Accuracy, Judge
 from protocol.answers import Hypothesis, State
 from protocol.message import PoseTuple
 
@@ -37,7 +36,7 @@ def place(probability: float, mean_pose: PoseTuple = TRUTH, cluster: int = 0) ->
 
 
 def facts(update: int, *places: Hypothesis, state: State = "localized") -> StepFacts:
-    return facts_of(update, state, places, COPIES)
+    return facts_of(update, update * 10**9, state, places, COPIES)
 
 
 def right_or_wrong(pattern: str) -> list[StepFacts]:
@@ -52,13 +51,9 @@ def right_or_wrong(pattern: str) -> list[StepFacts]:
     return [made[letter](n) for n, letter in enumerate(pattern, start=1)]
 
 
-def no_verdict() -> Accuracy:
-    return Judge().accuracy()
-
-
 def measures(**changed: Any) -> RunMeasures:
     """Of a run of no step, but for what is given."""
-    return msgspec.structs.replace(measures_of([], no_verdict()), **changed)
+    return msgspec.structs.replace(measures_of([]), **changed)
 
 
 FIGURES: tuple[Figure, ...] = (
@@ -71,7 +66,7 @@ def case(name: str = "made-up", **changed: Any) -> Case:
     made = Case(
         name=name,
         title="Made up",
-        world="rectangle",
+        robot=Simulated(world="rectangle"),
         updates=12,
         typical_updates=12,
         seeds=2,

@@ -1,9 +1,10 @@
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from evaluation.experiments.catalogue import simulated_cases
 from evaluation.experiments.figures import mean, rate, read
 from evaluation.experiments.measures import RunMeasures
-from evaluation.experiments.wilson import wilson_interval
 from tests.unit.evaluation.experiments.made_up import measures
 
 RIGHT = rate("right at the end", "localized", at_least=1, wanted=39 / 40)
@@ -14,9 +15,48 @@ def test_a_share_counts_the_runs_within_the_bounds() -> None:
     runs = [measures(localized=index > 0) for index in range(40)]
     reading = read(RIGHT, runs)
     assert (reading.passed, reading.runs, reading.value) == (39, 40, 39 / 40)
-    assert (reading.low, reading.high) == wilson_interval(39, 40)
+    assert (reading.low, reading.high) == pytest.approx((0.8712, 0.9956), abs=5e-5)
     assert reading.met
     assert not read(RIGHT, runs[:20]).met  # 19 of 20 is less than 39 of 40
+
+
+def interval(passed: int, count: int) -> tuple[float | None, float | None]:
+    """Of a share of so many runs."""
+    right, wrong = measures(localized=True), measures(localized=False)
+    reading = read(RIGHT, [*[right] * passed, *[wrong] * (count - passed)])
+    return reading.low, reading.high
+
+
+@pytest.mark.parametrize(
+    ("passed", "count", "low", "high"),
+    [  # as statsmodels' proportion_confint(method="wilson") and R's prop.test(correct=FALSE) say
+        (20, 20, 0.8389, 1.0),
+        (10, 20, 0.2993, 0.7007),
+        (0, 10, 0.0, 0.2775),
+        (1, 10, 0.0179, 0.4042),
+        (39, 40, 0.8712, 0.9956),
+    ],
+)
+def test_the_interval_of_a_share_is_that_of_the_tables(
+    passed: int, count: int, low: float, high: float
+) -> None:
+    assert interval(passed, count) == pytest.approx((low, high), abs=5e-5)
+
+
+@settings(deadline=None)  # the first call imports scipy.stats
+@given(st.integers(1, 300).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_the_interval_holds_the_share_and_mirrors(counts: tuple[int, int]) -> None:
+    passed, count = counts
+    low, high = interval(passed, count)
+    assert low is not None
+    assert high is not None
+    assert 0.0 <= low <= passed / count + 1e-12
+    assert passed / count - 1e-12 <= high <= 1.0
+    assert interval(count - passed, count) == pytest.approx((1.0 - high, 1.0 - low))
+
+
+def test_of_no_run_nothing_is_known() -> None:
+    assert interval(0, 0) == (None, None)
 
 
 def test_a_run_that_failed_or_lacks_the_measure_did_not_pass() -> None:

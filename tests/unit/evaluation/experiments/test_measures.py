@@ -16,7 +16,6 @@ from tests.unit.evaluation.experiments.made_up import (
     OPPOSITE,
     TRUTH,
     facts,
-    no_verdict,
     place,
     right_or_wrong,
 )
@@ -90,7 +89,7 @@ def test_changes_of_the_leader_pass_over_updates_without_one() -> None:
 
 def test_shares_count_from_the_end_of_the_first_search() -> None:
     run = right_or_wrong("sssaaarrww")
-    made = measures_of(run, no_verdict())
+    made = measures_of(run)
     assert made.bootstrap_update == 4
     assert made.copies_found == 2
     assert made.all_tracked_share == pytest.approx(3 / 7)
@@ -101,31 +100,29 @@ def test_shares_count_from_the_end_of_the_first_search() -> None:
 
 
 def test_tracking_is_judged_from_when_it_first_held() -> None:
-    assert measures_of(right_or_wrong("swwwrrrrraw"), no_verdict()).kept_share == pytest.approx(
-        6 / 7
-    )
-    assert measures_of(right_or_wrong("swwwrrrr"), no_verdict()).kept_share is None
+    assert measures_of(right_or_wrong("swwwrrrrraw")).kept_share == pytest.approx(6 / 7)
+    assert measures_of(right_or_wrong("swwwrrrr")).kept_share is None
 
 
 def test_what_happens_after_a_kidnapping_is_counted_from_it() -> None:
     run = right_or_wrong("rrrrrr" + "WWWaa" + "wrrrrrr")
-    made = measures_of(run, no_verdict(), kidnapped_at_update=6, right_before_kidnap=False)
+    made = measures_of(run, kidnapped_at_update=6, right_before_kidnap=False)
     assert made.alarm_after_kidnap == 4
     assert made.right_after_kidnap == 7
-    never = measures_of(run[:11], no_verdict(), kidnapped_at_update=6)
+    never = measures_of(run[:11], kidnapped_at_update=6)
     assert never.right_after_kidnap is None
 
 
 def test_before_the_feature_is_seen_is_a_share_of_its_own() -> None:
     run = right_or_wrong("saaaarrr")
-    made = measures_of(run, no_verdict(), seen_at_update=6)
+    made = measures_of(run, seen_at_update=6)
     assert made.all_tracked_until_seen_share == 1.0
     assert made.all_tracked_share == pytest.approx(4 / 7)
-    assert measures_of(run, no_verdict()).all_tracked_until_seen_share is None
+    assert measures_of(run).all_tracked_until_seen_share is None
 
 
 def test_a_run_of_nothing_has_no_numbers() -> None:
-    made = measures_of([], no_verdict())
+    made = measures_of([])
     assert made.bootstrap_update is made.entropy_mean is made.all_tracked_share is None
     assert made.right_within is made.right_at_50 is None
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import Case
+from evaluation.experiments.case import AfterStep, Case, OnceRight, Simulated
 from evaluation.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
@@ -44,8 +44,12 @@ def observer(of: Case, **more: bool) -> Observer:
 RIGHT, WRONG = outcome(place(0.8), place(0.2, NOWHERE)), outcome(place(1.0, NOWHERE))
 
 
+def lifted(kidnapping: AfterStep | OnceRight) -> Simulated:
+    return Simulated(world="rectangle", kidnapping=kidnapping)
+
+
 def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
-    watching = observer(case(kidnap=True, kidnap_at_latest=500, updates_after_event=3))
+    watching = observer(case(robot=lifted(OnceRight(at_latest=500)), updates_after_event=3))
     for made in [RIGHT, WRONG, *[RIGHT] * (GOOD_BEFORE_KIDNAP - 1)]:
         watching.on_step(SCAN, made, TRUTH)
         assert not watching.kidnap_now
@@ -63,13 +67,24 @@ def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
 
 
 def test_who_is_never_right_is_kidnapped_all_the_same() -> None:
-    watching = observer(case(kidnap=True, kidnap_at_latest=2))
+    watching = observer(case(robot=lifted(OnceRight(at_latest=2))))
     watching.on_step(SCAN, WRONG, TRUTH)
     assert not watching.kidnap_now
     watching.on_step(SCAN, WRONG, TRUTH)
     assert watching.kidnap_now
     watching.kidnapped()
     assert watching.measures(1.0).right_before_kidnap is False
+
+
+def test_a_robot_is_kidnapped_after_the_step_that_a_person_names() -> None:
+    watching = observer(case(robot=lifted(AfterStep(1))))
+    watching.on_step(SCAN, RIGHT, TRUTH)
+    assert not watching.kidnap_now
+    watching.on_step(SCAN, RIGHT, None)
+    assert watching.kidnap_now
+    watching.kidnapped()
+    assert not watching.kidnap_now
+    assert watching.measures(1.0).kidnapped_at_update == 2
 
 
 def test_steps_without_a_known_truth_are_updates_but_not_judged() -> None:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from evaluation.experiments.case import Recorded, Simulated
 from evaluation.experiments.recorded import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.run import available
 from tests.unit.recordings import data_folder
@@ -18,10 +19,15 @@ def test_recordings_are_found_by_the_names_of_their_files(tmp_path: Path) -> Non
     touched(tmp_path, "wean/robotdata2.log.xz", "wean/robotdata2.reference.tum", "wean/map.yaml")
     touched(tmp_path, "shop/log.clf.gz", "shop/map.yaml", "shop/groundtruth.tum")
     touched(tmp_path, "maps/a.yaml", "no-reference/log.clf", "README.md")
-    found = {case.name: case for case in recorded_cases(tmp_path)}
-    assert list(found) == ["wean-2", "shop"]
-    assert found["shop"].recording == tmp_path / "shop/log.clf.gz"
-    assert found["wean-2"].reference == tmp_path / "wean/robotdata2.reference.tum"
+    wean, shop = recorded_cases(tmp_path)
+    assert (wean.name, shop.name) == ("wean-2", "shop")
+    assert wean.robot == Recorded(
+        recording=tmp_path / "wean/robotdata2.log.xz",
+        map=tmp_path / "wean/map.yaml",
+        reference=tmp_path / "wean/robotdata2.reference.tum",
+    )
+    assert isinstance(shop.robot, Recorded)
+    assert shop.robot.recording == tmp_path / "shop/log.clf.gz"
 
 
 @pytest.mark.parametrize(("cell_m", "asked"), [(0.05, 2), (0.1, 1)])
@@ -41,7 +47,7 @@ def test_absent_recordings_are_said_and_left_out(
 ) -> None:
     monkeypatch.delenv(DATA_VARIABLE, raising=False)
     cases, left_out = available(None)
-    assert all(case.world for case in cases)
+    assert all(isinstance(case.robot, Simulated) for case in cases)
     assert left_out == (f"Recordings are left out: give --data or set {DATA_VARIABLE}.",)
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
     assert available(None)[1] == (f"Recordings are left out: none in {tmp_path}.",)

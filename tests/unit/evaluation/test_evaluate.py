@@ -1,0 +1,152 @@
+"""What `clustermcl evaluate` says of a run, and which options it refuses."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from clustermcl.command import app
+from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of
+from evaluation.experiments.case import AfterStep, Recorded, Simulated
+from evaluation.experiments.measures import measures_of
+from evaluation.experiments.step_facts import facts_of
+from protocol.answers import Hypothesis, State
+from protocol.errors import SettingsError
+from protocol.message import PoseTuple
+from tests.unit.evaluation.places import place
+
+TRUTH: PoseTuple = (10.0, 5.0, 3.0)
+RIGHT, WRONG = (10.5, 5.0, 3.0), (14.0, 5.0, 3.0)
+
+
+def judged(*steps: tuple[State, list[Hypothesis], PoseTuple | None]) -> dict[str, Any]:
+    """One step a second, numbered from 0."""
+    facts = [
+        facts_of(update, (100 + update) * 10**9, state, places, (truth,) if truth else ())
+        for update, (state, places, truth) in enumerate(steps, start=1)
+    ]
+    return result_of(0, measures_of(facts))
+
+
+def sure_of(pose: PoseTuple) -> tuple[State, list[Hypothesis], PoseTuple | None]:
+    return "localized", [place(0.95, pose), place(0.05, (0.0, 0.0, 0.0))], TRUTH
+
+
+def test_localized_means_right_over_the_last_ten_steps() -> None:
+    wrong_before = judged(*[sure_of(WRONG)] * 3, *[sure_of(RIGHT)] * 10)
+    assert wrong_before["localized"]
+    assert (wrong_before["localized_at_step"], wrong_before["localized_at_s"]) == (3, 3.0)
+    one_wrong = judged(*[sure_of(RIGHT)] * 8, sure_of(WRONG), *[sure_of(RIGHT)] * 9)
+    assert not one_wrong["localized"]
+    assert one_wrong["localized_at_step"] is one_wrong["rmse_m"] is None
+
+
+def test_a_wrong_step_begins_the_count_anew() -> None:
+    verdict = judged(*[sure_of(RIGHT)] * 20, sure_of(WRONG), *[sure_of(RIGHT)] * 12)
+    assert verdict["localized_at_step"] == 21
+
+
+def test_a_run_shorter_than_ten_steps_is_judged_by_all_of_them() -> None:
+    assert judged(*[sure_of(RIGHT)] * 4)["localized"]
+    assert not judged(sure_of(WRONG), *[sure_of(RIGHT)] * 3)["localized"]
+
+
+def test_the_rmse_counts_from_where_it_stayed_right() -> None:
+    first, then = sure_of((10.0, 5.9, 3.0)), sure_of((10.0, 5.5, 3.0))
+    verdict = judged(sure_of(WRONG), first, *[then] * 10)
+    assert verdict["rmse_m"] == pytest.approx(math.sqrt((0.9**2 + 10 * 0.5**2) / 11))
+
+
+def test_the_final_error_is_that_of_the_last_judged_step() -> None:
+    verdict = judged(sure_of(RIGHT), sure_of((10.0, 5.2, 3.1)), ("localized", [place(1.0)], None))
+    assert verdict["final_error_m"] == pytest.approx(0.2)
+    assert verdict["final_error_rad"] == pytest.approx(0.1)
+    assert verdict["steps"] == 3
+
+
+def test_only_a_sure_estimate_at_a_wrong_place_is_confidently_wrong() -> None:
+    doubtful = ("ambiguous", [place(0.89, WRONG), place(0.11, RIGHT)], TRUTH)
+    sure = ("localized", [place(0.9, WRONG)], TRUTH)
+    assert judged(sure_of(RIGHT), doubtful, sure, sure)["confidently_wrong_fraction"] == 0.5
+
+
+def test_a_first_search_claims_nothing() -> None:
+    searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [place(1.0, WRONG)], TRUTH
+    verdict = judged(*[searching] * 3, sure_of(RIGHT))
+    assert verdict["confidently_wrong_fraction"] == 0.0
+    assert verdict["truth_tracked_fraction"] == 1.0
+    only = judged(searching)
+    assert not only["localized"]
+    assert only["final_error_m"] is only["truth_tracked_fraction"] is None
+
+
+def test_the_truth_is_tracked_by_any_place_and_its_probability_adds_up() -> None:
+    both = ("ambiguous", [place(0.5, WRONG), place(0.3, RIGHT), place(0.2, TRUTH)], TRUTH)
+    none = ("ambiguous", [place(1.0, WRONG)], TRUTH)
+    verdict = judged(both, none)
+    assert verdict["truth_tracked_fraction"] == 0.5
+    assert verdict["truth_probability_mean"] == pytest.approx(0.25)
+
+
+def test_places_forgotten_later_count_against_tracking() -> None:
+    forgotten: tuple[State, list[Hypothesis], PoseTuple] = "searching", [], TRUTH
+    verdict = judged(sure_of(RIGHT), forgotten)
+    assert verdict["truth_tracked_fraction"] == 0.5
+    assert not verdict["localized"]
+    assert verdict["final_error_m"] is None
+
+
+def test_without_a_reference_nothing_is_claimed() -> None:
+    verdict = judged(*[("localized", [place(1.0)], None)] * 12)
+    assert not verdict["localized"]
+    assert verdict["confidently_wrong_fraction"] is verdict["truth_probability_mean"] is None
+    assert verdict["steps"] == 12
+
+
+def test_what_is_first_held_where_nobody_knows_the_truth_ends_the_first_search() -> None:
+    unjudged: tuple[State, list[Hypothesis], None] = "localized", [place(1.0)], None
+    searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [], TRUTH
+    assert judged(unjudged, searching, sure_of(RIGHT))["truth_tracked_fraction"] == 0.5
+
+
+def test_a_simulated_robot_drives_300_steps_unless_told_otherwise() -> None:
+    case = case_of(EvaluateOptions(recording="sim:hall"))
+    assert (case.robot, case.updates) == (Simulated(world="hall"), 300)
+    asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9, kidnap_at=4)
+    case = case_of(asked)
+    robot = Simulated(world="a.yaml", map=Path("b.yaml"), kidnapping=AfterStep(4))
+    assert (case.robot, case.updates) == (robot, 9)
+
+
+def test_a_recorded_robot_drives_to_its_end() -> None:
+    case = case_of(EvaluateOptions(recording="a.log", map_file="b.yaml"))
+    robot = Recorded(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
+    assert (case.robot, case.updates) == (robot, None)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"recording": "sim:hall", "reference": Path("r.tum")}, "--reference: a simulated robot"),
+        ({"recording": "a.log"}, "--map is missing: a recording needs"),
+        ({"recording": "a.log", "map_file": "m", "kidnap_at": 0}, "--kidnap-at: only a simulated"),
+    ],
+)
+def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -> None:
+    with pytest.raises(SettingsError, match=said):
+        case_of(EvaluateOptions(**options))
+
+
+def test_an_unknown_algorithm_is_refused() -> None:
+    with pytest.raises(SettingsError, match="--algorithm amcl: there is cluster-mcl or mcl"):
+        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="amcl"))
+
+
+@pytest.mark.parametrize("option", ["--seeds", "--steps", "--jobs"])
+def test_a_count_beyond_all_reason_is_refused_before_anything_is_done(option: str) -> None:
+    result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
+    assert result.exit_code == 2
+    assert f"Invalid value for '{option}'" in result.output
+    assert "less than or equal to" in result.output
