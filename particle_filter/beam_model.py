@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.arrays import OCCUPIED, LogWeights, Pose, Poses
 from particle_filter.kernel_arguments import plain, read_only, to_cells
 from particle_filter.kernels import kernel
-from particle_filter.ray_casting import JumpField, cast_fan
+from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
+from particle_filter.scan_points import usable_beams
+from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
 from particle_filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]
@@ -28,6 +31,55 @@ class RayMap:
     """Side of a cell [m]."""
     map_from_grid: Pose
     """(3,) the outer corner of cell (0, 0), in the map's frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class BeamModel:
+    """Weighs poses by the length of every beam; see `SensorModel`."""
+
+    grid: Grid
+    ray_map: RayMap
+    settings: SensorSettings
+
+    @classmethod
+    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:  # noqa: ARG003 - as all
+        """How far rays may jump."""
+        if not np.any(grid.cells == OCCUPIED):
+            raise ValueError("the map has no occupied cell to compare a scan with")
+        return {"jumps": jump_field(grid.cells)}
+
+    @classmethod
+    def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
+        """The model, from what `arrays_of` computed."""
+        jumps = checked_jumps(arrays["jumps"], grid.cells)
+        return cls(grid, RayMap(jumps, grid.cell_m, grid.map_from_grid), settings)
+
+    def beams(self, scan: LaserScan) -> Beams:
+        """Those without return too: they tell that nothing was met."""
+        longest = min(scan.range_max_m, self.settings.max_range_m)
+        ranges = np.minimum(np.asarray(scan.ranges, np.float64), longest)  # NaN stays NaN
+        return scan.beams(ranges, usable_beams(ranges, np.inf, self.settings.max_beams), longest)
+
+    def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        return beam_log_likelihood(
+            map_from_robot,
+            beams.ranges,
+            beams.angles,
+            robot_from_laser=beams.robot_from_laser,
+            ray_map=self.ray_map,
+            max_range_m=beams.max_range_m,
+            settings=self.settings,
+        )
+
+    def correction(
+        self,
+        map_from_robot: Poses,  # noqa: ARG002 - as all
+        weights: NDArray[np.float64],  # noqa: ARG002 - as all
+        beams: Beams,  # noqa: ARG002 - as all
+    ) -> float:
+        """Nothing: every ray is followed anyway."""
+        return 0.0
 
 
 def beam_log_likelihood(
