@@ -16,13 +16,13 @@ from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
+from process_runtime.sources import Simulated, parsed_source
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import PREFIX, SimulatedSource, simulated_steps, simulated_world
-from sensor_bridge.recording import open_recording
-from sensor_bridge.step_maker import steps_of
+from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from sensor_bridge.recording import open_recording, steps_of
 from worker.map_model import default_cache_folder, sensor_model
 
 ALGORITHMS = {"cluster-mcl": in_process.outcomes, "mcl": ordinary_mcl.outcomes}
@@ -50,7 +50,7 @@ class EvaluateOptions:
     @property
     def simulated(self) -> bool:
         """Whether the robot is a simulated one."""
-        return self.recording.startswith(PREFIX)
+        return isinstance(parsed_source(self.recording), Simulated)
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,9 @@ def course(run: Run) -> tuple[GridMap, Iterator[TrueStep]]:
         ClusterMclError: an input cannot be used; of a recording this may show at its first step.
     """
     options, bridge = run.options, run.settings.bridge
-    if options.simulated:
-        world = simulated_world(options.recording)
+    robot = parsed_source(options.recording)
+    if isinstance(robot, Simulated):
+        world = simulated_world(robot)
         simulation = Simulation(world, run.settings.seed)
         count = options.steps or DEFAULT_STEPS
         source = SimulatedSource(simulation, steps=count, kidnap_at=options.kidnap_at)

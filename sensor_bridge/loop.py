@@ -17,8 +17,9 @@ from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, printable
 from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
-from sensor_bridge.extension import Extension, Reading, Source
+from sensor_bridge.extension import Extension
 from sensor_bridge.pacing import Pacing
+from sensor_bridge.reading import Reading, Source
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
 from zenoh_link.health import HealthReporter

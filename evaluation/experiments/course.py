@@ -13,8 +13,7 @@ from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recording import open_recording
-from sensor_bridge.step_maker import steps_of
+from sensor_bridge.recording import open_recording, steps_of
 
 TrueStep = tuple[Scan, PoseTuple | None]
 """A step, and where the robot was at its scan; None where nobody knows."""

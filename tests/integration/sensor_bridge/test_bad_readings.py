@@ -17,7 +17,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, Scan, ScanHistory
-from sensor_bridge.extension import Reading
+from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.system.rubbish import NO_MESSAGES
