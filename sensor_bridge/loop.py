@@ -55,6 +55,7 @@ class BridgeLoop:
         extension: Extension | None = None,
     ) -> None:
         self._session, self._settings, self._source = session, settings, source
+        self._live = source is None
         self._extension = extension or Extension()
         self._name = name
         self._map_message = to_message(grid_map, name)
@@ -170,6 +171,7 @@ class BridgeLoop:
             self._name,
             first_step=first_step,
             paced=self._pacing.paced,
+            live=self._live,
         )
 
     # --- what arrives

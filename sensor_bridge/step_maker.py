@@ -44,6 +44,7 @@ class StepMaker:
         sender: put into every step.
         first_step: number of the first step.
         paced: put into every step: the sender waits for the belief before it sends the next.
+        live: put into every step: stamps are of a robot's own clock.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry and restarts of the
@@ -57,9 +58,11 @@ class StepMaker:
         sender: str,
         first_step: int = 0,
         paced: bool = False,
+        live: bool = False,
     ) -> None:
         self.dropped: Counter[str] = Counter()
-        self._map_digest, self._sender, self._paced = map_digest, sender, paced
+        self._map_digest, self._sender = map_digest, sender
+        self._paced, self._live = paced, live
         self._next_step = first_step
         self._gate = MotionGate(settings)
         self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
@@ -177,6 +180,7 @@ class StepMaker:
             ranges=ranges,
             map_digest=self._map_digest,
             paced=self._paced,
+            live=self._live,
         )
 
 

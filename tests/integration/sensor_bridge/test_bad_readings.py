@@ -148,6 +148,6 @@ def test_rubbish_among_readings_changes_no_step(
 
 
 def steps_of_a_quiet_drive(digest: str) -> list[Scan]:
-    maker = StepMaker(BridgeSettings(), digest, "sensor_bridge")
+    maker = StepMaker(BridgeSettings(), digest, "sensor_bridge", live=True)
     steps = [maker.on_reading(reading) for reading in quiet_drive()]
     return [step for step in steps if step is not None]
