@@ -22,23 +22,11 @@ _NEGLIGIBLE = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class RayMap:
-    """A map made ready for ray casting."""
-
-    jumps: JumpField
-    """`ray_casting.jump_field` of its cells."""
-    cell_m: float
-    """Side of a cell [m]."""
-    map_from_grid: Pose
-    """(3,) the outer corner of cell (0, 0), in the map's frame."""
-
-
-@dataclass(frozen=True, eq=False)
 class BeamModel:
     """Weighs poses by the length of every beam; see `SensorModel`."""
 
     grid: Grid
-    ray_map: RayMap
+    jumps: JumpField
     settings: SensorSettings
 
     @classmethod
@@ -51,8 +39,7 @@ class BeamModel:
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
         """The model, from what `arrays_of` computed."""
-        jumps = checked_jumps(arrays["jumps"], grid.cells)
-        return cls(grid, RayMap(jumps, grid.cell_m, grid.map_from_grid), settings)
+        return cls(grid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those without return too: they tell that nothing was met."""
@@ -67,7 +54,8 @@ class BeamModel:
             beams.ranges,
             beams.angles,
             robot_from_laser=beams.robot_from_laser,
-            ray_map=self.ray_map,
+            grid=self.grid,
+            jumps=self.jumps,
             max_range_m=beams.max_range_m,
             settings=self.settings,
         )
@@ -88,7 +76,8 @@ def beam_log_likelihood(
     angles: NDArray[np.float64],
     *,
     robot_from_laser: Pose,
-    ray_map: RayMap,
+    grid: Grid,
+    jumps: JumpField,
     max_range_m: float,
     settings: SensorSettings,
 ) -> LogWeights:
@@ -104,7 +93,8 @@ def beam_log_likelihood(
         ranges: (B,) readings [m]; not finite, <= 0 or >= `max_range_m`: no return.
         angles: (B,) directions of the beams in the laser's frame [rad].
         robot_from_laser: (3,) where the laser sits on the robot.
-        ray_map: the map.
+        grid: the map.
+        jumps: `ray_casting.jump_field` of its cells.
         max_range_m: the shorter of what the laser can see and the settings' `max_range_m` [m].
         settings: weights and widths of the mixture.
 
@@ -130,8 +120,8 @@ def beam_log_likelihood(
         plain(map_from_robot),
         plain(beams),
         plain(robot_from_laser),
-        read_only(ray_map.jumps),
-        (ray_map.cell_m, *to_cells(ray_map.map_from_grid, ray_map.cell_m)),
+        read_only(jumps),
+        (grid.cell_m, *to_cells(grid.map_from_grid, grid.cell_m)),
         _mixture(settings, max_range_m),
     )
 
