@@ -20,9 +20,9 @@ from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from protocol.errors import ClusterMclError
+from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
-_SOCKET_PATH_MAX_BYTES = 107
 _FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
 _NEWBORN_S = 10.0
 """A folder so young may not have its lock yet."""
@@ -129,7 +129,7 @@ def temporary_folder() -> Iterator[Path]:
     """
     # The longest name in it is that of the socket; a path too long for one would not do.
     base = Path(tempfile.gettempdir())
-    room = _SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
+    room = SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
     _remove_orphans(folder)
     with (

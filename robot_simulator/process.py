@@ -2,13 +2,12 @@
 
 import argparse
 import logging
-from typing import assert_never
 
 import zenoh
 
 from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
 from protocol.answers import CommandDone, Kidnap
 from protocol.codec import decode
@@ -80,13 +79,10 @@ def run_simulator(invocation: Invocation) -> None:
 
 
 def _world(named: str) -> World:
-    match parsed_source(named):
-        case Simulated() as robot:
-            return simulated_world(robot)
-        case Live() | Recorded():
-            raise SettingsError(f"{named!r} is no simulation: name sim:WORLD or sim:MAP.yaml")
-        case choice:
-            assert_never(choice)
+    robot = parsed_source(named)
+    if not isinstance(robot, Simulated):
+        raise SettingsError(f"{named!r} is no simulation: name sim:WORLD or sim:MAP.yaml")
+    return simulated_world(robot)
 
 
 class _Kidnapper:

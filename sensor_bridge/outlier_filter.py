@@ -13,8 +13,8 @@ MAX_AHEAD_NS = 10_000_000_000
 """A stamp may be so much later than the newest before it [ns] without a second one that agrees."""
 CONFIRMED_BY = 3
 """So many readings in a row that agree with one another are no outliers."""
-
-_MAX_STEP_BACK_NS = 1_000_000_000
+MAX_STEP_BACK_NS = 1_000_000_000
+"""Readings may come so much late [ns]; stamps of real recordings step back by up to 0.9 s."""
 
 
 class OutlierFilter:
@@ -72,7 +72,7 @@ class OutlierFilter:
     def _agrees(self, reading: Reading) -> bool:
         with_pose = [held for held in self.held if held.odom_from_robot is not None]
         before = with_pose[-1] if with_pose else None
-        in_order = reading.stamp_ns >= self.held[-1].stamp_ns - _MAX_STEP_BACK_NS
+        in_order = reading.stamp_ns >= self.held[-1].stamp_ns - MAX_STEP_BACK_NS
         return in_order and not self._jumps_from(before, reading)
 
     @staticmethod

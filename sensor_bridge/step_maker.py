@@ -13,7 +13,7 @@ from protocol.steps import LaserReading, OdometryReading, Scan
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
-from sensor_bridge.outlier_filter import OutlierFilter
+from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
 from sensor_bridge.reading import Reading
 
 STAMP_STEPS_BACK = "stamp_steps_back"
@@ -22,8 +22,6 @@ NO_ODOMETRY = "no_odometry"
 ODOMETRY_JUMPED = "odometry_jumped"
 OUTLIER = "strayed_in_time_or_place"
 
-MAX_STEP_BACK_NS = 1_000_000_000
-"""Readings may come so much late [ns]; stamps of real recordings step back by up to 0.9 s."""
 MAX_WAITING_SCANS = 8
 """Scans that wait for later odometry; one more, and the first makes do with what there is."""
 RESTART_AFTER = 20

@@ -25,7 +25,7 @@ _MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
 _WAIT_BEFORE_CLOSE_US = 300_000
 _QUEUED_BATCHES = 16
 """Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
-_SOCKET_PATH_MAX_BYTES = 107
+SOCKET_PATH_MAX_BYTES = 107
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
 Configuration = dict[str, Any]
@@ -136,8 +136,8 @@ def check_endpoint(endpoint: str) -> None:
     elif protocol == "unixsock-stream":
         if not address.startswith("/"):
             problem = "write unixsock-stream/ and an absolute path, so two slashes"
-        elif len(os.fsencode(address)) > _SOCKET_PATH_MAX_BYTES:
-            problem = f"a socket's path has at most {_SOCKET_PATH_MAX_BYTES} bytes"
+        elif len(os.fsencode(address)) > SOCKET_PATH_MAX_BYTES:
+            problem = f"a socket's path has at most {SOCKET_PATH_MAX_BYTES} bytes"
     else:
         problem = "write tcp/HOST:PORT, tls/HOST:PORT or unixsock-stream//PATH"
     if problem:
