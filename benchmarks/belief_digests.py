@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, Recorded, Simulated
+from evaluation.experiments.case import AfterStep, Case, RecordedRobot, SimulatedRobot
 from evaluation.experiments.task import Run, Task
 from process_runtime.settings import Settings
 from worker.map_model import default_cache_folder
@@ -23,21 +23,21 @@ from worker.map_model import default_cache_folder
 def cases(data: Path) -> list[Case]:
     """Two simulated and two recorded ones."""
     wean, intel = data / "wean", data / "intel"
-    kidnapped = Simulated(world="office", kidnapping=AfterStep(100))
+    kidnapped = SimulatedRobot(world="office", kidnapping=AfterStep(100))
     return [
-        _case("cross", Simulated(world="cross"), updates=300),
+        _case("cross", SimulatedRobot(world="cross"), updates=300),
         _case("office, kidnapped", kidnapped, updates=300),
         _case("Wean 1", _recorded(wean / "robotdata1.log.xz", wean / "map.yaml")),
         _case("Intel", _recorded(intel / "log.clf.gz", intel / "map.yaml")),
     ]
 
 
-def _case(name: str, robot: Simulated | Recorded, updates: int | None = None) -> Case:
+def _case(name: str, robot: SimulatedRobot | RecordedRobot, updates: int | None = None) -> Case:
     return Case(name=name, title=name, robot=robot, updates=updates, seeds=1, ordinary_seeds=0)
 
 
-def _recorded(recording: Path, grid_map: Path) -> Recorded:
-    return Recorded(recording=recording, map=grid_map, reference=None)
+def _recorded(recording: Path, grid_map: Path) -> RecordedRobot:
+    return RecordedRobot(recording=recording, map=grid_map, reference=None)
 
 
 def digest(work: tuple[Case, int]) -> str:

@@ -11,13 +11,14 @@ from scipy.ndimage import distance_transform_edt
 from benchmarks import floor, plain
 from particle_filter import belief
 from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
-from particle_filter.beam_model import RayMap, beam_log_likelihood
+from particle_filter.beam_model import beam_log_likelihood
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.motion import _omnidirectional, move, move_with_noise
 from particle_filter.normal_numbers import standard_normals
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.resampling import resample, resample_weights
+from particle_filter.sensor_model import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
 from particle_filter.source_clustering import cluster_by_source_point
 from robot_simulator.worlds.catalogue import world
@@ -140,12 +141,12 @@ def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
     units = "ray", count * beams
     yield Case(f"rays, floor: the same in C, {about}", *units, ours, in_numpy, exact, check)
     yield Case(f"rays, floor: marching in C, {about}", *units, ours, in_numpy, marching)
-    ray_map = RayMap(jumps, CELL_M, np.zeros(3))
+    grid = Grid(cells(), CELL_M, np.zeros(3))
     yield Case(
         f"beam model, floor: the rays alone in C, {about}", *units,
         lambda: beam_log_likelihood(
-            poses, ranges, angles, robot_from_laser=np.zeros(3), ray_map=ray_map,
-            max_range_m=MAX_RANGE_M, settings=SensorSettings(),
+            poses, ranges, angles, robot_from_laser=np.zeros(3), grid=grid,
+            jumps=jumps, max_range_m=MAX_RANGE_M, settings=SensorSettings(),
         ),
         None, exact,
     )  # fmt: skip

@@ -72,7 +72,7 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
                 for index, rng in enumerate(rngs)
             ]
         else:
-            beams = scan_beams(scan, settings)
+            beams = scan_beams(scan, model)
             weighed = [
                 cluster_filter.advanced(
                     cloud, before, after, beams, model, settings.motion, settings.cluster, rng

@@ -6,9 +6,9 @@ import numpy as np
 
 from benchmarks.cases import CELL_M, CENTRE, cells
 from particle_filter import belief
-from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, FilterSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
@@ -31,14 +31,13 @@ def steps(
         cluster=ClusterSettings(particles=particles), sensor=SensorSettings(max_beams=beams)
     )
     grid = np.tile(cells(), (tiles, tiles))
-    field = LikelihoodField.build(grid, CELL_M, np.zeros(3), settings.sensor)
-    model = SensorModel(field, jump_field(grid), settings.sensor)
+    model = computed_model(Grid(grid, CELL_M, np.zeros(3)), settings.sensor)
     rng = np.random.default_rng(0)
     free = np.argwhere(grid == 0)
     jobs = [_job(number, _place(number, free, rng), model, settings) for number in range(clusters)]
     log_belief = np.full(clusters, -np.log(clusters))
     angles = np.linspace(-np.pi / 2, np.pi / 2, max(beams, 181))
-    seen_m = cast_rays_from_poses(model.jumps, CELL_M, _TRUE_POSE, angles, 30.0)[0]
+    seen_m = cast_rays_from_poses(jump_field(grid), CELL_M, _TRUE_POSE, angles, 30.0)[0]
     step = 1
     while True:
         scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)

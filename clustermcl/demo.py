@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import assert_never
 
 import msgspec
 import zenoh
@@ -20,6 +21,7 @@ from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map
 from process_runtime.settings import Settings
+from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
 from protocol import keys
 from protocol.answers import Belief, Status
@@ -27,12 +29,12 @@ from protocol.codec import decode
 from protocol.errors import ClusterMclError, SettingsError, UnreachableError
 from protocol.message import PoseTuple
 from protocol.steps import TruePose
-from robot_simulator.source import PREFIX, simulated_world
+from robot_simulator.source import simulated_world
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 
-DEFAULT_SOURCE = f"{PREFIX}cross_feature"
+DEFAULT_SOURCE = "sim:cross_feature"
 DEFAULT_SIMULATION_RATE = 3.0
 DEFAULT_SIMULATION_STEPS = 300
 LOCALIZED_STEPS = 20
@@ -116,34 +118,51 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
 def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     """Read what can be refused before anything is started."""
     source = options.recording or DEFAULT_SOURCE
-    simulated = source.startswith(PREFIX)
-    rate = options.rate
-    if rate is None:
-        rate = DEFAULT_SIMULATION_RATE if simulated else 0.0
+    match parsed_source(source):
+        case Simulated() as robot:
+            settings = _played(source, DEFAULT_SIMULATION_RATE, options, settings)
+            return _simulated(robot, options, settings)
+        case Recorded(path):
+            return _recorded(path, options, _played(source, 0.0, options, settings))
+        case Live():
+            problem = "--recording: a live robot has no end; start 'clustermcl up'"
+            raise SettingsError(key="--recording", problem=problem)
+        case choice:
+            assert_never(choice)
+
+
+def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
+    """The settings of all processes of the demo; nothing of it is kept."""
+    rate = usual_rate if options.rate is None else options.rate
     map_file = options.map_file or settings.bridge.map
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
     nothing_kept = msgspec.structs.replace(settings.coordinator, state_folder="off")
-    settings = msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)
-    if simulated:
-        if options.reference is not None:
-            problem = "--reference: a simulated robot knows where it is; leave it out"
-            raise SettingsError(key="--reference", problem=problem)
-        simulated_world(source)
-        if options.map_file:
-            load_map(options.map_file)
-        steps = options.steps or DEFAULT_SIMULATION_STEPS
-        title = f"simulated robot in {source.removeprefix(PREFIX)}"
-        return _Show(settings, title, steps, True, options.steps is None, None)
+    return msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)
+
+
+def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _Show:
+    if options.reference is not None:
+        problem = "--reference: a simulated robot knows where it is; leave it out"
+        raise SettingsError(key="--reference", problem=problem)
+    simulated_world(robot)
+    if options.map_file:
+        load_map(options.map_file)
+    steps = options.steps or DEFAULT_SIMULATION_STEPS
+    title = f"simulated robot in {robot.world}"
+    return _Show(settings, title, steps, True, options.steps is None, None)
+
+
+def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
     if options.steps is not None:
         problem = "--steps: only for a simulated robot; a recording has its own end"
         raise SettingsError(key="--steps", problem=problem)
-    if not map_file:
+    if not settings.bridge.map:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
-    load_map(map_file)
+    load_map(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
-    steps = counted_steps(source, settings.bridge)
-    return _Show(settings, f"recording {source}", steps, False, False, reference)
+    steps = counted_steps(path, settings.bridge)
+    return _Show(settings, f"recording {path}", steps, False, False, reference)
 
 
 def _view(options: DemoOptions, show: _Show) -> View:

@@ -10,18 +10,19 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import assert_never
 
 import msgspec
 
 from process_runtime.main import EXIT_ERROR
 from process_runtime.settings import Settings
 from process_runtime.settings_table import settings_as_toml
+from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from protocol.errors import ClusterMclError
 from zenoh_link.configuration import SOCKET_PATH_MAX_BYTES
 
 ROUTER, WORKERS, COORDINATOR = "router", "worker", "coordinator"
-_SIMULATED = "sim:"
 _FOLDER_PREFIX, _LOCK = "clustermcl-", "lock"
 _NEWBORN_S = 10.0
 """A folder so young may not have its lock yet."""
@@ -65,10 +66,13 @@ class Stack:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
         self._file.write_text(settings_as_toml(settings), encoding="utf-8")
-        if settings.bridge.source.startswith(_SIMULATED):
-            source = self._child("robot_simulator", *simulator_arguments)
-        else:
-            source = self._child("sensor_bridge")
+        match parsed_source(settings.bridge.source):
+            case Simulated():
+                source = self._child("robot_simulator", *simulator_arguments)
+            case Live() | Recorded():
+                source = self._child("sensor_bridge")
+            case choice:
+                assert_never(choice)
         router = self._child("zenoh_link.router", name=ROUTER)
         self._coordinator = self._child("coordinator")
         self._supervisor = Supervisor([router, self._child("worker"), source])

@@ -1,14 +1,15 @@
 """`clustermcl up`: everything on this machine, in the foreground, until Ctrl-C."""
 
 import sys
+from typing import assert_never
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from grid_maps.load import load_map
 from process_runtime.settings import Settings
+from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
-from robot_simulator.source import PREFIX, simulated_world
-from sensor_bridge.process import LIVE_SOURCE
+from robot_simulator.source import simulated_world
 from sensor_bridge.recording import open_recording
 from zenoh_link.configuration import as_zenoh, client_configuration
 
@@ -44,15 +45,24 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
     """Say what is wrong in one line, before processes say it in theirs."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     bridge = settings.bridge
-    if bridge.source.startswith(PREFIX):
-        simulated_world(bridge.source)
-        return
-    if not bridge.map:
+    match parsed_source(bridge.source):
+        case Simulated() as robot:
+            simulated_world(robot)
+        case Recorded(path):
+            _refuse_map(bridge.map)
+            open_recording(path, bridge)
+        case Live():
+            _refuse_map(bridge.map)
+        case choice:
+            assert_never(choice)
+
+
+def _refuse_map(map_file: str) -> None:
+    """Refuse a map that is not named or cannot be used."""
+    if not map_file:
         problem = "bridge.map is empty: name the map file there, or by --set bridge.map="
         raise SettingsError(key="bridge.map", problem=problem)
-    load_map(bridge.map)
-    if bridge.source != LIVE_SOURCE:
-        open_recording(bridge.source, bridge)
+    load_map(map_file)
 
 
 def _say(text: str) -> None:

@@ -64,7 +64,6 @@ class Coordinator:
         term: int = 0,
         known: Checkpoint | None = None,
         last_poses: Mapping[str, LastPose] = MappingProxyType({}),
-        live: bool = False,
     ) -> None:
         """Know nothing yet.
 
@@ -77,11 +76,10 @@ class Coordinator:
             term: see `Term`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
             last_poses: where the robot was at the end of an earlier life, by the map's digest.
-            live: the robot's stamps are of a clock that runs like any other.
         """
         self._sender, self._settings = sender, settings
         self._last_poses = last_poses
-        self._state = CoordinatorState(sender, filter_settings, settings, live=live)
+        self._state = CoordinatorState(sender, filter_settings, settings)
         self._answers = Answers(sender, version, self._state, now_ns)
         self._term = Term(sender, term, known, now_ns)
         self._step_resets = StepResetDetector()
@@ -146,6 +144,14 @@ class Coordinator:
                 assert_never(event)
         return []
 
+    @property
+    def pose_outlives_us(self) -> bool:
+        """Whether the last pose is of use to another life of ours, and that of an earlier one here.
+
+        A recording or a simulation begins where it begins, unless a person names a folder for it.
+        """
+        return self._state.pose.live or bool(self._settings.state_folder)
+
     # --- what the robot does
 
     def _on_scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
@@ -162,7 +168,7 @@ class Coordinator:
                 state.count_anew(scan)
                 return self._on_scan(scan, now_ns)
             return self._say_again(scan, now_ns)
-        state.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns)
+        state.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns, live=scan.live)
         if not self.begun:
             return self._on_time_passed(now_ns)
         self._begin_search(scan)
@@ -323,7 +329,7 @@ class Coordinator:
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Where the robot was at the end of an earlier life, as one place that is possible."""
-        last = self._last_poses.get(scan.map_digest)
+        last = self._last_poses.get(scan.map_digest) if self.pose_outlives_us else None
         probability = self._settings.last_pose_probability
         return last.offered_at(scan, probability) if last and probability > 0.0 else None
 

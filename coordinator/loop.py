@@ -243,7 +243,7 @@ class CoordinatorLoop:
 
     def _keep(self, belief: Belief) -> None:
         """Remember where the robot is, where that is sure."""
-        if belief.state != "localized":
+        if belief.state != "localized" or not self._coordinator.pose_outlives_us:
             return
         best = belief.hypotheses[0]
         pose = LastPose(

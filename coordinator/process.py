@@ -15,16 +15,13 @@ from coordinator.pose.last_pose import default_state_folder, read_all
 from coordinator.pose.pose_keeper import PoseKeeper
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
-from process_runtime.settings import Settings
+from process_runtime.settings import CoordinatorSettings
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from protocol.work import Checkpoint
 from zenoh_link.metrics import metrics_served
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
-
-LIVE_SOURCE = "zenoh"
-"""A `bridge.source` that is a robot of its own, whose place outlives our processes."""
 
 _log = logging.getLogger(__name__)
 
@@ -82,7 +79,7 @@ def run_coordinator(invocation: Invocation) -> None:
 def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | None) -> None:
     """Coordinate until told to stop, or until another coordinator acts."""
     settings = invocation.settings
-    folder = state_folder(settings)
+    folder = state_folder(settings.coordinator)
     robot = settings.robot.name
     coordinator = Coordinator(
         invocation.process,
@@ -93,7 +90,6 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
         term=time.time_ns() // 1_000,
         known=known,
         last_poses=read_all(folder, robot) if folder else {},
-        live=settings.bridge.source == LIVE_SOURCE,
     )
     keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
     CoordinatorLoop(coordinator, session, keeper).run(invocation.stop)
@@ -103,13 +99,10 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
         )
 
 
-def state_folder(settings: Settings) -> Path | None:
-    """Where the last pose is kept; None for nowhere.
-
-    A recording or a simulation begins where it begins, whatever was before.
-    """
-    named = settings.coordinator.state_folder
-    if named == "off" or (not named and settings.bridge.source != LIVE_SOURCE):
+def state_folder(settings: CoordinatorSettings) -> Path | None:
+    """Where the last pose is kept; None for nowhere."""
+    named = settings.state_folder
+    if named == "off":
         return None
     try:
         return Path(named).expanduser() if named else default_state_folder()

@@ -36,14 +36,12 @@ class CoordinatorState:
         sender: str,
         filter_settings: FilterSettings,
         settings: CoordinatorSettings,
-        *,
-        live: bool,
     ) -> None:
         self._seed = filter_settings.seed
         self.ensemble = Ensemble(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
-        self.pose = PoseTracker(sender, settings.stale_after_s, live=live)
+        self.pose = PoseTracker(sender, settings.stale_after_s)
         self.outcome: Outcome | None = None
         self.applied_scan: Scan | None = None
         self.counters: Counter[str] = Counter()
@@ -158,7 +156,13 @@ class CoordinatorState:
         self.commands_done |= state.commands_done
         self.changed = True
         if applied is not None:
-            self.pose.resume(applied.stamp_ns, applied.odom_from_robot, state.age_s, now_ns)
+            self.pose.resume(
+                applied.stamp_ns,
+                applied.odom_from_robot,
+                state.age_s,
+                now_ns,
+                live=applied.live,
+            )
             self.outcome = self.ensemble.again(applied.step, state.missing)
             self.pose.believed(self.outcome, applied.odom_from_robot)
 

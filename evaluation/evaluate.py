@@ -28,17 +28,17 @@ from evaluation.experiments.case import (
     AfterStep,
     Algorithm,
     Case,
-    Recorded,
-    Simulated,
+    RecordedRobot,
+    SimulatedRobot,
 )
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
 from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
 from process_runtime.settings import Settings
+from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import ClusterMclError, InputFileError, SettingsError
-from robot_simulator.source import PREFIX
 from worker.map_model import default_cache_folder
 
 DEFAULT_STEPS = 300
@@ -78,7 +78,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     algorithm, case = algorithm_of(options), case_of(options)
     if options.json_file is not None and not options.json_file.parent.is_dir():
         raise InputFileError(options.json_file, "its folder does not exist")
-    if isinstance(case.robot, Recorded):
+    if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # says which lines are left out, once
     tasks = [
         Task(
@@ -118,7 +118,7 @@ def case_of(options: EvaluateOptions) -> Case:
         SettingsError: options that do not fit together.
     """
     robot = _robot_of(options)
-    updates = options.steps or (DEFAULT_STEPS if isinstance(robot, Simulated) else None)
+    updates = options.steps or (DEFAULT_STEPS if isinstance(robot, SimulatedRobot) else None)
     return Case(
         name="evaluate",
         title=options.recording,
@@ -129,14 +129,15 @@ def case_of(options: EvaluateOptions) -> Case:
     )
 
 
-def _robot_of(options: EvaluateOptions) -> Simulated | Recorded:
+def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
     map_file = Path(options.map_file) if options.map_file else None
-    if options.recording.startswith(PREFIX):
+    source = parsed_source(options.recording)
+    if isinstance(source, Simulated):
         if options.reference:
             problem = "--reference: a simulated robot knows where it is; leave it out"
             raise SettingsError(key="--reference", problem=problem)
-        return Simulated(
-            world=options.recording.removeprefix(PREFIX),
+        return SimulatedRobot(
+            world=source.world,
             map=map_file,
             kidnapping=None if options.kidnap_at is None else AfterStep(options.kidnap_at),
         )
@@ -146,7 +147,9 @@ def _robot_of(options: EvaluateOptions) -> Simulated | Recorded:
     if options.kidnap_at is not None:
         problem = "--kidnap-at: only a simulated robot can be kidnapped"
         raise SettingsError(key="--kidnap-at", problem=problem)
-    return Recorded(recording=Path(options.recording), map=map_file, reference=options.reference)
+    return RecordedRobot(
+        recording=Path(options.recording), map=map_file, reference=options.reference
+    )
 
 
 def _steps_count(task: Task) -> int:
@@ -157,10 +160,10 @@ def _steps_count(task: Task) -> int:
     """
     steps = Run(task).course.steps
     match task.case.robot:
-        case Simulated():
+        case SimulatedRobot():
             next(steps)
             return task.case.updates or DEFAULT_STEPS
-        case Recorded():
+        case RecordedRobot():
             return sum(1 for _ in steps)
 
 

@@ -25,8 +25,8 @@ def outcomes(
 ) -> Iterator[tuple[Scan, Outcome]]:
     """The belief after every step; arguments as for Cluster-MCL in one process."""
     settings = _plain(settings)
-    field = model.field
-    free_area_m2 = float(np.count_nonzero(field.cells == FREE)) * field.cell_m**2
+    grid = model.grid
+    free_area_m2 = float(np.count_nonzero(grid.cells == FREE)) * grid.cell_m**2
     count = global_search.start_particles(free_area_m2, settings.search)
     search: global_search.GlobalSearch | None = None
     before = None
@@ -34,11 +34,11 @@ def outcomes(
         rng = generator(settings.seed, purpose=Purpose.SEARCH, entity=0, step=scan.step)
         if search is None:
             start = global_search.uniform_over_free_space(
-                field.cells, field.cell_m, field.map_from_grid, count, 0, 1, rng
+                grid.cells, grid.cell_m, grid.map_from_grid, count, 0, 1, rng
             )
             search = global_search.GlobalSearch(model, settings, start)
         after = np.array(scan.odom_from_robot)
-        search.advance(before, after, scan_beams(scan, settings), rng)
+        search.advance(before, after, scan_beams(scan, model), rng)
         before = after
         yield scan, _outcome(scan, search.places(rng), settings)
 

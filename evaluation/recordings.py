@@ -3,8 +3,7 @@
 import logging
 
 from process_runtime.settings import BridgeSettings
-from sensor_bridge.recording import Recording, open_recording
-from sensor_bridge.step_maker import steps_of
+from sensor_bridge.recording import Recording, open_recording, steps_of
 
 _NAMED_LINES = 10
 

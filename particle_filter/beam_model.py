@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.arrays import OCCUPIED, LogWeights, Pose, Poses
 from particle_filter.kernel_arguments import plain, read_only, to_cells
 from particle_filter.kernels import kernel
-from particle_filter.ray_casting import JumpField, cast_fan
+from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
+from particle_filter.scan_points import usable_beams
+from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
 from particle_filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]
@@ -19,15 +22,52 @@ _NEGLIGIBLE = 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class RayMap:
-    """A map made ready for ray casting."""
+class BeamModel:
+    """Weighs poses by the length of every beam; see `SensorModel`."""
 
+    grid: Grid
     jumps: JumpField
-    """`ray_casting.jump_field` of its cells."""
-    cell_m: float
-    """Side of a cell [m]."""
-    map_from_grid: Pose
-    """(3,) the outer corner of cell (0, 0), in the map's frame."""
+    settings: SensorSettings
+
+    @classmethod
+    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:  # noqa: ARG003 - as all
+        """How far rays may jump."""
+        if not np.any(grid.cells == OCCUPIED):
+            raise ValueError("the map has no occupied cell to compare a scan with")
+        return {"jumps": jump_field(grid.cells)}
+
+    @classmethod
+    def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
+        """The model, from what `arrays_of` computed."""
+        return cls(grid, checked_jumps(arrays["jumps"], grid.cells), settings)
+
+    def beams(self, scan: LaserScan) -> Beams:
+        """Those without return too: they tell that nothing was met."""
+        longest = min(scan.range_max_m, self.settings.max_range_m)
+        ranges = np.minimum(np.asarray(scan.ranges, np.float64), longest)  # NaN stays NaN
+        return scan.beams(ranges, usable_beams(ranges, np.inf, self.settings.max_beams), longest)
+
+    def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        return beam_log_likelihood(
+            map_from_robot,
+            beams.ranges,
+            beams.angles,
+            robot_from_laser=beams.robot_from_laser,
+            grid=self.grid,
+            jumps=self.jumps,
+            max_range_m=beams.max_range_m,
+            settings=self.settings,
+        )
+
+    def correction(
+        self,
+        map_from_robot: Poses,  # noqa: ARG002 - as all
+        weights: NDArray[np.float64],  # noqa: ARG002 - as all
+        beams: Beams,  # noqa: ARG002 - as all
+    ) -> float:
+        """Nothing: every ray is followed anyway."""
+        return 0.0
 
 
 def beam_log_likelihood(
@@ -36,7 +76,8 @@ def beam_log_likelihood(
     angles: NDArray[np.float64],
     *,
     robot_from_laser: Pose,
-    ray_map: RayMap,
+    grid: Grid,
+    jumps: JumpField,
     max_range_m: float,
     settings: SensorSettings,
 ) -> LogWeights:
@@ -52,7 +93,8 @@ def beam_log_likelihood(
         ranges: (B,) readings [m]; not finite, <= 0 or >= `max_range_m`: no return.
         angles: (B,) directions of the beams in the laser's frame [rad].
         robot_from_laser: (3,) where the laser sits on the robot.
-        ray_map: the map.
+        grid: the map.
+        jumps: `ray_casting.jump_field` of its cells.
         max_range_m: the shorter of what the laser can see and the settings' `max_range_m` [m].
         settings: weights and widths of the mixture.
 
@@ -78,8 +120,8 @@ def beam_log_likelihood(
         plain(map_from_robot),
         plain(beams),
         plain(robot_from_laser),
-        read_only(ray_map.jumps),
-        (ray_map.cell_m, *to_cells(ray_map.map_from_grid, ray_map.cell_m)),
+        read_only(jumps),
+        (grid.cell_m, *to_cells(grid.map_from_grid, grid.cell_m)),
         _mixture(settings, max_range_m),
     )
 

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.gaussian import fit_gaussian
+from particle_filter.ground import ground_log_penalty
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import multiplied, normalised, shares
 from particle_filter.motion import move
-from particle_filter.resampling import resample, resample_weights, systematic
+from particle_filter.resampling import resample, resample_weights
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import ClusterSettings, MotionSettings
 
@@ -90,7 +91,13 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
     if beams.count == 0:
         return Weighed(cloud, math.log(count), math.nan)
     fit = model.log_likelihood(cloud.map_from_robot, beams)
-    penalty = model.ground_penalty(cloud.map_from_robot)
+    penalty = ground_log_penalty(
+        cloud.map_from_robot,
+        model.grid.cells,
+        model.grid.cell_m,
+        model.grid.map_from_grid,
+        model.settings.not_free_log_penalty,  # walls do not pass for free
+    )
     log_weights, total = multiplied(cloud.log_weights, fit, exponent, penalty)
     even = Cloud(cloud.map_from_robot, log_weights)
     return Weighed(even, total, float(fit.max()) / beams.count)
@@ -117,24 +124,8 @@ def advanced(
     moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
     result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
-    taken_back = exponent * model.settings.hidden_weight
-    hidden = taken_back * hidden_log_likelihood(result.cloud, beams, model)
-    return replace(result, log_weight_sum=result.log_weight_sum - hidden)
-
-
-def hidden_log_likelihood(cloud: Cloud, beams: Beams, model: SensorModel) -> float:
-    """What a cloud was given for beams that would have to pass through walls, on average.
-
-    The field rewards a beam that ends near an obstacle, be there another one before it or not: it
-    cannot tell a corner without a cabinet from one with. Estimated from a systematic sample of
-    the cloud; a little is forgiven, for no pose and no map is exact.
-    """
-    count, tolerance = model.settings.visibility_particles, model.settings.hidden_tolerance
-    if count == 0 or beams.count == 0:
-        return 0.0
-    chosen = systematic(cloud.weights, count)
-    mean = float(model.hidden(cloud.map_from_robot.take(chosen, axis=0), beams).mean())
-    return max(mean - tolerance * beams.count, 0.0)
+    correction = model.correction(moved, result.cloud.weights, beams)
+    return replace(result, log_weight_sum=result.log_weight_sum - correction)
 
 
 def drawn_from(

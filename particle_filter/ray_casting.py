@@ -6,7 +6,7 @@ cells and what lies around the grid let them pass.
 """
 
 from math import cos, floor, sin
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,19 @@ def jump_field(cells: Cells) -> JumpField:
         cols = slice(None, None, -1 if quadrant & 1 else 1)
         fields[quadrant] = _squares(read_only(cells[rows, cols]))[rows, cols]
     return fields
+
+
+def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
+    """The jump field, once it is seen to fit the map's size: kernels look into it unchecked.
+
+    Raises:
+        ValueError: it is of another type or of another map.
+    """
+    expected = (4, *cells.shape)
+    if jumps.dtype != np.uint8 or jumps.shape != expected:
+        problem = f"jumps are {jumps.dtype} of {jumps.shape}, expected uint8 of {expected}"
+        raise ValueError(problem)
+    return jumps
 
 
 def cast_rays_from_poses(

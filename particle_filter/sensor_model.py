@@ -1,22 +1,37 @@
-"""One way to weigh poses by a scan, whichever sensor model the settings name."""
+"""What every sensor model does: choose beams of a scan, weigh poses by them, correct the sum.
 
+A model is a class in a file of its own; `sensor_models.py` knows them all by their names.
+"""
+
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Points, Pose, Poses
-from particle_filter.beam_model import RayMap, beam_log_likelihood
-from particle_filter.ground import ground_log_penalty
-from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.ray_casting import JumpField
-from particle_filter.scan_points import points_in_robot, usable_beams
+from particle_filter.arrays import Cells, LogWeights, Points, Pose, Poses
+from particle_filter.scan_points import points_in_robot
 from particle_filter.settings import SensorSettings
-from particle_filter.visibility import hidden_log_likelihood
+
+MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
+"""What a model computes once of a map, by name; never written again, perhaps mapped from disk."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """The map, and where it lies."""
+
+    cells: Cells
+    """(rows, cols); row 0 has the lowest y."""
+    cell_m: float
+    """Side of a cell [m]."""
+    map_from_grid: Pose
+    """(3,) the outer corner of cell (0, 0), in the map's frame."""
+
+
+@dataclass(frozen=True, eq=False)
 class Beams:
     """The beams of one scan that are scored."""
 
@@ -39,71 +54,69 @@ class Beams:
         return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
 
-def beams_of(
-    ranges: NDArray[np.floating],
-    range_max_m: float,
-    angle_min: float,
-    angle_step: float,
-    robot_from_laser: Pose,
-    settings: SensorSettings,
-) -> Beams:
-    """Choose the beams that are scored: invalid ones are dropped first, then the rest thinned.
+@dataclass(frozen=True, eq=False)
+class LaserScan:
+    """One scan as it was measured."""
 
-    To the likelihood field a beam without return is invalid; to the beam model it tells that
-    nothing was met.
-    """
-    longest = min(range_max_m, settings.max_range_m)
-    readable = np.asarray(ranges, np.float64)
-    if settings.model == "beam":
-        readable = np.minimum(readable, longest)  # NaN stays NaN
-        chosen = usable_beams(readable, np.inf, settings.max_beams)
-    else:
-        chosen = usable_beams(readable, longest, settings.max_beams)
-    angles = np.asarray(angle_min + angle_step * chosen, np.float64)
-    return Beams(np.asarray(readable[chosen], np.float64), angles, robot_from_laser, longest)
+    ranges: NDArray[np.floating]
+    """(n,) [m]; not finite, not positive, `range_max_m` or longer: no return."""
+    range_max_m: float
+    angle_min: float
+    """Direction of the first beam in the laser's frame [rad]."""
+    angle_step: float
+    """From one beam to the next [rad]."""
+    robot_from_laser: Pose
+
+    def beams(
+        self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
+    ) -> Beams:
+        """The chosen ones of (n,) ranges, which may be cut off at `max_range_m`."""
+        angles = np.asarray(self.angle_min + self.angle_step * chosen, np.float64)
+        return Beams(ranges[chosen], angles, self.robot_from_laser, max_range_m)
 
 
-class SensorModel:
-    """Weighs poses in one map."""
+class SensorModel(Hashable, Protocol):
+    """Weighs poses in one map by scans."""
 
-    def __init__(self, field: LikelihoodField, jumps: JumpField, settings: SensorSettings) -> None:
-        self.field, self.jumps, self.settings = field, jumps, settings
+    @property
+    def grid(self) -> Grid:
+        """The map."""
+
+    @property
+    def settings(self) -> SensorSettings:
+        """The model's numbers."""
+
+    @classmethod
+    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
+        """Compute what the model needs of a map; it takes seconds, and may be kept on disk.
+
+        Raises:
+            ValueError: no cell is occupied; every pose would fit equally well.
+        """
+
+    @classmethod
+    def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
+        """The model, from what `arrays_of` computed of the same map with the same settings.
+
+        Raises:
+            KeyError, ValueError: an array is missing, or is of another map.
+        """
+
+    def beams(self, scan: LaserScan) -> Beams:
+        """Choose the beams that are scored: unusable ones are dropped, then the rest thinned."""
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) log p(z | x), a sum over beams, without the exponent."""
-        if self.settings.model == "likelihood_field":
-            return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
-        return beam_log_likelihood(
-            map_from_robot,
-            beams.ranges,
-            beams.angles,
-            robot_from_laser=beams.robot_from_laser,
-            ray_map=RayMap(self.jumps, self.field.cell_m, self.field.map_from_grid),
-            max_range_m=beams.max_range_m,
-            settings=self.settings,
-        )
 
-    def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.
+    def correction(
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams
+    ) -> float:
+        """What is taken back from a cluster's log evidence, with the exponent.
 
-        Costs some hundred times as much as the field. The beam model follows every ray anyway.
+        For what `log_likelihood` cannot see at a price that is right for every particle.
+
+        Args:
+            map_from_robot: (N, 3) the cluster's poses after the scan.
+            weights: (N,) their weights, summing to one.
+            beams: those the poses were weighed by.
         """
-        if self.settings.model == "beam":
-            return np.zeros(len(map_from_robot))
-        return hidden_log_likelihood(
-            map_from_robot,
-            beams.robot_from_laser[:2],
-            beams.hits_in_robot,
-            self.field,
-            self.jumps,
-            self.settings.hidden_margin_m,
-            self.settings.hidden_slack_rad,
-            self.settings.visibility_beam_stride,
-        )
-
-    def ground_penalty(self, map_from_robot: Poses) -> LogWeights:
-        """(N,) 0 on free ground, the settings' penalty elsewhere: walls do not pass for free."""
-        penalty, field = self.settings.not_free_log_penalty, self.field
-        return ground_log_penalty(
-            map_from_robot, field.cells, field.cell_m, field.map_from_grid, penalty
-        )

@@ -4,10 +4,13 @@ They travel inside every job that the coordinator hands out, so that all workers
 filter alike. The defaults are one set for all buildings and recordings.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta
+
+SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
+"""`sensor_models.model_class` has a class for each."""
 
 
 def described(meaning: str, unit: str = "", **bounds: float) -> Meta:
@@ -53,9 +56,7 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a scan is weighed against the map."""
 
-    model: Annotated[Literal["likelihood_field", "beam"], described("sensor model")] = (
-        "likelihood_field"
-    )
+    model: Annotated[SensorModelName, described("sensor model")] = "likelihood_field"
     scan_likelihood_exponent: Annotated[
         float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
     ] = 0.1

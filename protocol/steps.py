@@ -47,6 +47,9 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     """The bridge sends the next step only when this one's belief is out."""
     last: bool = False
     """The recording ends here."""
+    live: bool = False
+    """Stamps are of a robot's own clock, which runs like any other: they tell how late a message
+    is, and the robot's place outlives our processes. Not so of a recording or a simulation."""
 
 
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):

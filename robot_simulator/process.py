@@ -7,13 +7,15 @@ import zenoh
 
 from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
+from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
 from protocol.answers import CommandDone, Kidnap
 from protocol.codec import decode
-from protocol.errors import MalformedMessageError
+from protocol.errors import MalformedMessageError, SettingsError
 from protocol.steps import Scan, TruePose
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
+from robot_simulator.worlds.world import World
 from sensor_bridge.extension import Extension
 from sensor_bridge.process import serve_robot
 from zenoh_link.wire import Asked, Publisher
@@ -51,13 +53,14 @@ def run_simulator(invocation: Invocation) -> None:
     """Simulate until told to stop.
 
     Raises:
+        SettingsError: the source is no simulation.
         UnknownWorldError: there is no such world.
         MapFileError: the map cannot be used.
         NoRoomError: the robot fits nowhere in it.
         AlreadyRunningError: the robot has a bridge.
     """
     settings, arguments = invocation.settings, invocation.arguments
-    world = simulated_world(arguments.source or settings.bridge.source)
+    world = _world(arguments.source or settings.bridge.source)
     simulation = Simulation(world, settings.seed, people=arguments.people)
     source = SimulatedSource(simulation, steps=arguments.steps, kidnap_at=arguments.kidnap_at)
 
@@ -73,6 +76,14 @@ def run_simulator(invocation: Invocation) -> None:
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     serve_robot(invocation, grid_map, source, extend)
+
+
+def _world(named: str) -> World:
+    robot = parsed_source(named)
+    if not isinstance(robot, Simulated):
+        problem = f"{named!r} is no simulation: name sim:WORLD or sim:MAP.yaml"
+        raise SettingsError(key="bridge.source", problem=problem)
+    return simulated_world(robot)
 
 
 class _Kidnapper:

@@ -8,26 +8,24 @@ import msgspec
 
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
+from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world, world_names
 from robot_simulator.worlds.world import World, world_from_map
-from sensor_bridge.extension import Reading
+from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 
-PREFIX = "sim:"
-"""What the name of a simulated source begins with."""
 
-
-def simulated_world(source: str) -> World:
-    """The world that `source` names: ``sim:WORLD``, or ``sim:MAP.yaml`` for any map.
+def simulated_world(robot: Simulated) -> World:
+    """The world of a simulated robot: one of ours by its name, or that of any map's file.
 
     Raises:
         UnknownWorldError: no world has this name, and it is no file either.
         MapFileError: the file cannot be used as a map.
     """
-    name = source.removeprefix(PREFIX)
+    name = robot.world
     if name not in world_names() and (Path(name).suffix or Path(name).exists()):
         return world_from_map(load_map(name), name)
     return world(name)

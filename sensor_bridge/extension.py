@@ -1,23 +1,10 @@
-"""What a bridge takes its readings from, and what such a source may add to it."""
+"""What a source of its own kind adds to a bridge."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
-from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.steps import Scan
 from zenoh_link.wire import Asked
-
-Reading = OdometryReading | LaserReading
-
-
-class Source(Protocol):
-    """Where readings come from when no robot publishes them."""
-
-    steps: int | None
-    """How many steps it makes; None: it does not end by itself."""
-
-    def next_reading(self) -> Reading | None:
-        """The next reading in the order of time; None at the end."""
 
 
 def _nothing(_scan: Scan) -> None:
@@ -26,7 +13,7 @@ def _nothing(_scan: Scan) -> None:
 
 @dataclass(frozen=True)
 class Extension:
-    """What a source of its own kind adds to a bridge; all is called by the bridge's one loop."""
+    """Told of steps and of queries; all is called by the bridge's one loop."""
 
     on_step: Callable[[Scan], None] = _nothing
     """Told of every step as soon as it is out, once."""

@@ -17,8 +17,9 @@ from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, printable
 from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
-from sensor_bridge.extension import Extension, Reading, Source
+from sensor_bridge.extension import Extension
 from sensor_bridge.pacing import Pacing
+from sensor_bridge.reading import Reading, Source
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
 from zenoh_link.health import HealthReporter
@@ -54,6 +55,7 @@ class BridgeLoop:
         extension: Extension | None = None,
     ) -> None:
         self._session, self._settings, self._source = session, settings, source
+        self._live = source is None
         self._extension = extension or Extension()
         self._name = name
         self._map_message = to_message(grid_map, name)
@@ -169,6 +171,7 @@ class BridgeLoop:
             self._name,
             first_step=first_step,
             paced=self._pacing.paced,
+            live=self._live,
         )
 
     # --- what arrives

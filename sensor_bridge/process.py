@@ -3,6 +3,7 @@
 import argparse
 import logging
 from collections.abc import Callable
+from typing import assert_never
 
 import zenoh
 
@@ -10,17 +11,15 @@ from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
+from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
-from protocol.steps import LaserReading, OdometryReading
-from sensor_bridge.extension import Extension, Source
+from sensor_bridge.extension import Extension
 from sensor_bridge.loop import BridgeLoop
-from sensor_bridge.recording import open_recording
-from sensor_bridge.step_maker import steps_of
+from sensor_bridge.reading import Reading, Source
+from sensor_bridge.recording import open_recording, steps_of
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
-
-LIVE_SOURCE = "zenoh"
 
 _log = logging.getLogger(__name__)
 
@@ -35,7 +34,7 @@ class RecordedSource:
         self._readings = iter(recording.readings)
         self.steps: int | None = sum(1 for _ in steps_of(recording, settings, map_digest=""))
 
-    def next_reading(self) -> OdometryReading | LaserReading | None:
+    def next_reading(self) -> Reading | None:
         """The next reading in the order of time; None at the end."""
         return next(self._readings, None)
 
@@ -66,19 +65,34 @@ def run_bridge(invocation: Invocation) -> None:
         RecordingError: the recording cannot be used.
     """
     settings, arguments = invocation.settings.bridge, invocation.arguments
-    map_file, source_name = arguments.map or settings.map, arguments.source or settings.source
+    map_file = arguments.map or settings.map
     if not map_file:
         raise SettingsError(
             key="bridge.map", problem="bridge.map is empty: name the map file there, or by --map"
         )
-    if source_name.startswith("sim:"):
-        raise SettingsError(
-            key="bridge.source",
-            problem=f"{source_name} is a simulation: start 'python -I -m robot_simulator' instead",
-        )
     grid_map = load_map(map_file)
-    source = None if source_name == LIVE_SOURCE else RecordedSource(source_name, settings)
-    serve_robot(invocation, grid_map, source)
+    serve_robot(invocation, grid_map, source_of(arguments.source or settings.source, settings))
+
+
+def source_of(named: str, settings: BridgeSettings) -> Source | None:
+    """What a bridge takes readings from; None: a robot publishes them.
+
+    Raises:
+        SettingsError: the source is a simulation.
+        RecordingError: the recording cannot be used.
+    """
+    match parsed_source(named):
+        case Live():
+            return None
+        case Recorded(path):
+            return RecordedSource(path, settings)
+        case Simulated():
+            raise SettingsError(
+                key="bridge.source",
+                problem=f"{named} is a simulation: start 'python -I -m robot_simulator' instead",
+            )
+        case choice:
+            assert_never(choice)
 
 
 def serve_robot(

@@ -1,6 +1,6 @@
 """From a file to readings in the order of time, whatever the format of the recording."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
+from protocol.steps import LaserReading, OdometryReading, Scan
 from sensor_bridge.carmen_log import CarmenParser, is_carmen_line
 from sensor_bridge.log_file import (
     Entry,
@@ -19,7 +19,9 @@ from sensor_bridge.log_file import (
     SkippedLine,
 )
 from sensor_bridge.no_return import range_limit_m
+from sensor_bridge.reading import Reading
 from sensor_bridge.recording_time import merged, plausible
+from sensor_bridge.step_maker import StepMaker, steps_from
 from sensor_bridge.wean_log import WeanParser, is_wean_line
 
 SENDER = "recording"
@@ -42,7 +44,7 @@ class Recording:
     """
 
     path: Path
-    readings: Sequence[OdometryReading | LaserReading]
+    readings: Sequence[Reading]
     skipped: tuple[SkippedLine, ...]
     duration_s: float
     laser_count: int
@@ -76,6 +78,30 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
         duration_s=(times[-1] - times[0]) / 1e9,
         laser_count=len(lasers),
     )
+
+
+def steps_of(
+    recording: Recording,
+    settings: BridgeSettings,
+    map_digest: str,
+    *,
+    sender: str = "bridge",
+    paced: bool = False,
+) -> Iterator[Scan]:
+    """All steps of a recording, without a network; the last one says so.
+
+    Raises:
+        RecordingError: no scan of the recording could be used, with the causes.
+    """
+    maker = StepMaker(settings, map_digest, sender, paced=paced)
+    made = False
+    for scan in steps_from(recording.readings, maker):
+        made = True
+        yield scan
+    if not made:
+        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
+        problem = f"none of its {recording.laser_count} scans can be used ({causes})"
+        raise RecordingError(recording.path, problem)
 
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
@@ -127,9 +153,7 @@ def _no_scan(entries: Sequence[Entry], skipped: Sequence[SkippedLine]) -> str:
     return problem
 
 
-def _reading(
-    entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple
-) -> OdometryReading | LaserReading:
+def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Reading:
     if isinstance(entry, OdometryEntry):
         return OdometryReading(
             sender=SENDER, stamp_ns=time_ns, odom_from_robot=entry.odom_from_robot

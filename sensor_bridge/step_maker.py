@@ -7,16 +7,14 @@ import msgspec
 
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
-from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.extension import Reading
 from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
-from sensor_bridge.recording import Recording
+from sensor_bridge.reading import Reading
 
 STAMP_STEPS_BACK = "stamp_steps_back"
 CLOCK_RESTARTED = "clock_restarted"
@@ -44,6 +42,7 @@ class StepMaker:
         sender: put into every step.
         first_step: number of the first step.
         paced: put into every step: the sender waits for the belief before it sends the next.
+        live: put into every step: stamps are of a robot's own clock.
 
     Attributes:
         dropped: readings that were not used, by cause; jumps of odometry and restarts of the
@@ -57,9 +56,11 @@ class StepMaker:
         sender: str,
         first_step: int = 0,
         paced: bool = False,
+        live: bool = False,
     ) -> None:
         self.dropped: Counter[str] = Counter()
-        self._map_digest, self._sender, self._paced = map_digest, sender, paced
+        self._map_digest, self._sender = map_digest, sender
+        self._paced, self._live = paced, live
         self._next_step = first_step
         self._gate = MotionGate(settings)
         self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
@@ -177,6 +178,7 @@ class StepMaker:
             ranges=ranges,
             map_digest=self._map_digest,
             paced=self._paced,
+            live=self._live,
         )
 
 
@@ -189,30 +191,6 @@ def steps_from(readings: Iterable[Reading], maker: StepMaker) -> Iterator[Scan]:
         held = scan
     if held is not None:
         yield msgspec.structs.replace(held, last=True)
-
-
-def steps_of(
-    recording: Recording,
-    settings: BridgeSettings,
-    map_digest: str,
-    *,
-    sender: str = "bridge",
-    paced: bool = False,
-) -> Iterator[Scan]:
-    """All steps of a recording, without a network; the last one says so.
-
-    Raises:
-        RecordingError: no scan of the recording could be used, with the causes.
-    """
-    maker = StepMaker(settings, map_digest, sender, paced=paced)
-    made = False
-    for scan in steps_from(recording.readings, maker):
-        made = True
-        yield scan
-    if not made:
-        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
-        problem = f"none of its {recording.laser_count} scans can be used ({causes})"
-        raise RecordingError(recording.path, problem)
 
 
 def _problem(reading: Reading) -> str | None:

@@ -11,12 +11,13 @@ import msgspec
 import zenoh
 
 from process_runtime.main import Invocation, process_main
+from process_runtime.sources import Simulated
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.message import Message, PoseTuple
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import PREFIX, simulated_world
+from robot_simulator.source import simulated_world
 from robot_simulator.worlds.world import World
 from soak_test.rooms import eight_rooms
 from zenoh_link.session import open_session
@@ -43,7 +44,7 @@ def soak_world(name: str, room: int) -> World:
     Raises:
         UnknownWorldError: there is no such world.
     """
-    return eight_rooms(room) if name == ROOMS else simulated_world(PREFIX + name)
+    return eight_rooms(room) if name == ROOMS else simulated_world(Simulated(name))
 
 
 def main() -> None:

@@ -13,7 +13,7 @@ from particle_filter import cluster_filter, global_search
 from particle_filter.arrays import FREE, Pose
 from particle_filter.cluster_filter import Cloud
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, SensorModel, beams_of
+from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import Covariance, PoseTuple
@@ -110,7 +110,7 @@ class Tracking:
             self._cloud,
             self._odom_from_robot,
             after,
-            scan_beams(scan, self._settings),
+            scan_beams(scan, self._model),
             self._model,
             self._settings.motion,
             self._settings.cluster,
@@ -175,13 +175,13 @@ class Searching:
     ) -> None:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
-        self._settings = settings
-        field = model.field
-        free_area_m2 = float(np.count_nonzero(field.cells == FREE)) * field.cell_m**2
+        self._model, self._settings = model, settings
+        grid = model.grid
+        free_area_m2 = float(np.count_nonzero(grid.cells == FREE)) * grid.cell_m**2
         start = global_search.uniform_over_free_space(
-            field.cells,
-            field.cell_m,
-            field.map_from_grid,
+            grid.cells,
+            grid.cell_m,
+            grid.map_from_grid,
             global_search.start_particles(free_area_m2, settings.search),
             job.shard,
             settings.search.shards,
@@ -207,7 +207,7 @@ class Searching:
     def advance(self, scan: Scan) -> SearchReport:
         """Move, weigh, and tell the places that are possible, once annealed."""
         after = np.array(scan.odom_from_robot)
-        beams = scan_beams(scan, self._settings)
+        beams = scan_beams(scan, self._model)
         result = self._search.advance(self._odom_from_robot, after, beams, self._rng(scan.step, 1))
         self._odom_from_robot, self.step = after, scan.step
         found = self._search.places(self._rng(scan.step, 2)) if self._search.annealed else []
@@ -226,16 +226,16 @@ class Searching:
 
 
 @lru_cache(maxsize=1)
-def scan_beams(scan: Scan, settings: FilterSettings) -> Beams:
+def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     """The beams of a scan that are scored; all jobs of a process share those of the last scan."""
-    return beams_of(
+    measured = LaserScan(
         scan.ranges.array(),
         scan.range_max_m,
         scan.angle_min_rad,
         scan.angle_step_rad,
         np.array(scan.robot_from_laser),
-        settings.sensor,
     )
+    return model.beams(measured)
 
 
 def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:

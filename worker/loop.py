@@ -202,7 +202,7 @@ class WorkerLoop:
             self._map, self._model = from_message(message), None
         if self._model is None or self._model.settings != settings.sensor:
             self._model = sensor_model(self._map, settings.sensor, self._cache_folder)
-            self._map = replace(self._map, cells=self._model.field.cells)  # shared by all workers
+            self._map = replace(self._map, cells=self._model.grid.cells)  # shared by all workers
 
     def _catch_up(self) -> None:
         missing = self._table.missing()

@@ -15,15 +15,15 @@ import msgspec
 import numpy as np
 
 from grid_maps.grid_map import GridMap
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import SensorModel
+from particle_filter.arrays import Cells
+from particle_filter.sensor_model import Grid, MapArrays, SensorModel
+from particle_filter.sensor_models import model_class
 from particle_filter.settings import SensorSettings
 
-CACHE_VERSION = 4
-"""Raise it when the same map and settings give another field."""
+CACHE_VERSION = 5
+"""Raise it when the same map and settings give other arrays."""
 
-_FILES = ("codes.npy", "cells.npy", "jumps.npy", "scale.npy")
+_CELLS = "cells"
 _SUMS, _PART = "crc32.json", ".part"
 _PIECE_BYTES = 2**24
 
@@ -59,11 +59,11 @@ def sensor_model(
             with _one_at_a_time(cache_folder):
                 if not entry.is_dir():
                     _write(entry, _computed(grid_map, settings))
-            return _read(entry, grid_map, settings)
+            return _model(_read(entry), grid_map, settings)
         except (OSError, EOFError, _BrokenEntryError) as error:
             _log.warning("the cache in %s cannot be used: %s", cache_folder, error)
             shutil.rmtree(entry, ignore_errors=True)
-    return _computed(grid_map, settings)
+    return _model(_computed(grid_map, settings), grid_map, settings)
 
 
 @contextmanager
@@ -85,11 +85,23 @@ class _BrokenEntryError(Exception):
     """A cache entry is not what its name says."""
 
 
-def _computed(grid_map: GridMap, settings: SensorSettings) -> SensorModel:
-    field = LikelihoodField.build(
-        grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid), settings
-    )
-    return SensorModel(field, jump_field(grid_map.cells), settings)
+def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
+    grid = _grid(grid_map.cells, grid_map)
+    return {_CELLS: grid.cells, **model_class(settings.model).arrays_of(grid, settings)}
+
+
+def _model(arrays: MapArrays, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
+    try:
+        grid = _grid(arrays[_CELLS], grid_map)
+        return model_class(settings.model).from_arrays(grid, arrays, settings)
+    except (KeyError, ValueError) as error:
+        raise _BrokenEntryError(f"not the arrays of this map: {error}") from error
+
+
+def _grid(cells: Cells, grid_map: GridMap) -> Grid:
+    if cells.shape != grid_map.cells.shape:
+        raise ValueError(f"cells are {cells.shape}, expected {grid_map.cells.shape}")
+    return Grid(cells, grid_map.cell_m, np.array(grid_map.map_from_grid))
 
 
 def _name(grid_map: GridMap, settings: SensorSettings) -> str:
@@ -98,23 +110,20 @@ def _name(grid_map: GridMap, settings: SensorSettings) -> str:
     return f"field-{hashlib.sha256(text).hexdigest()[:32]}"
 
 
-def _write(entry: Path, model: SensorModel) -> None:
+def _write(entry: Path, arrays: MapArrays) -> None:
     """Write all arrays into a folder that appears under its name complete or not at all."""
     part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
     try:
-        _write_arrays(part, model)
+        _write_arrays(part, arrays)
         part.rename(entry)
     finally:
         shutil.rmtree(part, ignore_errors=True)  # the disk was full; else it has its name
 
 
-def _write_arrays(part: Path, model: SensorModel) -> None:
-    field = model.field
-    np.save(part / "codes.npy", field.codes)
-    np.save(part / "cells.npy", field.cells)
-    np.save(part / "jumps.npy", model.jumps)
-    np.save(part / "scale.npy", np.array([field.log_floor, field.log_step]))
-    sums = {name: _checksum(part / name) for name in _FILES}
+def _write_arrays(part: Path, arrays: MapArrays) -> None:
+    for name, array in arrays.items():
+        np.save(_file(part, name), array)
+    sums = {name: _checksum(_file(part, name)) for name in arrays}
     (part / _SUMS).write_bytes(msgspec.json.encode(sums))
 
 
@@ -127,39 +136,21 @@ def _checksum(path: Path) -> int:
     return checksum
 
 
-def _check_sums(entry: Path) -> None:
-    """Refuse what was damaged after it was written: a power cut leaves zeros behind.
+def _file(entry: Path, name: str) -> Path:
+    return entry / f"{name}.npy"
 
-    The kernels look into these arrays without bounds; nonsense in them could end the process.
+
+def _read(entry: Path) -> MapArrays:
+    """Map all arrays from disk.
+
+    What was damaged after it was written is refused: a power cut leaves zeros behind, and the
+    kernels look into these arrays without bounds; nonsense in them could end the process.
     """
     try:
         sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
+        for name in sums:
+            if sums[name] != _checksum(_file(entry, name)):
+                raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
+        return {name: np.load(_file(entry, name), mmap_mode="r") for name in sums}
     except (msgspec.MsgspecError, ValueError) as error:  # or it is not even UTF-8
-        raise _BrokenEntryError(f"{entry.name}/{_SUMS}: {error}") from error
-    for name in _FILES:
-        if sums.get(name) != _checksum(entry / name):
-            raise _BrokenEntryError(f"{entry.name}/{name} is damaged")
-
-
-def _read(entry: Path, grid_map: GridMap, settings: SensorSettings) -> SensorModel:
-    _check_sums(entry)
-    try:
-        codes = np.load(entry / "codes.npy", mmap_mode="r")
-        cells = np.load(entry / "cells.npy", mmap_mode="r")
-        jumps = np.load(entry / "jumps.npy", mmap_mode="r")
-        log_floor, log_step = np.load(entry / "scale.npy")
-    except ValueError as error:
-        raise _BrokenEntryError(str(error)) from error
-    rows, cols = grid_map.cells.shape
-    shapes = codes.shape, cells.shape, jumps.shape
-    if shapes != ((rows + 2, cols + 2), (rows, cols), (4, rows, cols)):
-        raise _BrokenEntryError(f"{entry.name} holds arrays of another map")
-    field = LikelihoodField(
-        codes=codes,
-        cells=cells,
-        log_floor=float(log_floor),
-        log_step=float(log_step),
-        cell_m=grid_map.cell_m,
-        map_from_grid=np.array(grid_map.map_from_grid),
-    )
-    return SensorModel(field, jumps, settings)
+        raise _BrokenEntryError(f"{entry.name}: {error}") from error

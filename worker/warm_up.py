@@ -6,9 +6,8 @@ import numpy as np
 
 from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import Grid
+from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
@@ -37,8 +36,7 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     )
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
-    field = LikelihoodField.build(cells, 0.1, np.zeros(3), small.sensor)
-    model = SensorModel(field, jump_field(cells), small.sensor)
+    model = computed_model(Grid(cells, 0.1, np.zeros(3)), small.sensor)
     job = running(
         Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
         model,

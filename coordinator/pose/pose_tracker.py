@@ -17,11 +17,9 @@ class PoseTracker:
     Args:
         sender: name of the process.
         stale_after_s: older data is not called fresh.
-        live: stamps are of a clock that runs like any other, so that they tell what the network
-            has held up; those of a recording run as fast as it is played.
     """
 
-    def __init__(self, sender: str, stale_after_s: float, *, live: bool = False) -> None:
+    def __init__(self, sender: str, stale_after_s: float) -> None:
         self._sender, self._stale_after_s = sender, stale_after_s
         self._outcome: Outcome | None = None
         self._odom_at_step: PoseTuple = (0.0, 0.0, 0.0)
@@ -29,7 +27,15 @@ class PoseTracker:
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
         self._by_scan = True
-        self._lateness = Lateness() if live else None
+        self._lateness: Lateness | None = None
+
+    @property
+    def live(self) -> bool:
+        """Whether stamps are of a clock that runs like any other, as the newest scan said.
+
+        They tell what the network has held up; those of a recording run as fast as it is played.
+        """
+        return self._lateness is not None
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
         """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
@@ -40,8 +46,12 @@ class PoseTracker:
         self._arrived_ns = now_ns - late_ns
         self._by_scan = False
 
-    def scan(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
+    def scan(
+        self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int, *, live: bool = False
+    ) -> None:
         """A step's scan arrived; it was taken before the newest odometry, where there is any."""
+        if live != self.live:
+            self._lateness = Lateness() if live else None
         if self._by_scan or stamp_ns > self._stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
             self._by_scan = True
@@ -50,8 +60,18 @@ class PoseTracker:
         """A step was applied; its hypotheses hold at the odometry of its scan."""
         self._outcome, self._odom_at_step = outcome, odom_from_robot
 
-    def resume(self, stamp_ns: int, odom_from_robot: PoseTuple, age_s: float, now_ns: int) -> None:
+    def resume(
+        self,
+        stamp_ns: int,
+        odom_from_robot: PoseTuple,
+        age_s: float,
+        now_ns: int,
+        *,
+        live: bool = False,
+    ) -> None:
         """Another coordinator has heard this, and nobody knows how long ago: it is stale."""
+        if live and not self.live:
+            self._lateness = Lateness()
         if self._arrived_ns is None:
             self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
             self._arrived_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1

@@ -1,6 +1,6 @@
 """The experiments in simulated halls and offices: found, lost, found again."""
 
-from evaluation.experiments.case import Case, OnceRight, Simulated
+from evaluation.experiments.case import Case, OnceRight, SimulatedRobot
 from evaluation.experiments.figures import mean, rate
 from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
 
@@ -10,7 +10,7 @@ def hall_cases() -> tuple[Case, ...]:
     hall = Case(
         name="hall",
         title="An unambiguous hall of 450 m2, started anywhere",
-        robot=Simulated(world="hall"),
+        robot=SimulatedRobot(world="hall"),
         updates=100,
         typical_updates=100,
         seeds=40,
@@ -28,7 +28,7 @@ def hall_cases() -> tuple[Case, ...]:
     symmetric = Case(
         name="hall-symmetric",
         title="A point-symmetric hall of 450 m2, 1,500 updates",
-        robot=Simulated(world="hall_symmetric"),
+        robot=SimulatedRobot(world="hall_symmetric"),
         updates=1500,
         typical_updates=1500,
         symmetry=2,
@@ -58,7 +58,7 @@ def office_case() -> Case:
     return Case(
         name="office",
         title="A repetitive office of 5,900 m2, started anywhere",
-        robot=Simulated(world="office"),
+        robot=SimulatedRobot(world="office"),
         updates=205,
         typical_updates=205,
         seeds=24,
@@ -96,7 +96,7 @@ def disturbed_cases() -> tuple[Case, ...]:
         Case(
             name="hall-moved",
             title="The hall, started where the furniture was moved: the map is wrong there",
-            robot=Simulated(world="hall_moved"),
+            robot=SimulatedRobot(world="hall_moved"),
             updates=105,
             typical_updates=105,
             seeds=20,
@@ -118,7 +118,7 @@ def disturbed_cases() -> tuple[Case, ...]:
         Case(
             name="people",
             title="The hall, with people who cut 30 % of the beams short",
-            robot=Simulated(world="hall", people=22),
+            robot=SimulatedRobot(world="hall", people=22),
             updates=300,
             typical_updates=300,
             seeds=20,
@@ -158,7 +158,7 @@ def _kidnapped(
     return Case(
         name=f"kidnap-{world}",
         title=f"Lifted to another place of {where} after 40 right updates in a row",
-        robot=Simulated(world=world, kidnapping=OnceRight(at_latest)),
+        robot=SimulatedRobot(world=world, kidnapping=OnceRight(at_latest)),
         updates=at_latest + within + 5,
         updates_after_event=within + 5,
         typical_updates=80 + within,

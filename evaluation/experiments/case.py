@@ -37,7 +37,7 @@ class OnceRight(msgspec.Struct, frozen=True):
     """Or after so many updates, right or not."""
 
 
-class Simulated(msgspec.Struct, frozen=True, kw_only=True):
+class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """A simulated robot."""
 
     world: str
@@ -49,7 +49,7 @@ class Simulated(msgspec.Struct, frozen=True, kw_only=True):
     kidnapping: AfterStep | OnceRight | None = None
 
 
-class Recorded(msgspec.Struct, frozen=True, kw_only=True):
+class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
     """A robot that was recorded."""
 
     recording: Path
@@ -65,7 +65,7 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """What a person types."""
     title: str
     """One line about it."""
-    robot: Simulated | Recorded
+    robot: SimulatedRobot | RecordedRobot
     updates: int | None = None
     """A run has at most so many; None: to the recording's end."""
     updates_after_event: int | None = None

@@ -4,17 +4,17 @@ import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from evaluation.experiments.case import Case, Recorded, Simulated
+from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
 from evaluation.references import Reference, load_reference
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
+from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import PREFIX, SimulatedSource, simulated_steps, simulated_world
-from sensor_bridge.recording import open_recording
-from sensor_bridge.step_maker import steps_of
+from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from sensor_bridge.recording import open_recording, steps_of
 
 TrueStep = tuple[Scan, PoseTuple | None]
 """A step, and where the robot was at its scan; None where nobody knows."""
@@ -47,15 +47,15 @@ def course_of(case: Case, seed: int, settings: BridgeSettings) -> Course:
             may show at its first step.
     """
     match case.robot:
-        case Simulated() as robot:
-            world = simulated_world(robot.world)
+        case SimulatedRobot() as robot:
+            world = simulated_world(Simulated(robot.world))
             simulation = Simulation(world, seed, people=robot.people)
             source = SimulatedSource(simulation, steps=case.updates)
             grid_map = load_map(robot.map) if robot.map else world.map
             steps = simulated_steps(source, settings, grid_map.digest)
-            map_name = str(robot.map or f"{PREFIX}{robot.world}")
+            map_name = str(robot.map or robot.world)
             return Course(grid_map, map_name, steps, lambda: source.kidnap(None))
-        case Recorded() as robot:
+        case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
             scans = steps_of(open_recording(robot.recording, settings), settings, grid_map.digest)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from evaluation.experiments.case import ALGORITHMS, Algorithm, Recorded, Simulated
+from evaluation.experiments.case import ALGORITHMS, Algorithm, RecordedRobot, SimulatedRobot
 from evaluation.experiments.plots import plot_probabilities, plot_reliability, plot_trajectories
 from evaluation.experiments.results import ExperimentResult
 from evaluation.experiments.suite import Traces
@@ -11,6 +11,7 @@ from evaluation.experiments.summary import summary
 from evaluation.experiments.trace import Trace
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
+from process_runtime.sources import Simulated
 from robot_simulator.source import simulated_world
 
 
@@ -47,9 +48,9 @@ def _in_order(traces: dict[Algorithm, Trace]) -> dict[Algorithm, Trace]:
     return {a: traces[a] for a in ALGORITHMS if a in traces and traces[a].steps}
 
 
-def _map_of(robot: Simulated | Recorded) -> GridMap:
+def _map_of(robot: SimulatedRobot | RecordedRobot) -> GridMap:
     match robot:
-        case Simulated():
-            return simulated_world(robot.world).map
-        case Recorded():
+        case SimulatedRobot():
+            return simulated_world(Simulated(robot.world)).map
+        case RecordedRobot():
             return load_map(robot.map)

@@ -1,7 +1,7 @@
 """Watches a run: notes every step, and knows when the robot is kidnapped and when it is over."""
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, OnceRight, Recorded, Simulated
+from evaluation.experiments.case import AfterStep, Case, OnceRight, RecordedRobot, SimulatedRobot
 from evaluation.experiments.measures import RunMeasures, measures_of
 from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.sight import Sight
@@ -29,9 +29,9 @@ class Observer:
     def __init__(self, case: Case, seed: int, grid_map: GridMap, *, with_trace: bool) -> None:
         self._case, self._middle = case, middle_of(grid_map)
         match case.robot:
-            case Simulated(people=people, kidnapping=kidnapping):
+            case SimulatedRobot(people=people, kidnapping=kidnapping):
                 self._people, self._kidnapping = people, kidnapping
-            case Recorded():
+            case RecordedRobot():
                 self._people, self._kidnapping = 0, None
         self._sight = Sight(grid_map) if case.has_feature or self._people else None
         self._facts: list[StepFacts] = []

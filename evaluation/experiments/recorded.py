@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from evaluation.experiments.case import Case, Recorded
+from evaluation.experiments.case import Case, RecordedRobot
 from evaluation.experiments.figures import mean, rate
 from grid_maps.ros_map import parse_ros_header
 from process_runtime.compressed import read_decompressed
@@ -72,7 +72,7 @@ def _case(
     return Case(
         name=name,
         title=title,
-        robot=Recorded(recording=recording, map=map_file, reference=reference),
+        robot=RecordedRobot(recording=recording, map=map_file, reference=reference),
         seeds=seeds,
         ordinary_seeds=ordinary_seeds,
         typical_updates=_TYPICAL.get(name, 350),

@@ -1,6 +1,6 @@
 """The experiments in symmetric worlds: places that nobody can tell apart, or only late."""
 
-from evaluation.experiments.case import Case, Simulated
+from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
 
@@ -12,7 +12,7 @@ def symmetric_cases() -> tuple[Case, ...]:
     cross = Case(
         name="cross",
         title="Four places that nobody can tell apart, 3,000 updates",
-        robot=Simulated(world="cross"),
+        robot=SimulatedRobot(world="cross"),
         updates=3000,
         typical_updates=3000,
         symmetry=4,
@@ -33,7 +33,7 @@ def symmetric_cases() -> tuple[Case, ...]:
     rectangle = Case(
         name="rectangle",
         title="Two places that nobody can tell apart, 3,000 updates",
-        robot=Simulated(world="rectangle"),
+        robot=SimulatedRobot(world="rectangle"),
         updates=3000,
         typical_updates=3000,
         symmetry=2,
@@ -89,7 +89,7 @@ def feature_cases() -> tuple[Case, ...]:
         Case(
             name="gates",
             title="A two-fold symmetric room; one missing cabinet, seen in the last segment, tells",
-            robot=Simulated(world="gates"),
+            robot=SimulatedRobot(world="gates"),
             updates=400,
             updates_after_event=40,
             typical_updates=325,
@@ -114,7 +114,7 @@ def feature_cases() -> tuple[Case, ...]:
         Case(
             name="cross-feature",
             title="The cross with one cabinet at the end of one arm",
-            robot=Simulated(world="cross_feature"),
+            robot=SimulatedRobot(world="cross_feature"),
             updates=400,
             updates_after_event=40,
             typical_updates=190,

@@ -34,7 +34,7 @@ def computed() -> SensorModel:
 
 
 @cases(0.02)
-@given(st.integers(0, 4), st.lists(mutations(), min_size=1, max_size=3))
+@given(st.integers(0, 3), st.lists(mutations(), min_size=1, max_size=3))
 def test_a_damaged_cache_is_computed_anew(
     folder: Path, computed: SensorModel, which: int, damages: list[Mutation]
 ) -> None:

@@ -25,7 +25,7 @@ from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.validity import problem_of
 from protocol.work import Assignment, Report, SearchJob, SearchReport, TrackReport
-from sensor_bridge.extension import Reading
+from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked

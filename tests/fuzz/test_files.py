@@ -28,8 +28,7 @@ from protocol.errors import (
     SettingsError,
 )
 from sensor_bridge import log_file
-from sensor_bridge.recording import open_recording
-from sensor_bridge.step_maker import steps_of
+from sensor_bridge.recording import open_recording, steps_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, packed
 from tests.unit.sensor_bridge.logs import (

@@ -10,7 +10,7 @@ import msgspec
 from clustermcl.stack import COORDINATOR
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.supervisor import python_module
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import world
 from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
@@ -26,7 +26,7 @@ def with_live_robot(
 ) -> Iterator[tuple[System, RunningProcess]]:
     """The system, and the robot, which drives on whatever happens to the system."""
     with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
-        map_file = write_map(simulated_world(f"sim:{WORLD}").map, Path(folder), "map")
+        map_file = write_map(world(WORLD).map, Path(folder), "map")
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]

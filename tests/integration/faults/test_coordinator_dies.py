@@ -16,7 +16,7 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settin
 from protocol import keys
 from protocol.answers import Belief
 from protocol.steps import ScanHistory
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.system.listening import outcomes_of
@@ -49,7 +49,8 @@ def alone_of(tested: System, settings: Settings) -> list[Outcome]:
     """What one process believes after the steps that the bridge has sent so far."""
     history = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=5.0)
     assert history.scans[0].step == 0
-    grid_map = simulated_world(f"sim:{WORLD}").map
+    assert not any(scan.live for scan in history.scans), "the robot is simulated"
+    grid_map = world(WORLD).map
     model = sensor_model(grid_map, settings.sensor, cache_folder=None)
     plain = filter_settings(settings)
     return [outcome for _, outcome in outcomes(history.scans, model, plain)]

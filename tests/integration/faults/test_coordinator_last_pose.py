@@ -8,9 +8,9 @@ import msgspec
 from coordinator.pose import last_pose
 from coordinator.pose.last_pose import LastPose
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
-from robot_simulator.source import simulated_world
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import world_of
 
 WORLD = "sim:cross_feature"
 
@@ -42,7 +42,7 @@ def test_where_it_was_sure_to_be_survives_a_power_cut(tmp_path: Path) -> None:
         cut_the_power(tested)
         pose = kept(tmp_path)
         assert pose is not None
-        assert pose.map_digest == simulated_world(WORLD).map.digest
+        assert pose.map_digest == world_of(kept_in(tmp_path)).map.digest
         sure = [b for b in tested.beliefs if b.state == "localized"]
         assert any(
             b.stamp_ns == pose.stamp_ns
@@ -53,7 +53,7 @@ def test_where_it_was_sure_to_be_survives_a_power_cut(tmp_path: Path) -> None:
 
 
 def test_it_is_one_hypothesis_of_the_next_life_and_not_the_truth(tmp_path: Path) -> None:
-    digest = simulated_world(WORLD).map.digest
+    digest = world_of(kept_in(tmp_path)).map.digest
     there = (1.5, 1.5, 2.5)  # where the robot is not
     pose = LastPose(
         map_digest=digest,

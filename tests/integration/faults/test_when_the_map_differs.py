@@ -7,18 +7,19 @@ from pathlib import Path
 from clustermcl.stack import COORDINATOR, WORKERS
 from grid_maps.load import load_map
 from process_runtime.supervisor import python_module
-from robot_simulator.source import simulated_world
+from robot_simulator.worlds.catalogue import world
 from soak_test.map_file import write_map
 from tests.integration.conftest import StartProcess
 from tests.integration.faults.system import SIMULATOR, SMALL, system
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import world_of
 
 
 def test_scans_and_workers_of_another_map_are_refused_with_both_digests(
     tmp_path: Path, start_process: StartProcess
 ) -> None:
-    ours = simulated_world(SMALL.bridge.source).map.digest
-    other = write_map(simulated_world("sim:office").map, tmp_path, "other")
+    ours = world_of(SMALL).map.digest
+    other = write_map(world("office").map, tmp_path, "other")
     theirs = load_map(other).digest
     both = f"has map {theirs[:12]}, expected {ours[:12]}"
     with system() as tested, tested.client as client:

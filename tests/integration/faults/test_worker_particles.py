@@ -14,10 +14,11 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.work import Assignment, Report, TrackReport
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from robot_simulator.source import SimulatedSource, simulated_steps
 from tests.integration.faults.system import System, system
 from tests.integration.faults.test_coordinator_dies import PACED, STEPS
 from tests.integration.waiting import wait_until
+from tests.integration.worlds import world_of
 from worker.jobs import RunningJob, running
 from worker.map_model import sensor_model
 
@@ -34,7 +35,7 @@ def told(report: Report, snapshots: Snapshots) -> None:
 
 def undisturbed(settings: Settings) -> Snapshots:
     """What one process without a network comes to."""
-    world = simulated_world(settings.bridge.source)
+    world = world_of(settings)
     source = SimulatedSource(Simulation(world, settings.seed), steps=STEPS)
     plain = filter_settings(settings)
     model = sensor_model(world.map, settings.sensor, cache_folder=None)

@@ -17,7 +17,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, Scan, ScanHistory
-from sensor_bridge.extension import Reading
+from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.system.rubbish import NO_MESSAGES
@@ -148,6 +148,6 @@ def test_rubbish_among_readings_changes_no_step(
 
 
 def steps_of_a_quiet_drive(digest: str) -> list[Scan]:
-    maker = StepMaker(BridgeSettings(), digest, "sensor_bridge")
+    maker = StepMaker(BridgeSettings(), digest, "sensor_bridge", live=True)
     steps = [maker.on_reading(reading) for reading in quiet_drive()]
     return [step for step in steps if step is not None]

@@ -14,7 +14,8 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from robot_simulator.simulation import Simulation
-from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
+from robot_simulator.source import SimulatedSource, simulated_steps
+from tests.integration.worlds import world_of
 from worker.map_model import sensor_model
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -72,7 +73,7 @@ def beliefs_of(
 
 def outcomes_of(settings: Settings, *, steps: int) -> list[Outcome]:
     """The same run in this process, without Zenoh."""
-    world = simulated_world(settings.bridge.source)
+    world = world_of(settings)
     source = SimulatedSource(Simulation(world, settings.seed), steps=steps)
     scans = (scan for scan, _ in simulated_steps(source, settings.bridge, world.map.digest))
     model = sensor_model(world.map, settings.sensor, cache_folder=None)

@@ -131,6 +131,10 @@ def test_an_unknown_world() -> None:
     assert_refused(typed("demo", "--recording", "sim:atlantis"), "atlantis", "cross")
 
 
+def test_a_demo_of_a_live_robot() -> None:
+    assert_refused(typed("demo", "--recording", "zenoh"), "--recording", "clustermcl up")
+
+
 @pytest.mark.parametrize("command", ["pose", "hypotheses", "status", "watch", "relocalize"])
 def test_nobody_there_is_said_within_three_seconds(command: str) -> None:
     process = subprocess.run(

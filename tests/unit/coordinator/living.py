@@ -32,9 +32,8 @@ from coordinator.instructions import (
     SendOrder,
 )
 from particle_filter.arrays import OCCUPIED
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_models import computed_model
 from particle_filter.settings import (
     BeliefSettings,
     ClusterSettings,
@@ -82,8 +81,7 @@ def symmetric_room() -> SensorModel:
     cells = np.zeros((50, 60), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     cells[20:30, 10:14] = cells[20:30, -14:-10] = OCCUPIED
-    field = LikelihoodField.build(cells, 0.1, np.zeros(3), SETTINGS.sensor)
-    return SensorModel(field, jump_field(cells), SETTINGS.sensor)
+    return computed_model(Grid(cells, 0.1, np.zeros(3)), SETTINGS.sensor)
 
 
 def scan_of(step: int) -> Scan:

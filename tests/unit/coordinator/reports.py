@@ -12,7 +12,14 @@ from protocol.work import Particles, Place, SearchReport, TrackReport
 NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
 
 
-def scan(step: int, *, x_m: float = 0.0, paced: bool = False, digest: str = "map") -> Scan:
+def scan(
+    step: int,
+    *,
+    x_m: float = 0.0,
+    paced: bool = False,
+    digest: str = "map",
+    live: bool = False,
+) -> Scan:
     return Scan(
         sender="bridge",
         step=step,
@@ -25,6 +32,7 @@ def scan(step: int, *, x_m: float = 0.0, paced: bool = False, digest: str = "map
         ranges=ArrayBlob.of(np.ones(3), "float32"),
         map_digest=digest,
         paced=paced,
+        live=live,
     )
 
 

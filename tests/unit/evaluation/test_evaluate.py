@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of
-from evaluation.experiments.case import AfterStep, Recorded, Simulated
+from evaluation.experiments.case import AfterStep, RecordedRobot, SimulatedRobot
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
 from protocol.answers import Hypothesis, State
@@ -113,16 +113,16 @@ def test_what_is_first_held_where_nobody_knows_the_truth_ends_the_first_search()
 
 def test_a_simulated_robot_drives_300_steps_unless_told_otherwise() -> None:
     case = case_of(EvaluateOptions(recording="sim:hall"))
-    assert (case.robot, case.updates) == (Simulated(world="hall"), 300)
+    assert (case.robot, case.updates) == (SimulatedRobot(world="hall"), 300)
     asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9, kidnap_at=4)
     case = case_of(asked)
-    robot = Simulated(world="a.yaml", map=Path("b.yaml"), kidnapping=AfterStep(4))
+    robot = SimulatedRobot(world="a.yaml", map=Path("b.yaml"), kidnapping=AfterStep(4))
     assert (case.robot, case.updates) == (robot, 9)
 
 
 def test_a_recorded_robot_drives_to_its_end() -> None:
     case = case_of(EvaluateOptions(recording="a.log", map_file="b.yaml"))
-    robot = Recorded(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
+    robot = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
     assert (case.robot, case.updates) == (robot, None)
 
 

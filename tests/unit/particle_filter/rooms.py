@@ -3,9 +3,9 @@
 import numpy as np
 
 from particle_filter.arrays import OCCUPIED, Cells, Pose
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import Beams, SensorModel, beams_of
+from particle_filter.beam_model import BeamModel
+from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.sensor_model import Beams, Grid, LaserScan
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter.naive_rays import cast_rays
 
@@ -29,14 +29,20 @@ def plain_room() -> Cells:
     return cells
 
 
-def model_of(cells: Cells, settings: SensorSettings | None = None) -> SensorModel:
-    settings = settings or SensorSettings()
-    field = LikelihoodField.build(cells, CELL_M, NO_OFFSET, settings)
-    return SensorModel(field, jump_field(cells), settings)
+def model_of(cells: Cells, settings: SensorSettings | None = None) -> LikelihoodFieldModel:
+    settings, grid = settings or SensorSettings(), Grid(cells, CELL_M, NO_OFFSET)
+    arrays = LikelihoodFieldModel.arrays_of(grid, settings)
+    return LikelihoodFieldModel.from_arrays(grid, arrays, settings)
+
+
+def beam_model_of(cells: Cells, settings: SensorSettings | None = None) -> BeamModel:
+    settings, grid = settings or SensorSettings(), Grid(cells, CELL_M, NO_OFFSET)
+    return BeamModel.from_arrays(grid, BeamModel.arrays_of(grid, settings), settings)
 
 
 def seen_from(pose: Pose, cells: Cells) -> Beams:
     """A perfect scan."""
     ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0)
     step = float(ANGLES[1] - ANGLES[0])
-    return beams_of(ranges, 20.0, float(ANGLES[0]), step, NO_OFFSET, SensorSettings())
+    scan = LaserScan(ranges, 20.0, float(ANGLES[0]), step, NO_OFFSET)
+    return model_of(cells).beams(scan)

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells, LogWeights, Poses
-from particle_filter.beam_model import RayMap, beam_density, beam_log_likelihood
+from particle_filter.beam_model import beam_density, beam_log_likelihood
 from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import Grid
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter import naive_rays
 
@@ -52,7 +53,8 @@ def weigh(
         ranges,
         ANGLES,
         robot_from_laser=LASER,
-        ray_map=RayMap(jump_field(cells), CELL_M, np.array(map_from_grid)),
+        grid=Grid(cells, CELL_M, np.array(map_from_grid)),
+        jumps=jump_field(cells),
         max_range_m=MAX_RANGE_M,
         settings=settings,
     )
@@ -142,14 +144,14 @@ def test_no_reading_is_impossible() -> None:
 
 
 def test_a_scan_without_beams_is_refused() -> None:
-    ray_map = RayMap(jump_field(HALL), CELL_M, np.zeros(3))
     with pytest.raises(ValueError, match="0 ranges"):
         beam_log_likelihood(
             np.zeros((1, 3)),
             np.zeros(0),
             np.zeros(0),
             robot_from_laser=LASER,
-            ray_map=ray_map,
+            grid=Grid(HALL, CELL_M, np.zeros(3)),
+            jumps=jump_field(HALL),
             max_range_m=MAX_RANGE_M,
             settings=SETTINGS,
         )

@@ -43,6 +43,12 @@ def test_an_unknown_field_of_a_later_release_is_left_out() -> None:
     assert decode(msgpack.packb(plain), OdometryReading) == READING
 
 
+def test_a_scan_of_a_bridge_that_does_not_know_the_field_yet_is_of_no_live_robot() -> None:
+    plain = msgpack.unpackb(encode(scan(3, live=True)))
+    assert plain.pop("live") is True
+    assert decode(msgpack.packb(plain), Scan) == scan(3, live=False)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -22,8 +22,8 @@ from sensor_bridge.step_maker import (
 from tests.unit.sensor_bridge.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
-def a_maker(first_step: int = 0, paced: bool = False) -> StepMaker:
-    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, paced)
+def a_maker(first_step: int = 0, paced: bool = False, live: bool = False) -> StepMaker:
+    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, paced, live)
 
 
 def driving(*places_m: float) -> list[LaserReading]:
@@ -69,8 +69,9 @@ def test_a_step_can_be_forced() -> None:
 
 def test_a_step_carries_what_its_scan_said() -> None:
     reading = laser_reading(2.0, (1.0, 2.0, 0.5))
-    [step] = made_of(reading, maker=a_maker(paced=True))
-    assert (step.map_digest, step.sender, step.paced) == ("digest", "bridge", True)
+    [step] = made_of(reading, maker=a_maker(paced=True, live=True))
+    assert (step.map_digest, step.sender) == ("digest", "bridge")
+    assert (step.paced, step.live) == (True, True)
     for field in ("stamp_ns", "odom_from_robot", "robot_from_laser", "ranges", "range_max_m"):
         assert getattr(step, field) == getattr(reading, field)
 

@@ -16,8 +16,8 @@ from particle_filter.scan_points import points_in_robot, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.recording import Recording, open_recording
-from sensor_bridge.step_maker import StepMaker, steps_from, steps_of
+from sensor_bridge.recording import Recording, open_recording, steps_of
+from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.unit.recordings import recording_or_skip
 from tests.unit.sensor_bridge.logs import flaser, recording_of
 

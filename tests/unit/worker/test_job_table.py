@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from particle_filter.arrays import OCCUPIED
-from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import jump_field
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
@@ -36,8 +35,7 @@ def model() -> SensorModel:
     cells = np.zeros((60, 80), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     cells[20:30, 40:45] = OCCUPIED
-    field = LikelihoodField.build(cells, 0.1, np.zeros(3), SETTINGS.sensor)
-    return SensorModel(field, jump_field(cells), SETTINGS.sensor)
+    return computed_model(Grid(cells, 0.1, np.zeros(3)), SETTINGS.sensor)
 
 
 def scan(step: int) -> Scan:

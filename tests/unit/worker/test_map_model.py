@@ -1,5 +1,6 @@
 import errno
 import logging
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from grid_maps.grid_map import GridMap
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import LaserScan, MapArrays
 from particle_filter.settings import SensorSettings
 from worker import map_model
 from worker.map_model import sensor_model
@@ -36,6 +37,33 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
             assert ours.dtype == theirs.dtype
         assert cached.field.log_floor == computed.field.log_floor
         assert cached.field.log_step == computed.field.log_step
+
+
+def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> None:
+    settings = SensorSettings(model="beam")
+    poses = np.array([[2.0, 3.5, 0.3], [3.0, 3.0, -1.0]])
+    weights = []
+    for folder in (None, tmp_path, tmp_path):
+        model = sensor_model(grid_map(), settings, folder)
+        beams = model.beams(LaserScan(np.full(9, 1.5), 10.0, -1.0, 0.25, np.zeros(3)))
+        weights.append(model.log_likelihood(poses, beams))
+    np.testing.assert_array_equal(weights[1:], [weights[0]] * 2)
+    (entry,) = tmp_path.glob("field-*")
+    assert {path.stem for path in entry.glob("*.npy")} == {"cells", "jumps"}
+
+
+def test_arrays_of_another_map_under_this_ones_name_are_computed_anew(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    sensor_model(grid_map(), SETTINGS, tmp_path)
+    (entry,) = tmp_path.glob("field-*")
+    other = GridMap(np.eye(7, dtype=np.int8), 0.1, (0.0, 0.0, 0.0))
+    sensor_model(other, SETTINGS, tmp_path)
+    (others,) = set(tmp_path.glob("field-*")) - {entry}
+    shutil.rmtree(entry)
+    others.rename(entry)
+    assert sensor_model(grid_map(), SETTINGS, tmp_path).grid.cells.shape == (30, 40)
+    assert "not the arrays of this map" in caplog.text
 
 
 def test_the_arrays_are_mapped_from_one_file(tmp_path: Path) -> None:
@@ -94,7 +122,7 @@ def test_of_many_processes_one_computes_and_the_others_read(
     computed: list[GridMap] = []
     compute = map_model._computed
 
-    def counted(grid: GridMap, settings: SensorSettings) -> SensorModel:
+    def counted(grid: GridMap, settings: SensorSettings) -> MapArrays:
         computed.append(grid)
         return compute(grid, settings)
 

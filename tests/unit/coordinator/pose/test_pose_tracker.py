@@ -92,9 +92,34 @@ def test_stamps_of_scans_may_step_back_where_there_is_no_odometry_between() -> N
 
 @pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
 def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshness: str) -> None:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0, live=live)
-    tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
+    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=live)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
     answer = tracker.answer(int(2.3 * SECOND), workers=1)
     assert answer.freshness == freshness
     assert answer.age_s == pytest.approx(1.3 if live else 0.0)
+
+
+def test_a_scan_says_whether_stamps_tell_how_late_data_is() -> None:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    assert not tracker.live
+    for step, live in enumerate((True, True, False, True)):
+        tracker.scan(step * SECOND, (0.0, 0.0, 0.0), now_ns=step * SECOND, live=live)
+        assert tracker.live == live
+
+
+def test_a_clock_learnt_of_one_robot_is_not_that_of_the_recording_that_follows() -> None:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
+    tracker.scan(SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=False)
+    tracker.odometry(2 * SECOND, (0.5, 0.0, 0.0), now_ns=10 * SECOND)
+    assert tracker.age_s(10 * SECOND) == 0.0
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_who_takes_over_knows_from_the_other_whether_the_robot_is_live(live: bool) -> None:
+    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0, live=live)
+    tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
+    tracker.odometry(102 * SECOND, (1.0, 0.0, 0.0), now_ns=int(3.3 * SECOND))  # 1.3 s late
+    assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(1.3 if live else 0.0)

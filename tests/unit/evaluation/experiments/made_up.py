@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from evaluation.experiments.case import Case, Simulated
+from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.measures import RunMeasures, measures_of
 from evaluation.experiments.provenance import Provenance
@@ -66,7 +66,7 @@ def case(name: str = "made-up", **changed: Any) -> Case:
     made = Case(
         name=name,
         title="Made up",
-        robot=Simulated(world="rectangle"),
+        robot=SimulatedRobot(world="rectangle"),
         updates=12,
         typical_updates=12,
         seeds=2,

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, OnceRight, Simulated
+from evaluation.experiments.case import AfterStep, Case, OnceRight, SimulatedRobot
 from evaluation.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
@@ -44,8 +44,8 @@ def observer(of: Case, **more: bool) -> Observer:
 RIGHT, WRONG = outcome(place(0.8), place(0.2, NOWHERE)), outcome(place(1.0, NOWHERE))
 
 
-def lifted(kidnapping: AfterStep | OnceRight) -> Simulated:
-    return Simulated(world="rectangle", kidnapping=kidnapping)
+def lifted(kidnapping: AfterStep | OnceRight) -> SimulatedRobot:
+    return SimulatedRobot(world="rectangle", kidnapping=kidnapping)
 
 
 def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.experiments.case import Recorded, Simulated
+from evaluation.experiments.case import RecordedRobot, SimulatedRobot
 from evaluation.experiments.recorded import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.run import available
 from tests.unit.recordings import data_folder
@@ -21,12 +21,12 @@ def test_recordings_are_found_by_the_names_of_their_files(tmp_path: Path) -> Non
     touched(tmp_path, "maps/a.yaml", "no-reference/log.clf", "README.md")
     wean, shop = recorded_cases(tmp_path)
     assert (wean.name, shop.name) == ("wean-2", "shop")
-    assert wean.robot == Recorded(
+    assert wean.robot == RecordedRobot(
         recording=tmp_path / "wean/robotdata2.log.xz",
         map=tmp_path / "wean/map.yaml",
         reference=tmp_path / "wean/robotdata2.reference.tum",
     )
-    assert isinstance(shop.robot, Recorded)
+    assert isinstance(shop.robot, RecordedRobot)
     assert shop.robot.recording == tmp_path / "shop/log.clf.gz"
 
 
@@ -47,7 +47,7 @@ def test_absent_recordings_are_said_and_left_out(
 ) -> None:
     monkeypatch.delenv(DATA_VARIABLE, raising=False)
     cases, left_out = available(None)
-    assert all(isinstance(case.robot, Simulated) for case in cases)
+    assert all(isinstance(case.robot, SimulatedRobot) for case in cases)
     assert left_out == (f"Recordings are left out: give --data or set {DATA_VARIABLE}.",)
     monkeypatch.setenv(DATA_VARIABLE, str(tmp_path))
     assert available(None)[1] == (f"Recordings are left out: none in {tmp_path}.",)

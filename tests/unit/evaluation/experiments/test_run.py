@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from evaluation.experiments import run as module
-from evaluation.experiments.case import Case, Simulated
+from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.plan import Extent, Given
 from evaluation.experiments.plots import MISSING
 from evaluation.experiments.run import FailedRunsError, Options, run_experiments
@@ -87,7 +87,7 @@ def test_without_matplotlib_everything_else_is_written(
 def test_failing_runs_are_reported_beside_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = case("broken", robot=Simulated(world="atlantis"), seeds=1, ordinary_seeds=0)
+    broken = case("broken", robot=SimulatedRobot(world="atlantis"), seeds=1, ordinary_seeds=0)
     offering(monkeypatch, case(seeds=1, ordinary_seeds=0), broken)
     with pytest.raises(FailedRunsError, match="1 of 2 runs failed"):
         run(tmp_path)

@@ -1,0 +1,39 @@
+"""Where readings come from, as `bridge.source` names it: parsed once, a type from then on."""
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+_LIVE = "zenoh"
+_SIMULATED = "sim:"
+
+
+@dataclass(frozen=True)
+class Live:
+    """A robot publishes its readings over Zenoh, with stamps of a clock that runs like any."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A recording."""
+
+    path: str
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulated robot."""
+
+    world: str
+    """The name of a world, or the path of a map file."""
+
+
+SourceChoice: TypeAlias = Live | Recorded | Simulated
+
+
+def parsed_source(text: str) -> SourceChoice:
+    """What ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path stands for."""
+    if text == _LIVE:
+        return Live()
+    if text.startswith(_SIMULATED):
+        return Simulated(text.removeprefix(_SIMULATED))
+    return Recorded(text)

@@ -1,0 +1,21 @@
+import pytest
+
+from process_runtime.settings import BridgeSettings
+from process_runtime.sources import Live, Recorded, Simulated, SourceChoice, parsed_source
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (BridgeSettings().source, Live()),
+        ("zenoh", Live()),
+        ("./zenoh", Recorded("./zenoh")),
+        ("sim:cross", Simulated("cross")),
+        ("sim:maps/hall.yaml", Simulated("maps/hall.yaml")),
+        ("sim:", Simulated("")),
+        ("robot.log.gz", Recorded("robot.log.gz")),
+        ("sim/robot.log", Recorded("sim/robot.log")),
+    ],
+)
+def test_what_the_setting_names(text: str, expected: SourceChoice) -> None:
+    assert parsed_source(text) == expected

@@ -1,0 +1,19 @@
+import pytest
+
+from process_runtime.settings import BridgeSettings
+from protocol.errors import RecordingError, SettingsError
+from sensor_bridge.process import source_of
+
+
+def test_a_live_robot_needs_no_source() -> None:
+    assert source_of("zenoh", BridgeSettings()) is None
+
+
+def test_the_bridge_reads_a_recording() -> None:
+    with pytest.raises(RecordingError, match=r"nowhere\.log"):
+        source_of("nowhere.log", BridgeSettings())
+
+
+def test_the_bridge_leaves_a_simulation_to_the_simulator() -> None:
+    with pytest.raises(SettingsError, match=r"sim:cross.*robot_simulator"):
+        source_of("sim:cross", BridgeSettings())
