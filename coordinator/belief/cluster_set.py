@@ -165,7 +165,7 @@ class ClusterSet:
         given = math.fsum(candidate.probability for candidate in candidates)
         left = math.log1p(-given) if given < 1.0 else -math.inf
         if self._clusters:
-            self._set(np.maximum(belief.normalised(self._log_probabilities()) + left, -1e6))
+            self._set(np.maximum(belief.normalised_logs(self._log_probabilities()) + left, -1e6))
         admitted = []
         for candidate in candidates:
             cluster = Cluster(
@@ -180,7 +180,7 @@ class ClusterSet:
             self._next_cluster += 1
             admitted.append((cluster, candidate))
         if self._clusters:
-            self._set(belief.normalised(self._log_probabilities()))
+            self._set(belief.normalised_logs(self._log_probabilities()))
         return admitted, ended
 
     def drop_improbable(self, step: int) -> list[str]:
@@ -194,7 +194,7 @@ class ClusterSet:
         for cluster in leaving:
             del self._clusters[cluster.cluster]
         if leaving:
-            self._set(belief.normalised(self._log_probabilities()))
+            self._set(belief.normalised_logs(self._log_probabilities()))
         return [cluster.job_id for cluster in leaving]
 
     def take_out(self, job_id: str) -> float:
