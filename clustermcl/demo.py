@@ -26,6 +26,7 @@ from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, SettingsError, UnreachableError
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
 from robot_simulator.source import PREFIX, simulated_world
 from zenoh_link.inbox import Inbox
@@ -209,7 +210,7 @@ class _Audience:
         """Where the robot was at the step of a belief; None where nobody knows."""
         if self._show.reference is not None:
             pose = self._show.reference.pose_at(belief.stamp_ns)
-            return None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+            return None if pose is None else pose_tuple(pose)
         deadline_s = time.monotonic() + 1.0
         while self._show.simulated and belief.step not in self._truths:
             if time.monotonic() > deadline_s:

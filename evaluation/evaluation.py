@@ -18,6 +18,7 @@ from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import PREFIX, SimulatedSource, simulated_steps, simulated_world
@@ -138,7 +139,7 @@ def _with_reference(options: EvaluateOptions, scans: Iterator[Scan]) -> Iterator
     reference = load_reference(options.reference) if options.reference else None
     for scan in scans:
         pose = reference.pose_at(scan.stamp_ns) if reference else None
-        yield scan, None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+        yield scan, None if pose is None else pose_tuple(pose)
 
 
 def _remembering(steps: Iterator[TrueStep], truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:

@@ -9,6 +9,7 @@ from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
@@ -65,7 +66,7 @@ def _with_truth(
 ) -> Iterator[TrueStep]:
     for made, scan in enumerate(scans, start=1):
         pose = reference.pose_at(scan.stamp_ns)
-        yield scan, None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+        yield scan, None if pose is None else pose_tuple(pose)
         if made == updates:
             return
 
