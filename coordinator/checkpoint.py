@@ -9,19 +9,12 @@ import math
 import msgspec
 
 from coordinator.belief.cluster_set import Cluster
+from protocol.answers import Hypothesis
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import SearchJob, TrackJob
 
-STATE_VERSION = 1
-
-
-class PlaceState(msgspec.Struct, frozen=True, array_like=True):
-    """A place that a search holds possible, without its particles."""
-
-    share: float
-    mean: PoseTuple
-    covariance: Covariance
+STATE_VERSION = 2
 
 
 class SearchState(msgspec.Struct, frozen=True):
@@ -29,9 +22,8 @@ class SearchState(msgspec.Struct, frozen=True):
 
     search: int
     first_step: int
-    pooled_step: int
-    """Of the places; -1 before there are any."""
-    places: tuple[PlaceState, ...]
+    possible: tuple[Hypothesis, ...]
+    """What is told of it; empty where there are clusters, which are told instead."""
 
 
 class FitState(msgspec.Struct, frozen=True):

@@ -102,7 +102,7 @@ class CoordinatorState:
         """The bridge has forgotten the steps so far, and with them where odometry was."""
         self.counters["steps counted anew"] += 1
         self.collector.restart(scan.step - 1)
-        self.follow(self.ensemble.relocalize(scan.step - 1), scan)
+        self.follow(self.ensemble.relocalize(scan.step - 1, "steps restarted"), scan)
         self.applied_scan = None
 
     # --- handed on

@@ -80,5 +80,5 @@ def _outcome(
         searching=False,
         missing=(),
         begin={},
-        end=(),
+        events=(),
     )

@@ -4,13 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from coordinator.belief.cluster_set import Candidate, ClusterSet
+from coordinator.belief.cluster_set import ClusterSet, Newcomer
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.work import Report, SearchJob, TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, place, searched, tracked
+from tests.unit.coordinator.reports import place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
@@ -228,7 +228,7 @@ def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
 
 def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> None:
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.set_pose(Candidate(0.95, EAST, NO_SPREAD, cloud_at(EAST, 0)))
+    outcome = made.set_pose(place(0.95, EAST, 0))
     assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
     assert outcome.state == "localized"
 
@@ -293,9 +293,9 @@ def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
 
 def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
     clusters = ClusterSet(BeliefSettings(clusters=3))
-    given = [Candidate(p, NORTH, NO_SPREAD, cloud_at(NORTH, 0)) for p in (1.0, 0.0)]
+    given: list[Newcomer] = [(place(p, NORTH, 0), "first search") for p in (1.0, 0.0)]
     admitted, _ = clusters.admit(given, 0)
-    assert [cluster.cluster for cluster, _ in admitted] == [0, 1]
+    assert [cluster.cluster for cluster in admitted] == [0, 1]
     logs = [cluster.log_probability for cluster in clusters.by_probability()]
     assert logs[0] == pytest.approx(0.0)
     assert logs[1] == pytest.approx(-708.4, abs=0.1)
