@@ -35,6 +35,11 @@ class Began(
     probability: float
     """That it began with."""
 
+    @property
+    def is_search(self) -> bool:
+        """It is none: of searches, only the end is told."""
+        return False
+
 
 class Ended(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="event", tag="ended"

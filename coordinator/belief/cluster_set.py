@@ -178,11 +178,14 @@ class ClusterSet:
         if self._clusters:
             self._set(belief.normalised_logs(self._log_probabilities()))
         admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
-        events: list[JobEvent] = []
-        for taken, cluster in enumerate(leaving, start=free):
-            events.append(_ended(cluster, "pushed out", admitted[min(taken, len(admitted) - 1)]))
-        for cluster, (_, cause) in zip(admitted, newcomers, strict=True):
-            events.append(Began(cluster.job_id, cause, cluster.probability))
+        events: list[JobEvent] = [
+            _ended(cluster, "pushed out", admitted[min(taken, len(admitted) - 1)])
+            for taken, cluster in enumerate(leaving, start=free)
+        ]
+        events += [
+            Began(cluster.job_id, cause, cluster.probability)
+            for cluster, (_, cause) in zip(admitted, newcomers, strict=True)
+        ]
         return admitted, events
 
     def drop_improbable(self, step: int) -> list[Ended]:
