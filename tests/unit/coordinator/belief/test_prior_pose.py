@@ -7,6 +7,7 @@ from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.prior_pose import with_prior_pose
 from coordinator.checkpoint import PriorPose
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from protocol.job_events import Began
 from protocol.message import PoseTuple
 from protocol.work import Place, TrackJob
 from tests.unit.coordinator.reports import NO_SPREAD, place, searched
@@ -70,6 +71,10 @@ def test_it_enters_once_when_the_first_search_ends_and_is_no_truth_before() -> N
     assert ensemble.advance(4, []).hypotheses == ()
     outcome = ensemble.advance(5, [searched("s0.0", 5, {(1.0, 1.0, 0.0): 1.0})])
     assert [h.probability for h in outcome.hypotheses] == pytest.approx([0.9, 0.1])
+    assert outcome.events[:2] == (
+        Began("c0", "first search", pytest.approx(0.9)),
+        Began("c1", "prior pose", pytest.approx(0.1)),
+    )
     job = outcome.begin["c1"]
     assert isinstance(job, TrackJob)
     assert job.start.step == 4
