@@ -186,7 +186,7 @@ class Client:
                     yield event
             heard = next(published)
             follows = last_number + 1 if heard.term == last_term else 0
-            if heard.events[0].number > follows:
+            if heard.events and heard.events[0].number > follows:
                 heard = self.events()
 
     def _published(self, key: str, kind: type[A]) -> Iterator[A]:

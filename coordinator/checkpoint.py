@@ -14,7 +14,7 @@ from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import SearchJob, TrackJob
 
-STATE_VERSION = 2
+STATE_VERSION = 1
 
 
 class SearchState(msgspec.Struct, frozen=True):
@@ -22,7 +22,7 @@ class SearchState(msgspec.Struct, frozen=True):
 
     search: int
     first_step: int
-    possible: tuple[Hypothesis, ...]
+    possible: tuple[Hypothesis, ...] = ()
     """What is told of it; empty where there are clusters, which are told instead."""
 
 

@@ -37,7 +37,7 @@ class Began(
 
     @property
     def is_search(self) -> bool:
-        """It is none: of searches, only the end is told."""
+        """False: of a search, only the end is told."""
         return False
 
 
