@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
+from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Covariance, Message, PoseTuple
 
 JsonObject = dict[str, Any]
@@ -72,6 +73,18 @@ def hypotheses_object(answer: Hypotheses) -> JsonObject:
     """All places where the robot may be now."""
     places = [hypothesis_object(hypothesis) for hypothesis in answer.hypotheses]
     return {**pose_answer_object(answer.pose), "hypotheses": places}
+
+
+def event_object(numbered: NumberedEvent) -> JsonObject:
+    """What began or ended, and why."""
+    plain: JsonObject = msgspec.to_builtins(numbered)
+    event: JsonObject = plain.pop("event")
+    return {**plain, **event}
+
+
+def events_object(answer: JobEvents) -> JsonObject:
+    """All that is kept of what began and ended."""
+    return {"term": answer.term, "events": [event_object(event) for event in answer.events]}
 
 
 def status_object(status: Status) -> JsonObject:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from protocol.answers import Belief, Hypotheses, Hypothesis, PoseAnswer, Status
 from protocol.health import Health
+from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
 
 SILENT_AFTER_S = 3.0
@@ -68,6 +69,11 @@ def belief_line(belief: Belief) -> str:
     shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
     more = ", ..." if len(belief.hypotheses) > 6 else ""
     return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}"
+
+
+def event_line(numbered: NumberedEvent) -> str:
+    """What began or ended, and why: ``step 200: c3 merged into c1 (0.02)``."""
+    return f"step {numbered.step}: {event_text(numbered.event)}"
 
 
 def status_lines(status: Status) -> Iterator[str]:

@@ -27,6 +27,7 @@ from protocol.answers import (
 )
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
+from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Message, PoseTuple
 from protocol.steps import MapMessage
 from zenoh_link.inbox import Inbox
@@ -37,7 +38,7 @@ A = TypeVar("A", bound=Message)
 
 _PAUSE_S = 0.1
 _POLL_S = 0.1
-_KEPT_BELIEFS = 256
+_KEPT_MESSAGES = 256
 _SENDER = "client"
 
 
@@ -108,6 +109,10 @@ class Client:
         """All places where it may be, with their probabilities, most probable first."""
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
+    def events(self) -> JobEvents:
+        """The last clusters and searches that began or ended, and why, oldest first."""
+        return self._ask(keys.EVENTS, JobEvents)
+
     def status(self) -> Status:
         """How the system is."""
         return self._ask(keys.STATUS, Status)
@@ -174,17 +179,46 @@ class Client:
         Raises:
             StoppedError: the client's stop flag is set.
         """
-        inbox: Events = Inbox({"belief": _KEPT_BELIEFS})
-        subscribe(self._session, keys.BELIEF, inbox, "belief")
         term = 0
+        for belief in self._published(keys.BELIEF, Belief):
+            if belief.term >= term:
+                term = belief.term
+                yield belief
+
+    def follow_events(self) -> Iterator[NumberedEvent]:
+        """The events that are kept, and then each as it happens, without an end.
+
+        Where some were lost on their way, they are asked for.
+
+        Raises:
+            StoppedError: the client's stop flag is set.
+            UnreachableError: nobody answers.
+        """
+        published = self._published(keys.EVENTS, JobEvents)
+        last_term, last_number = 0, -1
+        heard = self.events()
+        while True:
+            for event in heard.events:
+                if (heard.term, event.number) > (last_term, last_number):
+                    last_term, last_number = heard.term, event.number
+                    yield event
+            heard = next(published)
+            follows = last_number + 1 if heard.term == last_term else 0
+            if heard.events and heard.events[0].number > follows:
+                heard = self.events()
+
+    def _published(self, key: str, kind: type[A]) -> Iterator[A]:
+        """What is published on a key from now on; of a slow reader's, the oldest are dropped."""
+        inbox: Events = Inbox({key: _KEPT_MESSAGES})
+        subscribe(self._session, key, inbox, key)
+        return self._decoded(inbox, kind)
+
+    def _decoded(self, inbox: Events, kind: type[A]) -> Iterator[A]:
         while True:
             self._stop.check()
             event = inbox.get(_POLL_S)
             if isinstance(event, Received):
-                belief = decode(event.payload, Belief)
-                if belief.term >= term:
-                    term = belief.term
-                    yield belief
+                yield decode(event.payload, kind)
 
     @property
     def _session(self) -> zenoh.Session:

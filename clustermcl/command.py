@@ -188,6 +188,25 @@ def hypotheses(
 
 
 @app.command()
+def events(
+    follow: Annotated[
+        bool, typer.Option("--follow", help="And each from now on, until Ctrl-C.")
+    ] = False,
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Which clusters and searches began and ended of late, and why."""
+    from clustermcl.questions import follow_events, print_events  # noqa: PLC0415 - see the module
+
+    settings = load_settings(settings_file, assignments or ())
+    if follow:
+        _until_interrupted(lambda: follow_events(settings, as_json=as_json))
+    else:
+        print_events(settings, as_json=as_json)
+
+
+@app.command()
 def status(
     as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
 ) -> None:

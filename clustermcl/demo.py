@@ -27,7 +27,9 @@ from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, SettingsError, UnreachableError
+from protocol.job_events import JobEvents
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
 from robot_simulator.source import simulated_world
 from zenoh_link.inbox import Inbox
@@ -206,11 +208,12 @@ class _Audience:
         self, session: zenoh.Session, show: _Show, view: View, check: Callable[[], None]
     ) -> None:
         self._show, self._view, self._check = show, view, check
-        self._inbox: Events = Inbox({"belief": 4096, "truth": 4096})
+        self._inbox: Events = Inbox({"belief": 4096, "events": 4096, "truth": 4096})
         self._alive: set[str] = set()
         self._truths: dict[int, PoseTuple] = {}
         self._summary = DemoSummary()
         subscribe(session, keys.BELIEF, self._inbox, "belief")
+        subscribe(session, keys.EVENTS, self._inbox, "events")
         subscribe(session, keys.TRUTH, self._inbox, "truth")
         watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
 
@@ -235,7 +238,7 @@ class _Audience:
         """Where the robot was at the step of a belief; None where nobody knows."""
         if self._show.reference is not None:
             pose = self._show.reference.pose_at(belief.stamp_ns)
-            return None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+            return None if pose is None else pose_tuple(pose)
         deadline_s = time.monotonic() + 1.0
         while self._show.simulated and belief.step not in self._truths:
             if time.monotonic() > deadline_s:
@@ -262,6 +265,10 @@ class _Audience:
                 self._truths[truth.step] = truth.map_from_robot
                 while len(self._truths) > _KEPT_TRUTHS:
                     del self._truths[next(iter(self._truths))]
+            case Received(key=keys.EVENTS, payload=payload):
+                for numbered in decode(payload, JobEvents).events:
+                    self._summary.on_event(numbered.event)
+                    self._view.happened(numbered)
             case Received(key=keys.BELIEF, payload=payload):
                 belief = decode(payload, Belief)
                 self._summary.on_belief(belief)

@@ -1,8 +1,10 @@
 """What a demo has seen: beliefs one after another, remembered as far as its summary tells."""
 
+from collections import Counter
 from collections.abc import Iterator
 
 from protocol.answers import Belief
+from protocol.job_events import Ended, EndedCause, JobEvent
 
 HELD_PROBABILITY = 0.02
 """A place with less is not worth a person's attention."""
@@ -20,6 +22,7 @@ class DemoSummary:
         self._first_places_step: int | None = None
         self._most_places = 0
         self._lowest, self._highest = 1.0, 0.0
+        self._ended: Counter[EndedCause] = Counter()
 
     def on_belief(self, belief: Belief) -> None:
         """Take the next belief."""
@@ -37,6 +40,11 @@ class DemoSummary:
         elif self.localized_since is None:
             self.localized_since = belief.step
 
+    def on_event(self, event: JobEvent) -> None:
+        """A cluster or a search began or ended."""
+        if isinstance(event, Ended) and not event.is_search:
+            self._ended[event.cause] += 1
+
     @property
     def localized_steps(self) -> int:
         """For how many steps the robot has been localized without a gap."""
@@ -53,5 +61,8 @@ class DemoSummary:
                 f"For {self.ambiguous_steps} steps up to {self._most_places} places were held, "
                 f"with probabilities from {self._lowest:.2f} to {self._highest:.2f}."
             )
+        if self._ended:
+            causes = ", ".join(f"{count} {cause}" for cause, count in self._ended.most_common())
+            yield f"Places that were given up: {causes}."
         if self.localized_since is not None:
             yield f"From step {self.localized_since} on one of them was the pose."

@@ -1,6 +1,7 @@
 """What a person sees while a demo runs: a live table, or lines where there is no terminal."""
 
 import math
+from collections import deque
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -11,11 +12,13 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from clustermcl.as_text import belief_line, pose_text, spread, spread_text
+from clustermcl.as_text import belief_line, event_line, pose_text, spread, spread_text
 from protocol.answers import Belief, Hypothesis
+from protocol.job_events import NumberedEvent
 from protocol.message import PoseTuple
 
 _LINE_EVERY_STEPS = 25
+_SHOWN_EVENTS = 3
 _COLUMNS = (
     "place", "probability", "", "x [m]", "y [m]", "heading", "+- [m]", "+- deg", "steps",
 )  # fmt: skip
@@ -41,6 +44,9 @@ class View(Protocol):
     def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
         """A step was applied; `truth` is where the robot really was, if that is known."""
 
+    def happened(self, event: NumberedEvent) -> None:
+        """A cluster or a search began or ended."""
+
 
 class NoView:
     """Shows nothing."""
@@ -55,6 +61,9 @@ class NoView:
         """Show nothing."""
 
     def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
+        """Show nothing."""
+
+    def happened(self, event: NumberedEvent) -> None:
         """Show nothing."""
 
 
@@ -84,10 +93,18 @@ class LineView(NoView):
         news = (belief.state, len(belief.hypotheses), belief.step // _LINE_EVERY_STEPS)
         self._say(news, belief_line(belief))
 
+    def happened(self, event: NumberedEvent) -> None:
+        """Say why a place came or went."""
+        if not event.event.is_search:
+            self._print(event_line(event))
+
     def _say(self, news: tuple[object, ...], line: str) -> None:
         if news != self._said:
             self._said = news
-            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
+            self._print(line)
+
+    def _print(self, line: str) -> None:
+        self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 class LiveView:
@@ -110,6 +127,7 @@ class LiveView:
         self._task = self._progress.add_task("starting", total=steps)
         self._belief: Belief | None = None
         self._truth: PoseTuple | None = None
+        self._events: deque[str] = deque(maxlen=_SHOWN_EVENTS)
         self._live = Live(console=console, get_renderable=self._render, refresh_per_second=8)
 
     def __enter__(self) -> Self:
@@ -136,6 +154,11 @@ class LiveView:
         self._belief, self._truth = belief, truth
         self._progress.update(self._task, completed=belief.step + 1, description="steps")
 
+    def happened(self, event: NumberedEvent) -> None:
+        """Show why places came or went of late."""
+        if not event.event.is_search:
+            self._events.append(event_line(event))
+
     def _render(self) -> RenderableType:
         belief, truth = self._belief, self._truth
         if belief is None:
@@ -147,6 +170,7 @@ class LiveView:
             lines.append(f"pose   {pose_text(best.mean)}  {spread_text(best.covariance)}")
         if truth is not None:
             lines.append(f"truth  {pose_text(truth)}")
+        lines += self._events
         return Group(self._title, _table(belief.hypotheses), *lines, self._progress)
 
 

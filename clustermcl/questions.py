@@ -8,11 +8,13 @@ from clustermcl.as_json import (
     JsonObject,
     belief_object,
     dumped,
+    event_object,
+    events_object,
     hypotheses_object,
     pose_answer_object,
     status_object,
 )
-from clustermcl.as_text import belief_line, hypotheses_lines, pose_lines, status_lines
+from clustermcl.as_text import belief_line, event_line, hypotheses_lines, pose_lines, status_lines
 from clustermcl.client import Client
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
@@ -39,6 +41,20 @@ def print_status(settings: Settings, *, as_json: bool) -> None:
     with Client(settings) as client:
         answer = client.status()
     _print(status_object(answer) if as_json else status_lines(answer))
+
+
+def print_events(settings: Settings, *, as_json: bool) -> None:
+    """Which clusters and searches began and ended of late, and why."""
+    with Client(settings) as client:
+        answer = client.events()
+    _print(events_object(answer) if as_json else map(event_line, answer.events))
+
+
+def follow_events(settings: Settings, *, as_json: bool) -> None:
+    """The same, and each from now on, until interrupted."""
+    with Client(settings) as client:
+        for event in client.follow_events():
+            _print(event_object(event) if as_json else [event_line(event)])
 
 
 def watch(settings: Settings, *, as_json: bool) -> None:

@@ -6,6 +6,7 @@ import msgspec
 
 from coordinator.state import CoordinatorState
 from protocol.answers import Belief, Hypotheses, PoseAnswer, Status
+from protocol.job_events import JobEvents, NumberedEvent
 
 
 class Answers:
@@ -55,6 +56,18 @@ class Answers:
             uptime_s=(now_ns - self._started_ns) / 1e9,
             term=self.term,
         )
+
+    def events(self) -> JobEvents:
+        """What has begun and ended of late, and why."""
+        return self._told(self._state.event_log.all())
+
+    def new_events(self) -> JobEvents | None:
+        """What has begun and ended since this was asked last; None: nothing."""
+        news = self._state.event_log.news()
+        return self._told(news) if news else None
+
+    def _told(self, events: tuple[NumberedEvent, ...]) -> JobEvents:
+        return JobEvents(sender=self._sender, events=events, term=self.term)
 
     def belief(self) -> Belief | None:
         """What is believed after the last step or command; None before the first."""

@@ -9,6 +9,7 @@ import math
 import msgspec
 
 from coordinator.belief.cluster_set import Cluster
+from protocol.answers import Hypothesis
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import SearchJob, TrackJob
@@ -16,22 +17,13 @@ from protocol.work import SearchJob, TrackJob
 STATE_VERSION = 1
 
 
-class PlaceState(msgspec.Struct, frozen=True, array_like=True):
-    """A place that a search holds possible, without its particles."""
-
-    share: float
-    mean: PoseTuple
-    covariance: Covariance
-
-
 class SearchState(msgspec.Struct, frozen=True):
     """A search under way."""
 
     search: int
     first_step: int
-    pooled_step: int
-    """Of the places; -1 before there are any."""
-    places: tuple[PlaceState, ...]
+    possible: tuple[Hypothesis, ...] = ()
+    """What is told of it; empty where there are clusters, which are told instead."""
 
 
 class FitState(msgspec.Struct, frozen=True):

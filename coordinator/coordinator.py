@@ -35,6 +35,7 @@ from coordinator.instructions import (
     FetchScans,
     Instruction,
     PublishBelief,
+    PublishEvents,
     SendOrder,
 )
 from coordinator.pose.last_pose import LastPose
@@ -42,6 +43,7 @@ from coordinator.state import CoordinatorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
+from protocol.job_events import JobEvents
 from protocol.step_reset_detector import StepResetDetector
 from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer, Report
@@ -280,14 +282,22 @@ class Coordinator:
         """All places with their probabilities."""
         return self._answers.hypotheses(now_ns)
 
+    def events(self) -> JobEvents:
+        """What has begun and ended of late, and why."""
+        return self._answers.events()
+
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
         """How the system is; `counters` are those of the process around."""
         return self._answers.status(now_ns, counters)
 
     def _believed(self, now_ns: int) -> list[Instruction]:
-        """Tell what is believed now."""
+        """Tell what is believed now, and first what has begun and ended."""
         belief = self._answers.belief()
-        return [PublishBelief(belief, self.pose(now_ns))] if belief is not None else []
+        if belief is None:
+            return []
+        events = self._answers.new_events()
+        told: list[Instruction] = [PublishEvents(events)] if events is not None else []
+        return [*told, PublishBelief(belief, self.pose(now_ns))]
 
     def _say_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step that comes again waits for its belief, which may have been lost."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from protocol.answers import Belief, CommandDone, PoseAnswer
+from protocol.job_events import JobEvents
 from protocol.work import Checkpoint, TakeOver, WorkOrder
 
 
@@ -38,6 +39,13 @@ class PublishBelief:
 
 
 @dataclass(frozen=True)
+class PublishEvents:
+    """Tell everybody what has begun and ended."""
+
+    events: JobEvents
+
+
+@dataclass(frozen=True)
 class FetchScans:
     """Ask the bridge for steps whose scans were lost on their way."""
 
@@ -53,4 +61,12 @@ class AnswerCommand:
     done: CommandDone
 
 
-Instruction = SendOrder | AskState | PublishCheckpoint | PublishBelief | FetchScans | AnswerCommand
+Instruction = (
+    SendOrder
+    | AskState
+    | PublishCheckpoint
+    | PublishEvents
+    | PublishBelief
+    | FetchScans
+    | AnswerCommand
+)

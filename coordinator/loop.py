@@ -93,7 +93,10 @@ class CoordinatorLoop:
         watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
         while not (stop.is_set() or self._coordinator.begun):
             self._turn()
-        for key in (keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE):
+        for key in (
+            *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS),
+            *(keys.SET_POSE, keys.RELOCALIZE),
+        ):
             serve(self._session, key, self._inbox)
         token = self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE)
         with self._keeper.running(), token:
@@ -209,6 +212,8 @@ class CoordinatorLoop:
                 asked.answer(self._coordinator.pose(now_ns))
             case keys.HYPOTHESES:
                 asked.answer(self._coordinator.hypotheses(now_ns))
+            case keys.EVENTS:
+                asked.answer(self._coordinator.events())
             case keys.STATUS:
                 asked.answer(self._status(now_ns))
             case _:

@@ -1,5 +1,6 @@
 """What the coordinator has decided, carried out over Zenoh."""
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -14,10 +15,12 @@ from coordinator.instructions import (
     Instruction,
     PublishBelief,
     PublishCheckpoint,
+    PublishEvents,
     SendOrder,
 )
 from protocol import keys
 from protocol.codec import encode
+from protocol.job_events import event_text
 from protocol.message import Message
 from zenoh_link.wire import Events, Publisher, Received
 
@@ -26,12 +29,15 @@ ASK_AGAIN_WITHIN_S = 0.5
 ORDER_TIMEOUT_S = 35.0
 """A worker that fetches a large map before it answers takes long; orders are repeated sooner."""
 
+_log = logging.getLogger(__name__)
+
 
 class Outgoing:
     """Publishes and asks; answers come through the inbox."""
 
     def __init__(self, session: zenoh.Session, inbox: Events) -> None:
         self._session, self._inbox = session, inbox
+        self._events = Publisher(session, keys.EVENTS)
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
         self._checkpoints = Publisher(session, keys.CHECKPOINT)
@@ -51,6 +57,10 @@ class Outgoing:
                     self._fetch(instruction, time.monotonic() + ASK_AGAIN_WITHIN_S)
                 case PublishCheckpoint(checkpoint):
                     self._checkpoints.put(checkpoint)
+                case PublishEvents(events):
+                    self._events.put(events)
+                    for numbered in events.events:
+                        _log.info("step %d: %s", numbered.step, event_text(numbered.event))
                 case PublishBelief(belief, pose):
                     self._belief.put(belief)
                     self._pose.put(pose)

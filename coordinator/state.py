@@ -12,6 +12,7 @@ from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
 from coordinator.checkpoint import STATE_VERSION, CheckpointState, PriorPose, from_bytes
+from coordinator.event_log import EventLog
 from coordinator.membership.placement import Placement
 from coordinator.pose.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
@@ -42,6 +43,7 @@ class CoordinatorState:
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
         self.pose = PoseTracker(sender, settings.stale_after_s)
+        self.event_log = EventLog()
         self.outcome: Outcome | None = None
         self.applied_scan: Scan | None = None
         self.counters: Counter[str] = Counter()
@@ -86,6 +88,7 @@ class CoordinatorState:
     def follow(self, outcome: Outcome, scan: Scan) -> None:
         """Hand out the jobs of an outcome."""
         self.outcome, self.changed = outcome, True
+        self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
         self.placement.end(outcome.end)
         self.placement.begin(outcome.begin)
         self.pose.believed(outcome, scan.odom_from_robot)
@@ -100,7 +103,7 @@ class CoordinatorState:
         """The bridge has forgotten the steps so far, and with them where odometry was."""
         self.counters["steps counted anew"] += 1
         self.collector.restart(scan.step - 1)
-        self.follow(self.ensemble.relocalize(scan.step - 1), scan)
+        self.follow(self.ensemble.relocalize(scan.step - 1, "steps restarted"), scan)
         self.applied_scan = None
 
     # --- handed on

@@ -16,8 +16,9 @@ from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
+from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
-from worker.jobs import covariance_tuple, pose_tuple, scan_beams
+from worker.jobs import scan_beams
 
 
 def outcomes(
@@ -79,5 +80,5 @@ def _outcome(
         searching=False,
         missing=(),
         begin={},
-        end=(),
+        events=(),
     )

@@ -13,7 +13,7 @@ LogProbabilities = NDArray[np.float64]
 """(K,) natural logarithms of probabilities that sum to one."""
 
 
-def normalised(log_values: NDArray[np.float64]) -> LogProbabilities:
+def normalised_logs(log_values: NDArray[np.float64]) -> LogProbabilities:
     """Shift logarithms so that their exponentials sum to one.
 
     Raises:
@@ -58,8 +58,8 @@ def updated(
     if not np.any(np.isfinite(fresh)):
         return log_prior  # the scan is impossible everywhere: it tells nothing apart
     posterior = log_prior.copy()
-    posterior[reported] = normalised(fresh) + log_mass
-    return normalised(posterior)
+    posterior[reported] = normalised_logs(fresh) + log_mass
+    return normalised_logs(posterior)
 
 
 def bounded(log_average_likelihood: NDArray[np.float64], bound: float) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ def mixed(log_belief: LogProbabilities, transition_probability: float) -> LogPro
         return log_belief
     uniform = math.log(transition_probability / len(log_belief))
     kept = math.log1p(-transition_probability) if transition_probability < 1.0 else -math.inf
-    return normalised(np.logaddexp(log_belief + kept, uniform))
+    return normalised_logs(np.logaddexp(log_belief + kept, uniform))
 
 
 def normalised_entropy(probabilities: NDArray[np.float64]) -> float:

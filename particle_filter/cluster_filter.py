@@ -11,7 +11,7 @@ from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.ground import ground_log_penalty
 from particle_filter.kld_sampling import sufficient_particles
-from particle_filter.log_weights import multiplied, normalised, shares
+from particle_filter.log_weights import multiplied, normalised_weights, shares
 from particle_filter.motion import move
 from particle_filter.resampling import resample, resample_weights
 from particle_filter.sensor_model import Beams, SensorModel
@@ -142,7 +142,7 @@ def drawn_from(
         ValueError: the sample is empty or has no weight.
     """
     chosen = sample[resample(log_weights, settings.particles, settings.resampling, rng)]
-    _, covariance = fit_gaussian(sample, normalised(log_weights))
+    _, covariance = fit_gaussian(sample, normalised_weights(log_weights))
     width = len(sample) ** (-1.0 / 7.0) * (4.0 / 5.0) ** (1.0 / 7.0)  # 3 dimensions
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width * 0.5
     return Cloud.even(chosen + rng.standard_normal(chosen.shape) * spread)

@@ -14,7 +14,7 @@ import numpy as np
 from particle_filter.arrays import FREE, Cells, Pose, Poses
 from particle_filter.cluster_filter import Cloud, Weighed, weighed
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.log_weights import normalised
+from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
 from particle_filter.poses import compose
 from particle_filter.resampling import resample
@@ -184,7 +184,7 @@ def places_of(
         rules.source_heading_rad,
         MAX_PLACES,
     )
-    weights = normalised(cloud.log_weights)
+    weights = normalised_weights(cloud.log_weights)
     shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
     found = []
     for label in np.argsort(-shares, kind="stable"):
@@ -192,7 +192,7 @@ def places_of(
             break
         members = np.flatnonzero(labels == label)
         poses, log_weights = cloud.map_from_robot[members], cloud.log_weights[members]
-        mean, covariance = fit_gaussian(poses, normalised(log_weights))
+        mean, covariance = fit_gaussian(poses, normalised_weights(log_weights))
         chosen = resample(log_weights, rules.hand_over_particles, "systematic", rng)
         found.append(FoundPlace(float(shares[label]), mean, covariance, poses[chosen]))
     return found

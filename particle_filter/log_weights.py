@@ -15,7 +15,7 @@ from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 
 
-def normalised(log_weights: LogWeights) -> NDArray[np.float64]:
+def normalised_weights(log_weights: LogWeights) -> NDArray[np.float64]:
     """The weights themselves, summing to one; arguments and errors as `shares`."""
     return shares(log_weights)[0]
 

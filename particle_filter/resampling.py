@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
 from particle_filter.kernels import kernel
-from particle_filter.log_weights import normalised
+from particle_filter.log_weights import normalised_weights
 
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 Weights = NDArray[np.float64]
@@ -40,7 +40,7 @@ def resample(
         ValueError: no weight is above zero, one is NaN or infinite, `count` is not positive,
             or the scheme is unknown.
     """
-    return resample_weights(normalised(log_weights), count, scheme, rng)
+    return resample_weights(normalised_weights(log_weights), count, scheme, rng)
 
 
 def resample_weights(

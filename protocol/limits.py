@@ -6,13 +6,14 @@ from typing import Any, get_args
 
 from protocol import keys
 from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.job_events import JobEvents
 from protocol.sizes import LARGEST_BYTES, LIST_BYTES, SCAN_BYTES, SMALL_BYTES
 from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, SearchReport, TrackReport, WorkerState, WorkOrder
 
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
-    | dict.fromkeys((Belief, Hypotheses, Status), LIST_BYTES)
+    | dict.fromkeys((Belief, Hypotheses, JobEvents, Status), LIST_BYTES)
     | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
     | dict.fromkeys((WorkOrder, WorkerState, Checkpoint), LARGEST_BYTES)
 )
@@ -34,6 +35,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.SCAN: Scan,
         keys.ODOMETRY: OdometryReading,
         keys.BELIEF: Belief,
+        keys.EVENTS: JobEvents,
         keys.SET_POSE: SetPose,
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,

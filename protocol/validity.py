@@ -14,6 +14,7 @@ import numpy as np
 from protocol.answers import Kidnap, Relocalize, SetPose
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
+from protocol.job_events import Ended, JobEvents, NumberedEvent
 from protocol.message import Covariance, PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
@@ -124,6 +125,11 @@ def _(message: Health) -> str | None:
 
 
 @problem_of.register
+def _(message: JobEvents) -> str | None:
+    return _number_problem("term", message.term) or _first(map(_event_problem, message.events))
+
+
+@problem_of.register
 def _(message: SetPose) -> str | None:
     sigmas = (message.position_sigma_m, message.heading_sigma_rad)
     if not all(0.0 < sigma <= MAX_SIGMA_M for sigma in sigmas):  # NaN is not
@@ -166,6 +172,16 @@ def _id_problem(command_id: str) -> str | None:
     if 0 < len(command_id) <= MAX_ID_CHARACTERS:
         return None
     return f"a command_id of {len(command_id)} characters, 1 to {MAX_ID_CHARACTERS} are taken"
+
+
+def _event_problem(numbered: NumberedEvent) -> str | None:
+    event = numbered.event
+    jobs = (event.job_id, *(event.by if isinstance(event, Ended) else ()))
+    if max(map(len, jobs)) > MAX_ID_CHARACTERS:
+        return f"a job's id of more than {MAX_ID_CHARACTERS} characters"
+    if not 0.0 <= event.probability <= 1.000001:  # sums of others
+        return f"a probability of {event.probability}"
+    return _number_problem("number", numbered.number)
 
 
 def _assignment_problem(given: Assignment) -> str | None:

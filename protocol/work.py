@@ -94,10 +94,13 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One place that a search shard, or a cluster that has fallen apart, holds possible."""
+    """One place where the robot may be, with particles from which it can be tracked.
+
+    Found by a search shard or a whole search, part of a cluster that has fallen apart, or given.
+    """
 
     share: float
-    """Its share of the shard's or the cluster's weight."""
+    """Of the weight of whatever holds it possible; where it asks to be tracked, its probability."""
     mean: PoseTuple
     covariance: Covariance
     sample: Particles

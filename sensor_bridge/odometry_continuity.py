@@ -12,6 +12,7 @@ import numpy as np
 
 from particle_filter.poses import compose, inverse, wrap_angle
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 
 MAX_SPEED_M_PER_S, MAX_TURN_RATE_RAD_PER_S = 10.0, 10.0
 """Faster is no motion of a robot in a building."""
@@ -40,16 +41,14 @@ class OdometryContinuity:
             return False
         ours = np.array(self.continuous(last[1]))
         correction = compose(ours, inverse(np.array(odom_from_robot)))
-        self._ours_from_theirs = tuple(correction.tolist())
+        self._ours_from_theirs = pose_tuple(correction)
         return True
 
     def continuous(self, odom_from_robot: PoseTuple) -> PoseTuple:
         """The pose in the continuous frame; the same, bit for bit, before the first jump."""
         if self._ours_from_theirs is None:
             return odom_from_robot
-        carried = compose(np.array(self._ours_from_theirs), np.array(odom_from_robot))
-        x, y, heading = carried.tolist()
-        return x, y, heading
+        return pose_tuple(compose(np.array(self._ours_from_theirs), np.array(odom_from_robot)))
 
 
 def is_jump(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:

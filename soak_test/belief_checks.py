@@ -2,12 +2,12 @@
 
 import math
 
-from evaluation.judge import pose_error
 from protocol.answers import Belief
-from protocol.message import PoseTuple
+from protocol.job_events import Ended, JobEvents, event_text
 from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
 SUM_WITHIN = 1e-9
+KEPT_ENDS = 200
 
 
 class Probabilities:
@@ -49,7 +49,9 @@ class Places:
         self._fewest = places
         self._breaks: list[Break] = []
         self._was_short = False
-        self._held: dict[int, PoseTuple] = {}
+        self._held: set[int] = set()
+        self._ends: dict[str, str] = {}
+        """Why the last jobs ended."""
         self.changes: list[Break] = []
         """When a cluster came or went, for whoever looks for the reason."""
 
@@ -57,6 +59,14 @@ class Places:
     def complete(self) -> bool:
         """Whether all have been found once: the bootstrap is over."""
         return self._complete
+
+    def on_events(self, events: JobEvents) -> None:
+        """Something has begun or ended; its belief is heard afterwards."""
+        for numbered in events.events:
+            if isinstance(numbered.event, Ended):
+                self._ends[numbered.event.job_id] = event_text(numbered.event)
+        while len(self._ends) > KEPT_ENDS:
+            del self._ends[next(iter(self._ends))]
 
     def on_belief(self, at_ns: int, belief: Belief) -> None:
         """A belief was heard."""
@@ -72,7 +82,7 @@ class Places:
             self._breaks.append(Break(at_ns, f"{count} at step {belief.step}{self._gone(belief)}"))
         self._was_short = short
         self._note_changes(at_ns, belief)
-        self._held = {place.cluster: place.mean for place in belief.hypotheses}
+        self._held = _places(belief)
 
     def verdict(self) -> Verdict:
         """Over all beliefs since all were found."""
@@ -86,18 +96,19 @@ class Places:
         )
 
     def _note_changes(self, at_ns: int, belief: Belief) -> None:
-        now = {place.cluster for place in belief.hypotheses}
-        came = sorted(now - self._held.keys())
-        if (came or self._held.keys() - now) and len(self.changes) < KEPT_BREAKS:
+        now = _places(belief)
+        came = sorted(now - self._held)
+        if now != self._held and len(self.changes) < KEPT_BREAKS:
             what = "".join(f"; c{cluster} has come" for cluster in came) + self._gone(belief)
             self.changes.append(Break(at_ns, f"step {belief.step}{what}"))
 
     def _gone(self, belief: Belief) -> str:
-        """Who is not there any more, and how near another was: clusters that meet are merged."""
-        left = {place.cluster: place.mean for place in belief.hypotheses}
-        said = ""
-        for cluster in self._held.keys() - left.keys():
-            was = self._held[cluster]
-            near_m = min((pose_error(was, mean).distance_m for mean in left.values()), default=0.0)
-            said += f"; c{cluster} has gone, {near_m:.2f} m from another"
-        return said
+        """Who is not there any more, and why."""
+        gone = (f"c{cluster}" for cluster in sorted(self._held - _places(belief)))
+        return "".join(
+            f"; {self._ends.get(job_id, f'{job_id} has gone, nobody said why')}" for job_id in gone
+        )
+
+
+def _places(belief: Belief) -> set[int]:
+    return {place.cluster for place in belief.hypotheses}

@@ -56,7 +56,7 @@ class Listener:
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
         self._arrived: deque[Arrived] = deque(maxlen=_WAITING)
-        for key in (keys.BELIEF, keys.SCAN, keys.ALL_REPORTS, TRUTH_KEY):
+        for key in (keys.EVENTS, keys.BELIEF, keys.SCAN, keys.ALL_REPORTS, TRUTH_KEY):
             session.declare_subscriber(key, self._on_sample)
         for key in (keys.LASER_READING, keys.ODOMETRY_READING):
             session.declare_subscriber(key, self._on_sample)

@@ -26,8 +26,8 @@ PUBLISHED = (
     keys.worker_report("worker-0"), keys.worker_report("stranger"),
 )  # fmt: skip
 ASKED = (
-    keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.MAP, f"{keys.SCAN_HISTORY}?first=x",
-    keys.scan_history(-5, 2**70), keys.SET_POSE, keys.RELOCALIZE,
+    keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP,
+    f"{keys.SCAN_HISTORY}?first=x", keys.scan_history(-5, 2**70), keys.SET_POSE, keys.RELOCALIZE,
     keys.worker_order("worker-0"), keys.worker_state("worker-0"),
 )  # fmt: skip
 

@@ -10,6 +10,7 @@ from protocol import keys
 from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
+from protocol.job_events import JobEvents
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.work import TrackReport
@@ -28,6 +29,7 @@ HAND_OVER_S = 2.0
 """A step waits so long for a job that has just been given to another worker."""
 
 _KINDS: dict[str, type[Message]] = {
+    keys.EVENTS: JobEvents,
     keys.BELIEF: Belief,
     keys.SCAN: Scan,
     keys.LASER_READING: LaserReading,
@@ -128,6 +130,8 @@ class RobotChecks:
             return  # our own rubbish
         self.seen[heard.key] = heard.payload
         match message:
+            case JobEvents():
+                self.places.on_events(message)
             case Belief():
                 self._belief(heard.at_ns, message)
             case Scan():

@@ -16,7 +16,7 @@ from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
 from protocol.work import (
     Assignment,
@@ -251,15 +251,3 @@ def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True
             log_weights=ArrayBlob.of(np.zeros(len(sample)), "float32"),
         ),
     )
-
-
-def pose_tuple(pose: Pose) -> PoseTuple:
-    """A pose as it travels."""
-    x, y, heading = pose.tolist()
-    return (x, y, heading)
-
-
-def covariance_tuple(covariance: Pose) -> Covariance:
-    """A (3, 3) covariance as it travels."""
-    a, b, c, d, e, f, g, h, i = covariance.ravel().tolist()
-    return (a, b, c, d, e, f, g, h, i)

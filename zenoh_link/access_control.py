@@ -67,15 +67,15 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(keys.POSE, keys.BELIEF, keys.TRUTH),
-    asks=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.MAP),
+    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
+    asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
 )
 
 _ROLES = {
     "robot": Rights(
         publishes=(keys.ODOMETRY_READING, keys.LASER_READING),
-        reads=(keys.POSE,),
-        asks=(keys.POSE,),
+        reads=(keys.POSE, keys.EVENTS),
+        asks=(keys.POSE, keys.EVENTS),
     ),
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
@@ -86,12 +86,15 @@ _ROLES = {
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
     ),
     "coordinator": Rights(
-        publishes=(keys.BELIEF, keys.POSE, keys.CHECKPOINT),
+        publishes=(keys.BELIEF, keys.POSE, keys.EVENTS, keys.CHECKPOINT),
         reads=(
             *(keys.SCAN, keys.ODOMETRY, keys.ALL_REPORTS, keys.CHECKPOINT),
             *(keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH),
         ),
-        serves=(keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE, keys.RELOCALIZE),
+        serves=(
+            *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS),
+            *(keys.SET_POSE, keys.RELOCALIZE),
+        ),
         asks=(
             *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
             keys.STATUS,  # of the one that acts: for metrics and probes where it stands by

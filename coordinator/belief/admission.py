@@ -4,12 +4,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from coordinator.belief.cluster_set import Candidate
+from msgspec.structs import replace
+
 from coordinator.belief.fit_monitor import FitMonitor
 from coordinator.belief.search_pool import Pool
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings
 from protocol.message import PoseTuple
+from protocol.work import Place
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ def newcomers(
     yielding: Sequence[float],
     given: Terms,
     settings: FilterSettings,
-) -> list[Candidate]:
+) -> list[Place]:
     """The best places of a restart that no cluster holds.
 
     A search tells places apart no better than by its source radius. A place so near to a cluster
@@ -57,6 +59,9 @@ def newcomers(
             free place.
         given: on what terms they enter.
         settings: how near is near.
+
+    Returns:
+        Each with the probability that it enters with as its share, at most as many as `yielding`.
     """
     rules, search = settings.belief, settings.search
     fresh = [
@@ -78,4 +83,4 @@ def newcomers(
         if not is_beside or given.probability * place.share / total > leaving
     ]
     total = math.fsum(place.share for place in entering)
-    return [place.as_candidate(given.probability * place.share / total) for place in entering]
+    return [replace(place, share=given.probability * place.share / total) for place in entering]

@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import msgspec
 import numpy as np
@@ -14,8 +14,10 @@ from particle_filter.arrays import Pose
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings
+from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, PoseTuple
-from protocol.work import Particles, TrackReport
+from protocol.pose_arrays import pose_tuple
+from protocol.work import Place, TrackReport
 
 LEAST_PROBABILITY = sys.float_info.min
 """Given to a newcomer whose share is so small that it underflows to zero."""
@@ -38,15 +40,14 @@ class Cluster(msgspec.Struct, frozen=True):
         """The job that tracks it."""
         return f"c{self.cluster}"
 
+    @property
+    def probability(self) -> float:
+        """That the robot is there."""
+        return math.exp(self.log_probability)
 
-@dataclass(frozen=True)
-class Candidate:
-    """A place that asks to be tracked."""
 
-    probability: float
-    mean: PoseTuple
-    covariance: Covariance
-    sample: Particles
+Newcomer: TypeAlias = tuple[Place, BeganCause]
+"""A place that asks to be tracked with its share as its probability, and where it comes from."""
 
 
 class ClusterSet:
@@ -114,29 +115,22 @@ class ClusterSet:
         """
         for cluster in self.all():
             if cluster.job_id in job_ids:
-                x_m, y_m, heading = compose(np.array(cluster.mean), before_from_after)
-                mean = (float(x_m), float(y_m), float(heading))
+                mean = pose_tuple(compose(np.array(cluster.mean), before_from_after))
                 self._clusters[cluster.cluster] = replace(cluster, mean=mean)
 
-    def merge_overlaps(self) -> list[str]:
-        """Join clusters at the same place: probabilities add, the most probable one stays.
-
-        Returns:
-            The jobs that end.
-        """
+    def merge_overlaps(self) -> list[Ended]:
+        """Join clusters at the same place: probabilities add, the most probable one stays."""
         ordered = self.by_probability()
         if len(ordered) < 2:
             return []
-        rules, ended = self._rules, []
+        rules, ended = self._rules, list[Ended]()
         means = np.array([cluster.mean for cluster in ordered])
         into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
             self._clusters[first.cluster] = replace(first, log_probability=float(total))
-            for cluster in rest:
-                del self._clusters[cluster.cluster]
-                ended.append(cluster.job_id)
+            ended += self._end(rest, "merged", first)
         return ended
 
     def yielding(self, step: int) -> list[float]:
@@ -145,79 +139,110 @@ class ClusterSet:
         Free places come first, as clusters of probability 0; those in their grace yield to nobody.
         """
         free = self._rules.clusters - len(self._clusters)
-        return [0.0] * free + [math.exp(c.log_probability) for c in self._leaving(step)]
+        return [0.0] * free + [c.probability for c in self._leaving(step)]
 
     def admit(
-        self, candidates: Sequence[Candidate], step: int, *, protected_until: int = -1
-    ) -> tuple[list[tuple[Cluster, Candidate]], list[str]]:
+        self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
+    ) -> tuple[list[Cluster], list[JobEvent]]:
         """Let newcomers in; the least probable clusters leave, so that there are never above K.
 
+        Each newcomer takes a place as `yielding` has them: the free ones first, then those of the
+        clusters that leave, the least probable first.
+
         Args:
-            candidates: no more than there are places `yielding`; their probabilities are what
+            newcomers: no more than there are places `yielding`; their probabilities are what
                 they get, the clusters that stay share the rest in their proportions.
             step: the step after which they are tracked.
             protected_until: the step before which they may not be replaced.
 
         Returns:
-            The new clusters, each with its candidate, and the jobs that end.
+            The new clusters, in the order of the newcomers, and who began and who ended.
         """
-        ended = self._make_room(len(candidates), step)
-        given = math.fsum(candidate.probability for candidate in candidates)
+        free = max(self._rules.clusters - len(self._clusters), 0)
+        leaving = self._make_room(len(newcomers), step)
+        given = math.fsum(place.share for place, _ in newcomers)
         left = math.log1p(-given) if given < 1.0 else -math.inf
         if self._clusters:
-            self._set(np.maximum(belief.normalised(self._log_probabilities()) + left, -1e6))
-        admitted = []
-        for candidate in candidates:
-            cluster = Cluster(
+            self._set(np.maximum(belief.normalised_logs(self._log_probabilities()) + left, -1e6))
+        first = self._next_cluster
+        for place, _ in newcomers:
+            self._clusters[self._next_cluster] = Cluster(
                 self._next_cluster,
-                math.log(max(candidate.probability, LEAST_PROBABILITY)),
+                math.log(max(place.share, LEAST_PROBABILITY)),
                 step,
-                candidate.mean,
-                candidate.covariance,
+                place.mean,
+                place.covariance,
                 protected_until,
             )
-            self._clusters[cluster.cluster] = cluster
             self._next_cluster += 1
-            admitted.append((cluster, candidate))
         if self._clusters:
-            self._set(belief.normalised(self._log_probabilities()))
-        return admitted, ended
+            self._set(belief.normalised_logs(self._log_probabilities()))
+        admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
+        events: list[JobEvent] = [
+            _ended(cluster, "pushed out", admitted[min(taken, len(admitted) - 1)])
+            for taken, cluster in enumerate(leaving, start=free)
+        ]
+        events += [
+            Began(cluster.job_id, cause, cluster.probability)
+            for cluster, (_, cause) in zip(admitted, newcomers, strict=True)
+        ]
+        return admitted, events
 
-    def drop_improbable(self, step: int) -> list[str]:
+    def drop_improbable(self, step: int) -> list[Ended]:
         """Drop clusters under the threshold, where one is set; the best one always stays."""
         least = self._rules.drop_below_probability
         leaving = [
             cluster
             for cluster in self.by_probability()[1:]
-            if math.exp(cluster.log_probability) < least and step >= cluster.protected_until
+            if cluster.probability < least and step >= cluster.protected_until
         ]
-        for cluster in leaving:
-            del self._clusters[cluster.cluster]
+        ended = self._end(leaving, "improbable")
         if leaving:
-            self._set(belief.normalised(self._log_probabilities()))
-        return [cluster.job_id for cluster in leaving]
-
-    def take_out(self, job_id: str) -> float:
-        """Remove one cluster and give back the probability it had; what is left is not one."""
-        cluster = self._clusters.pop(int(job_id.removeprefix("c")))
-        return math.exp(cluster.log_probability)
-
-    def clear(self) -> list[str]:
-        """Forget all clusters; returns the jobs that end."""
-        ended = list(self.job_ids)
-        self._clusters.clear()
+            self._set(belief.normalised_logs(self._log_probabilities()))
         return ended
+
+    def split(
+        self, job_id: str, parts: Sequence[Place], step: int
+    ) -> tuple[list[Cluster], list[JobEvent]]:
+        """Put the parts of a cluster that has fallen apart in its place; they share what it had.
+
+        Args:
+            job_id: the cluster's.
+            parts: two or more.
+            step: the step after which they are tracked.
+
+        Returns:
+            As `admit`.
+        """
+        whole = self._clusters.pop(int(job_id.removeprefix("c")))
+        total = math.fsum(part.share for part in parts)
+        newcomers: list[Newcomer] = [
+            (replace(part, share=whole.probability * part.share / total), "split") for part in parts
+        ]
+        admitted, events = self.admit(newcomers, step)
+        return admitted, [_ended(whole, "split", *admitted), *events]
+
+    def clear(self, cause: EndedCause) -> list[Ended]:
+        """Forget all clusters."""
+        return self._end(self.all(), cause)
 
     def _leaving(self, step: int) -> list[Cluster]:
         """Those that may be replaced, least probable first."""
         return [c for c in reversed(self.by_probability()) if step >= c.protected_until]
 
-    def _make_room(self, count: int, step: int) -> list[str]:
+    def _make_room(self, count: int, step: int) -> list[Cluster]:
+        """Take out as many as are too many; returns them."""
         surplus = len(self._clusters) + count - self._rules.clusters
-        leaving = self._leaving(step)
-        for cluster in leaving[: max(surplus, 0)]:
+        leaving = self._leaving(step)[: max(surplus, 0)]
+        for cluster in leaving:
             del self._clusters[cluster.cluster]
-        return [cluster.job_id for cluster in leaving[: max(surplus, 0)]]
+        return leaving
+
+    def _end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
+        """Take clusters out."""
+        for cluster in leaving:
+            del self._clusters[cluster.cluster]
+        return [_ended(cluster, cause, *by) for cluster in leaving]
 
     def _log_probabilities(self) -> belief.LogProbabilities:
         return np.array([cluster.log_probability for cluster in self._clusters.values()])
@@ -225,3 +250,7 @@ class ClusterSet:
     def _set(self, log_probabilities: Iterable[float]) -> None:
         for cluster, value in zip(list(self._clusters.values()), log_probabilities, strict=True):
             self._clusters[cluster.cluster] = replace(cluster, log_probability=float(value))
+
+
+def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:
+    return Ended(cluster.job_id, cause, tuple(other.job_id for other in by), cluster.probability)

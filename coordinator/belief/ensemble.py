@@ -8,8 +8,10 @@ decides takes effect at a step number, never on arrival.
 import math
 from collections.abc import Iterable, Sequence
 
+from msgspec.structs import replace
+
 from coordinator.belief.admission import newcomers, terms
-from coordinator.belief.cluster_set import Candidate, ClusterSet
+from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
 from coordinator.belief.fit_monitor import FitMonitor
 from coordinator.belief.outcome import Job, Outcome, hypothesis_of, places_of
 from coordinator.belief.prior_pose import with_prior_pose
@@ -18,8 +20,9 @@ from coordinator.checkpoint import EnsembleState, PriorPose
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
+from protocol.job_events import Ended, EndedCause, JobEvent
 from protocol.message import PoseTuple
-from protocol.work import Report, SearchJob, SearchReport, TrackJob, TrackReport
+from protocol.work import Place, Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 KEPT_MEANS = 100
 """Steps that a search may lie behind the clusters it is compared with."""
@@ -33,13 +36,14 @@ class Ensemble:
         self.clusters = ClusterSet(settings.belief)
         self._fit = FitMonitor(settings.belief)
         self._search: SearchPool | None = None
-        self._pool: Pool | None = None
+        self._possible: tuple[Hypothesis, ...] = ()
+        """What the search holds possible, until there are clusters."""
         self._prior_pose: PriorPose | None = None
         self.searches = 0
         """How many have begun."""
         self._next_search_step = 0
         self._begin: dict[str, Job] = {}
-        self._end: list[str] = []
+        self._events: list[JobEvent] = []
         self._means: dict[int, dict[str, PoseTuple]] = {}
         """Where the clusters that reported were at the last steps."""
 
@@ -83,29 +87,34 @@ class Ensemble:
             max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)
         )
         if step % self.settings.belief.merge_every_steps == 0:
-            self._end += self.clusters.merge_overlaps()
+            self._events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
-        self._end += self.clusters.drop_improbable(step)
+        self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
         if self._search is None and (self._fit.lost or step >= self._next_search_step):
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
-    def set_pose(self, candidate: Candidate) -> Outcome:
-        """Believe a person: a cluster at the given pose takes its probability from the others."""
-        step = candidate.sample.step
-        self._stop_search(step)
+    def set_pose(self, given: Place) -> Outcome:
+        """Believe a person: a cluster at the given pose takes its share from the others."""
+        step = given.sample.step
+        self._stop_search(step, "search stopped")
         if not len(self.clusters):
-            candidate = Candidate(1.0, candidate.mean, candidate.covariance, candidate.sample)
-        self._admit([candidate], step, protected_until=-1)
+            given = replace(given, share=1.0)
+        self._admit([(given, "given")], step)
         self._prior_pose = None
         self._fit.forget()
         return self._outcome(step, ())
 
-    def relocalize(self, step: int) -> Outcome:
-        """Forget all clusters and search everywhere from the next step on."""
-        self._end += self.clusters.clear()
-        self._stop_search(step)
+    def relocalize(self, step: int, cause: EndedCause = "forgotten") -> Outcome:
+        """Forget all clusters and search everywhere from the next step on.
+
+        Args:
+            step: the last one.
+            cause: why the clusters end.
+        """
+        self._events += self.clusters.clear(cause)
+        self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._fit.forget()
         self._start_search(step + 1)
@@ -115,12 +124,11 @@ class Ensemble:
 
     def state(self) -> EnsembleState:
         """All that decides; ask for it between steps."""
-        pool = self._pool if not len(self.clusters) else None  # then nobody asks for its places
         return EnsembleState(
             clusters=self.clusters.all(),
             next_cluster=self.clusters.next_cluster,
             fit=self._fit.state(),
-            search=self._search.state(pool) if self._search else None,
+            search=self._search.state(self._possible) if self._search else None,
             searches=self.searches,
             next_search_step=self._next_search_step,
             prior_pose=self._prior_pose,
@@ -130,15 +138,16 @@ class Ensemble:
         """Go on from where another was; of a search, the last reports must be given again."""
         self.clusters.restore(state.clusters, state.next_cluster)
         self._fit.restore(state.fit)
-        self._search = self._pool = None
+        self._search, self._possible = None, ()
         self._means.clear()
-        if state.search is not None:
-            self._search, self._pool = SearchPool.restored(state.search, self.settings.search)
+        if (search := state.search) is not None:
+            self._search = SearchPool(search.search, search.first_step, self.settings.search)
+            self._possible = search.possible
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        """What the last step came to, without the jobs that it began or ended."""
+        """What the last step came to, without the jobs that it began or ended, and why."""
         return self._outcome(step, missing)
 
     # --- clusters
@@ -148,14 +157,7 @@ class Ensemble:
         for report in reports:
             if not report.parts or report.job_id not in self.clusters.job_ids:
                 continue
-            given = self.clusters.take_out(report.job_id)
-            self._end.append(report.job_id)
-            total = math.fsum(part.share for part in report.parts)
-            parts = [
-                Candidate(given * part.share / total, part.mean, part.covariance, part.sample)
-                for part in report.parts
-            ]
-            self._admit(parts, step)
+            self._track(report.parts, *self.clusters.split(report.job_id, report.parts, step))
 
     # --- the search
 
@@ -165,12 +167,12 @@ class Ensemble:
             job = SearchJob(search=self.searches, shard=shard, first_step=first_step)
             self._begin[job_id] = job
         self.searches += 1
-        self._search, self._pool = search, None
+        self._search, self._possible = search, ()
 
-    def _stop_search(self, step: int) -> None:
+    def _stop_search(self, step: int, cause: EndedCause) -> None:
         if self._search is not None:
-            self._end += self._search.job_ids
-        self._search = self._pool = None
+            self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
+        self._search, self._possible = None, ()
         self._next_search_step = step + self.settings.belief.search_every_steps
 
     def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
@@ -185,7 +187,8 @@ class Ensemble:
             if isinstance(report, SearchReport) and report.job_id in self._search.job_ids:
                 self._search.add(report)
         fresh = self._search.pooled()
-        self._pool = fresh or self._pool
+        if fresh and not len(self.clusters):
+            self._possible = places_of(fresh)
         if fresh and self._search.finished(fresh, self.settings.belief.clusters):
             then = self._means.get(fresh.step, {})
             if any(job_id not in then for job_id in self.clusters.job_ids):
@@ -195,7 +198,7 @@ class Ensemble:
                 self._admit_newcomers(fresh, step, held)
             else:
                 self._admit_first(fresh, self._search, step)
-            self._stop_search(step)
+            self._stop_search(step, "search over")
 
     def _admit_first(self, pool: Pool, search: SearchPool, step: int) -> None:
         """The K most probable places, by their share of points (section 4).
@@ -209,12 +212,13 @@ class Ensemble:
         least = math.exp(-self.settings.belief.evidence_bound * steps)
         shares = [max(place.share, kept[0].share * least) for place in kept]
         total = math.fsum(shares)
-        first = [p.as_candidate(share / total) for p, share in zip(kept, shares, strict=True)]
+        first = [replace(p, share=share / total) for p, share in zip(kept, shares, strict=True)]
+        newcomers: list[Newcomer] = [(place, "first search") for place in first]
         if self._prior_pose is not None and kept:
             odom_from_robot = kept[0].sample.odom_from_robot
-            first = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
+            newcomers = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
         self._prior_pose = None
-        self._admit(first, step)
+        self._admit(newcomers, step)
 
     def _admit_newcomers(self, pool: Pool, step: int, held: Sequence[PoseTuple]) -> None:
         """The best places of a restart that no cluster holds enter with a small probability.
@@ -226,25 +230,34 @@ class Ensemble:
         """
         rules, yielding = self.settings.belief, self.clusters.yielding(step)
         given = terms(pool, self._fit, rules)
-        entering = newcomers(pool, held, yielding, given, self.settings)
+        entering: list[Newcomer] = [
+            (place, "restart") for place in newcomers(pool, held, yielding, given, self.settings)
+        ]
         if entering:
             self._admit(entering, step, protected_until=step + rules.grace_steps)
 
-    def _admit(self, candidates: list[Candidate], step: int, *, protected_until: int = -1) -> None:
-        admitted, ended = self.clusters.admit(candidates, step, protected_until=protected_until)
-        for cluster, candidate in admitted:
-            job = TrackJob(cluster=cluster.cluster, start=candidate.sample, exact=False)
+    def _admit(
+        self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
+    ) -> None:
+        admitted = self.clusters.admit(newcomers, step, protected_until=protected_until)
+        self._track([place for place, _ in newcomers], *admitted)
+
+    def _track(
+        self, places: Iterable[Place], clusters: Iterable[Cluster], events: Iterable[JobEvent]
+    ) -> None:
+        """Begin the jobs of new clusters, each from its place's sample."""
+        for place, cluster in zip(places, clusters, strict=True):
+            job = TrackJob(cluster=cluster.cluster, start=place.sample, exact=False)
             self._begin[cluster.job_id] = job
-        self._end += ended
+        self._events += events
 
     # --- what it comes to
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
         begin, self._begin = self._begin, {}
-        end, self._end = tuple(self._end), []
-        hypotheses = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
-        if not hypotheses and self._pool:
-            hypotheses = places_of(self._pool)
+        events, self._events = tuple(self._events), []
+        tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
+        hypotheses = tracked or self._possible
         return Outcome(
             step=step,
             state=self._state(hypotheses),
@@ -252,7 +265,7 @@ class Ensemble:
             searching=self._search is not None,
             missing=missing,
             begin=begin,
-            end=end,
+            events=events,
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:

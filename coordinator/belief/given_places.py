@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from coordinator.belief.cluster_set import Candidate
 from particle_filter.random_streams import Purpose, generator
 from protocol.arrays import ArrayBlob
 from protocol.message import Covariance, PoseTuple
-from protocol.work import Particles
+from protocol.pose_arrays import covariance_matrix
+from protocol.work import Particles, Place
 
 GIVEN_PARTICLES = 1_000
 
@@ -26,7 +26,7 @@ def cloud(
     odom_from_robot: PoseTuple,
 ) -> Particles:
     """A Gaussian cloud; a covariance that is not quite one loses its negative part."""
-    variances, axes = np.linalg.eigh(np.reshape(covariance, (3, 3)))
+    variances, axes = np.linalg.eigh(covariance_matrix(covariance))
     spread = rng.standard_normal((GIVEN_PARTICLES, 3)) * np.sqrt(np.maximum(variances, 0.0))
     return Particles(
         step=step,
@@ -46,8 +46,8 @@ def candidate(
     entity: int,
     step: int,
     odom_from_robot: PoseTuple,
-) -> Candidate:
+) -> Place:
     """A place that asks to be tracked, with a Gaussian cloud as it was after `step`."""
     rng = generator(seed, purpose=purpose, entity=entity, step=max(step, 0))
     sample = cloud(mean, covariance, rng, step=step, odom_from_robot=odom_from_robot)
-    return Candidate(probability, mean, covariance, sample)
+    return Place(share=probability, mean=mean, covariance=covariance, sample=sample)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.search_pool import Pool
 from protocol.answers import Hypothesis, State
+from protocol.job_events import Ended, JobEvent
 from protocol.work import SearchJob, TrackJob
 
 Job = TrackJob | SearchJob
@@ -23,15 +24,20 @@ class Outcome:
     missing: tuple[str, ...]
     begin: dict[str, Job]
     """Jobs that begin after `step`, by job id."""
-    end: tuple[str, ...]
-    """Jobs that end."""
+    events: tuple[JobEvent, ...]
+    """Which clusters have begun, which clusters and searches ended, and why; as it was decided."""
+
+    @property
+    def end(self) -> tuple[str, ...]:
+        """Jobs that end."""
+        return tuple(event.job_id for event in self.events if isinstance(event, Ended))
 
 
 def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
     """A tracked place as it is told."""
     return Hypothesis(
         cluster=cluster.cluster,
-        probability=math.exp(cluster.log_probability),
+        probability=cluster.probability,
         log_probability=cluster.log_probability,
         mean=cluster.mean,
         covariance=cluster.covariance,

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
+from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import Candidate
+from coordinator.belief.cluster_set import Newcomer
 from coordinator.belief.given_places import candidate
 from coordinator.checkpoint import PriorPose
 from particle_filter.overlaps import is_near
@@ -14,53 +14,55 @@ from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
+from protocol.work import Place
 
 
 def with_prior_pose(
-    found: Sequence[Candidate],
+    found: Sequence[Place],
     prior: PriorPose,
     odom_from_robot: PoseTuple,
     settings: FilterSettings,
-) -> list[Candidate]:
+) -> list[Newcomer]:
     """Give the offered place its probability beside the places that a search has found.
 
     A place that was found there anyway gets it; else the offered one takes the last place of K.
 
     Args:
-        found: most probable first; their probabilities sum to one.
+        found: most probable first; their shares sum to one.
         prior: the place as it was after an earlier step; it is tracked from there.
         odom_from_robot: odometry now, which carries the offered place to where it would be.
         settings: of the filter.
     """
     rules = settings.belief
     moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
-    x, y, heading = (float(v) for v in compose(np.array(prior.map_from_robot), moved))
+    now = pose_tuple(compose(np.array(prior.map_from_robot), moved))
     there = next(
         (
             index
             for index, place in enumerate(found)
-            if is_near(
-                (x, y, heading), [place.mean], rules.merge_distance_m, rules.merge_heading_rad
-            )
+            if is_near(now, [place.mean], rules.merge_distance_m, rules.merge_heading_rad)
         ),
         None,
     )
     kept = list(found) if there is not None else list(found[: rules.clusters - 1])
-    total = math.fsum(place.probability for place in kept)
+    total = math.fsum(place.share for place in kept)
     if not kept or total <= 0.0:
-        return [_offered((x, y, heading), prior, 1.0, settings)]
+        return [(_offered(now, prior, 1.0, settings), "prior pose")]
     left = (1.0 - prior.probability) / total
-    scaled = [replace(place, probability=place.probability * left) for place in kept]
+    scaled = [replace(place, share=place.share * left) for place in kept]
+    if there is not None:
+        raised = scaled[there].share + prior.probability
+        scaled[there] = replace(scaled[there], share=raised)
+    both: list[Newcomer] = [(place, "first search") for place in scaled]
     if there is None:
-        return [*scaled, _offered((x, y, heading), prior, prior.probability, settings)]
-    raised = scaled[there].probability + prior.probability
-    scaled[there] = replace(scaled[there], probability=raised)
-    return scaled
+        both.append((_offered(now, prior, prior.probability, settings), "prior pose"))
+    return both
 
 
 def _offered(
     mean: PoseTuple, prior: PriorPose, probability: float, settings: FilterSettings
-) -> Candidate:
+) -> Place:
     start = candidate(
         probability,
         prior.map_from_robot,

@@ -5,39 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coordinator.belief.cluster_set import Candidate
-from coordinator.checkpoint import PlaceState, SearchState
+from coordinator.checkpoint import SearchState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
+from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, PoseTuple
 from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
-
-
-NOBODY = Particles(
-    step=0,
-    odom_from_robot=(0.0, 0.0, 0.0),
-    map_from_robot=ArrayBlob.of(np.empty((0, 3)), "float64"),
-    log_weights=ArrayBlob.of(np.empty(0), "float64"),
-)
-"""Stands for the particles of a place that another coordinator has pooled."""
-
-
-@dataclass(frozen=True)
-class PooledPlace:
-    """One place that a whole search holds possible."""
-
-    share: float
-    mean: PoseTuple
-    covariance: Covariance
-    sample: Particles
-
-    def as_candidate(self, probability: float) -> Candidate:
-        """It asks to be tracked, with so much of the belief."""
-        return Candidate(probability, self.mean, self.covariance, self.sample)
 
 
 @dataclass(frozen=True)
@@ -45,9 +21,9 @@ class Pool:
     """All places of a search after one step, most probable first."""
 
     step: int
-    places: tuple[PooledPlace, ...]
-    log_likelihood_per_beam: float = math.nan
-    """Of the best particle, without the exponent; not known of a pool that was handed on."""
+    places: tuple[Place, ...]
+    log_likelihood_per_beam: float
+    """Of the best particle, without the exponent."""
 
 
 class SearchPool:
@@ -63,23 +39,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, pool: Pool | None) -> SearchState:
-        """The search as it is handed on, with what it holds possible."""
-        return SearchState(
-            self.search,
-            self.first_step,
-            pool.step if pool else -1,
-            tuple(PlaceState(p.share, p.mean, p.covariance) for p in (pool.places if pool else ())),
-        )
-
-    @classmethod
-    def restored(
-        cls, state: SearchState, settings: SearchSettings
-    ) -> tuple["SearchPool", Pool | None]:
-        """The search that was handed on, and what it held possible, without particles."""
-        places = tuple(PooledPlace(p.share, p.mean, p.covariance, NOBODY) for p in state.places)
-        pool = Pool(state.pooled_step, places) if state.pooled_step >= 0 else None
-        return cls(state.search, state.first_step, settings), pool
+    def state(self, possible: tuple[Hypothesis, ...]) -> SearchState:
+        """The search as it is handed on, with what was told of it."""
+        return SearchState(self.search, self.first_step, possible)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
@@ -134,7 +96,7 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     return Pool(step, tuple(joined), best_fit)
 
 
-def _joined(found: list[tuple[float, Place]]) -> PooledPlace:
+def _joined(found: list[tuple[float, Place]]) -> Place:
     """One place from several shards' views of it: samples side by side, weighed by share."""
     poses = [place.sample.map_from_robot.array() for _, place in found]
     log_weights = []
@@ -149,4 +111,4 @@ def _joined(found: list[tuple[float, Place]]) -> PooledPlace:
         log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
     )
     share = math.fsum(share for share, _ in found)
-    return PooledPlace(share, best.mean, best.covariance, sample)
+    return Place(share=share, mean=best.mean, covariance=best.covariance, sample=sample)

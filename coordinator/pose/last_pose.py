@@ -21,6 +21,7 @@ from coordinator.belief.given_places import diagonal
 from coordinator.checkpoint import PriorPose
 from particle_filter.poses import between, compose
 from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 
 MAX_FILE_BYTES = 16 * 1024
@@ -62,7 +63,7 @@ class LastPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return PriorPose(
             step=scan.step,
             odom_from_robot=scan.odom_from_robot,
-            map_from_robot=(float(pose[0]), float(pose[1]), float(pose[2])),
+            map_from_robot=pose_tuple(pose),
             covariance=(a, b, c, d, e, f, g, h, i),
             probability=probability,
         )

@@ -8,7 +8,8 @@ from coordinator.belief.outcome import Outcome
 from coordinator.pose.lateness import Lateness
 from particle_filter.poses import between, compose
 from protocol.answers import Hypothesis, PoseAnswer
-from protocol.message import Covariance, PoseTuple
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 
 class PoseTracker:
@@ -112,18 +113,13 @@ class PoseTracker:
         jacobian = np.eye(3)
         jacobian[0, 2] = -moved[0] * math.sin(heading) - moved[1] * math.cos(heading)
         jacobian[1, 2] = moved[0] * math.cos(heading) - moved[1] * math.sin(heading)
-        covariance = jacobian @ np.reshape(hypothesis.covariance, (3, 3)) @ jacobian.T
+        covariance = jacobian @ covariance_matrix(hypothesis.covariance) @ jacobian.T
         return Hypothesis(
             cluster=hypothesis.cluster,
             probability=hypothesis.probability,
             log_probability=hypothesis.log_probability,
-            mean=(float(mean[0]), float(mean[1]), float(mean[2])),
-            covariance=_flat(covariance),
+            mean=pose_tuple(mean),
+            covariance=covariance_tuple(covariance),
             effective_sample_size=hypothesis.effective_sample_size,
             age_steps=hypothesis.age_steps,
         )
-
-
-def _flat(covariance: np.ndarray) -> Covariance:
-    a, b, c, d, e, f, g, h, i = (float(value) for value in covariance.ravel())
-    return (a, b, c, d, e, f, g, h, i)

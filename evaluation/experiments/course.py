@@ -11,6 +11,7 @@ from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
@@ -68,7 +69,7 @@ def _with_truth(
 ) -> Iterator[TrueStep]:
     for scan in itertools.islice(scans, updates):
         pose = reference.pose_at(scan.stamp_ns) if reference else None
-        yield scan, None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+        yield scan, None if pose is None else pose_tuple(pose)
 
 
 def _cannot_kidnap() -> None:

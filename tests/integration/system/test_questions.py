@@ -1,18 +1,23 @@
 """Questions and commands to a running system, as a person types them."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
 
+from clustermcl.as_text import event_line
 from clustermcl.client import Client
 from process_runtime.settings import Settings
 from protocol.answers import PoseAnswer
 from robot_simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
+from tests.integration.system.commands import typed as started
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import wait_until
 
@@ -86,6 +91,41 @@ def test_status_tells_workers_steps_and_what_was_lost(system: Settings) -> None:
     assert status["reports_missing"] == 0
     assert sorted(status["workers"]) == [f"worker-{n}" for n in range(4)]
     assert status["clusters"] >= 1
+
+
+def test_events_tell_how_every_place_began_and_why_others_ended(system: Settings) -> None:
+    done = typed(system, "events", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    events = json.loads(done.stdout)["events"]
+    assert [event["number"] for event in events] == list(range(len(events)))
+    assert {"first search", "search over"} <= {event["cause"] for event in events}
+    began = {event["job_id"] for event in events if event["event"] == "began"}
+    ended = {event["job_id"] for event in events if event["event"] == "ended"}
+    places = json.loads(typed(system, "hypotheses", "--json").stdout)["hypotheses"]
+    assert began - ended == {f"c{place['cluster']}" for place in places}
+    lines = typed(system, "events").stdout.splitlines()
+    assert len(lines) == len(events)
+    assert "was found by the first search" in lines[0]
+
+
+def test_whoever_follows_events_gets_those_before_and_those_that_happen(
+    system: Settings, tmp_path: Path
+) -> None:
+    endpoint = f"zenoh.router={system.zenoh.router}"
+    words = ("events", "--follow", "--set", endpoint)
+    with started(*words, folder=tmp_path, environment=dict(os.environ)) as following:
+        wait_until(lambda: "was found by the first search" in following.out)
+        before = following.out.count("\n")
+        with Client(system) as client:
+            events = client.follow_events()
+            told = [next(events) for _ in range(before)]
+            client.set_pose((5.0, 6.0, 1.5))
+            given = next(event for event in events if event.event.cause == "given")
+        assert [event.number for event in told] == list(range(before))
+        assert given.number >= before
+        wait_until(lambda: "was given by a person" in following.out)
+        assert following.out.splitlines()[:before] == [event_line(event) for event in told]
+        assert following.end(signal.SIGINT) == 0
 
 
 def test_a_second_coordinator_is_refused_and_the_first_goes_on(

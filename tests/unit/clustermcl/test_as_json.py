@@ -4,11 +4,13 @@ import math
 from clustermcl.as_json import (
     belief_object,
     dumped,
+    events_object,
     hypotheses_object,
     pose_answer_object,
     status_object,
 )
 from protocol.answers import Hypotheses, PoseAnswer
+from protocol.job_events import Began, Ended, JobEvents, NumberedEvent
 from tests.unit.evaluation.places import COVARIANCE, STATUS, belief, place
 
 ANSWER = PoseAnswer(
@@ -59,3 +61,18 @@ def test_a_status_names_its_processes_and_no_schema() -> None:
     assert plain["processes"][1]["rates_per_s"] == {"reports": 9.5}
     assert "schema" not in dumped(plain)
     assert plain["steps_applied"] == 40
+
+
+def test_events_are_flat_objects() -> None:
+    merged = NumberedEvent(number=4, step=9, stamp_ns=7, event=Ended("c3", "merged", ("c1",), 0.02))
+    found = NumberedEvent(number=5, step=10, stamp_ns=8, event=Began("c4", "restart", 0.03))
+    answer = JobEvents(sender="coordinator", events=(merged, found), term=2)
+    assert json.loads(dumped(events_object(answer))) == {
+        "term": 2,
+        "events": [
+            {"number": 4, "step": 9, "stamp_ns": 7, "event": "ended", "job_id": "c3",
+             "cause": "merged", "by": ["c1"], "probability": 0.02},
+            {"number": 5, "step": 10, "stamp_ns": 8, "event": "began", "job_id": "c4",
+             "cause": "restart", "probability": 0.03},
+        ],
+    }  # fmt: skip

@@ -1,4 +1,5 @@
 from clustermcl.demo_summary import DemoSummary
+from protocol.job_events import Ended
 from tests.unit.evaluation.places import belief, place
 
 
@@ -9,11 +10,16 @@ def test_a_story_tells_what_was_held_and_when_one_place_won() -> None:
         summary.on_belief(
             belief(step, "ambiguous", place(0.5), place(0.3), place(0.19), place(0.01))
         )
+    summary.on_event(Ended("c2", "merged", ("c0",), 0.19))
+    summary.on_event(Ended("c3", "merged", ("c0",), 0.01))
+    summary.on_event(Ended("c4", "pushed out", ("c5",), 0.01))
+    summary.on_event(Ended("s0.0", "search over"))
     for step in (3, 4, 5):
         summary.on_belief(belief(step, "localized", place(0.97), place(0.03)))
     assert list(summary.lines()) == [
         "The search found its first places at step 1.",
         "For 2 steps up to 3 places were held, with probabilities from 0.19 to 0.50.",
+        "Places that were given up: 2 merged, 1 pushed out.",
         "From step 3 on one of them was the pose.",
     ]
     assert summary.localized_steps == 3

@@ -1,5 +1,6 @@
 """Whole stories of the coordinator: events in, instructions out, no network."""
 
+import msgspec
 import pytest
 
 from coordinator.coordinator import Coordinator
@@ -16,11 +17,19 @@ from coordinator.events import (
     WorkerToldState,
 )
 from coordinator.failover.state_recovery import Told
-from coordinator.instructions import AnswerCommand, AskState, Instruction, PublishBelief, SendOrder
+from coordinator.instructions import (
+    AnswerCommand,
+    AskState,
+    Instruction,
+    PublishBelief,
+    PublishEvents,
+    SendOrder,
+)
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
+from protocol.job_events import Began, Ended, JobEvents
 from protocol.work import OrderAnswer, Report
 from tests.unit.coordinator.reports import scan, searched, tracked
 
@@ -40,6 +49,7 @@ class Story:
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
+        self.told: list[Belief | JobEvents] = []
         for worker in workers:
             self.follow(self.coordinator.handle(WorkerJoined(worker), 0))
 
@@ -48,6 +58,9 @@ class Story:
             match instruction:
                 case PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
+                    self.told.append(belief)
+                case PublishEvents(events=events):
+                    self.told.append(decode(encode(events), JobEvents))
                 case AskState(worker=worker):
                     nothing = Told(term=0, holds=(), checkpoint=None, reports=())
                     self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
@@ -159,6 +172,45 @@ def test_a_given_pose_travels_over_the_wire_and_is_the_pose_at_once() -> None:
     assert story.beliefs[-1].hypotheses[0].mean == (3.0, 4.0, 0.5)
     assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((3.0, 4.0, 0.5))
     assert "c2" in story.epochs, "a worker tracks it"
+
+
+def test_what_begins_and_ends_is_told_before_its_belief_and_answered_afterwards() -> None:
+    story = Story("a").bootstrapped()
+    events, belief = story.told
+    assert isinstance(events, JobEvents)
+    assert belief == story.beliefs[0]
+    assert [(one.number, one.step, one.stamp_ns, one.event) for one in events.events] == [
+        (0, 0, 0, Began("c0", "first search", pytest.approx(0.5))),
+        (1, 0, 0, Began("c1", "first search", pytest.approx(0.5))),
+        (2, 0, 0, Ended("s0.0", "search over")),
+    ]
+    story.tracks(1, at_s=1.0, north=0.3, south=0.1)
+    assert story.told[2:] == story.beliefs[1:], "nothing began or ended"
+    forget = Relocalize(sender="client", command_id="1")
+    story.follow(story.coordinator.handle(CommandArrived(forget), 2 * SECOND))
+    forgotten = story.told[3]
+    assert isinstance(forgotten, JobEvents)
+    assert forgotten.term == events.term == story.coordinator.pose(SECOND).term
+    assert [one.event for one in forgotten.events] == [
+        Ended("c0", "forgotten", (), pytest.approx(0.75)),
+        Ended("c1", "forgotten", (), pytest.approx(0.25)),
+    ]
+    assert story.coordinator.events().events == (*events.events, *forgotten.events)
+
+
+def test_where_the_bridge_counts_anew_clusters_end_for_that_reason() -> None:
+    story = Story("a").bootstrapped()
+    for step in range(1, 9):
+        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+    for step in range(3):
+        again = msgspec.structs.replace(scan(step), stamp_ns=(20 + step) * SECOND)
+        story.follow(story.coordinator.handle(ScanArrived(again), (20 + step) * SECOND))
+    causes = [
+        one.event.cause
+        for one in story.coordinator.events().events
+        if isinstance(one.event, Ended) and one.event.job_id in ("c0", "c1")
+    ]
+    assert causes == ["steps restarted", "steps restarted"]
 
 
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:

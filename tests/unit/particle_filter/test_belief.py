@@ -15,11 +15,11 @@ ANY_LOGS = arrays(np.float64, K, elements=st.floats(-700.0, 50.0))
 
 @given(ANY_LOGS)
 def test_probabilities_sum_to_one(log_values: NDArray[np.float64]) -> None:
-    assert np.sum(np.exp(belief.normalised(log_values))) == pytest.approx(1.0)
+    assert np.sum(np.exp(belief.normalised_logs(log_values))) == pytest.approx(1.0)
 
 
 def test_a_probability_of_1e_300_survives_and_comes_back() -> None:
-    log_prior = belief.normalised(np.array([0.0, math.log(1e-300)]))
+    log_prior = belief.normalised_logs(np.array([0.0, math.log(1e-300)]))
     posterior = belief.updated(log_prior, np.array([-400.0, 400.0]))
     assert math.exp(posterior[1]) == pytest.approx(1.0)
 
@@ -28,8 +28,8 @@ def test_a_probability_of_1e_300_survives_and_comes_back() -> None:
 def test_the_update_is_prior_times_likelihood_normalised(
     log_prior: NDArray[np.float64], log_likelihood: NDArray[np.float64]
 ) -> None:
-    prior = belief.normalised(log_prior)
-    expected = belief.normalised(prior + log_likelihood)
+    prior = belief.normalised_logs(log_prior)
+    expected = belief.normalised_logs(prior + log_likelihood)
     np.testing.assert_allclose(belief.updated(prior, log_likelihood), expected, atol=1e-9)
 
 
@@ -37,7 +37,7 @@ def test_the_update_is_prior_times_likelihood_normalised(
 def test_permuting_the_clusters_permutes_the_posterior(
     log_prior: NDArray[np.float64], log_likelihood: NDArray[np.float64], order: list[int]
 ) -> None:
-    prior = belief.normalised(log_prior)
+    prior = belief.normalised_logs(log_prior)
     one = belief.mixed(belief.updated(prior, log_likelihood), 0.01)[order]
     other = belief.mixed(belief.updated(prior[order], log_likelihood[order]), 0.01)
     np.testing.assert_allclose(one, other, atol=1e-9)
@@ -47,7 +47,7 @@ def test_permuting_the_clusters_permutes_the_posterior(
 def test_a_missing_report_keeps_its_probability_and_the_others_share_the_rest(
     log_prior: NDArray[np.float64], log_likelihood: NDArray[np.float64], missing: set[int]
 ) -> None:
-    prior = belief.normalised(log_prior)
+    prior = belief.normalised_logs(log_prior)
     absent = sorted(missing)
     log_likelihood[absent] = np.nan
     posterior = belief.updated(prior, log_likelihood)
@@ -56,12 +56,12 @@ def test_a_missing_report_keeps_its_probability_and_the_others_share_the_rest(
 
 
 def test_without_any_report_nothing_changes() -> None:
-    prior = belief.normalised(np.array([0.0, -1.0]))
+    prior = belief.normalised_logs(np.array([0.0, -1.0]))
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, np.nan)), prior)
 
 
 def test_a_scan_that_is_impossible_everywhere_tells_nothing() -> None:
-    prior = belief.normalised(np.array([0.0, -1.0]))
+    prior = belief.normalised_logs(np.array([0.0, -1.0]))
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, -np.inf)), prior)
 
 
@@ -75,14 +75,14 @@ def test_eq_17_to_the_letter_squares_the_prior() -> None:
 def test_the_transition_keeps_a_share_and_spreads_the_rest(
     log_values: NDArray[np.float64], transition_probability: float
 ) -> None:
-    before = belief.normalised(log_values)
+    before = belief.normalised_logs(log_values)
     after = np.exp(belief.mixed(before, transition_probability))
     expected = (1 - transition_probability) * np.exp(before) + transition_probability / K
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-12)
 
 
 def test_no_transition_is_eq_14_to_the_letter() -> None:
-    before = belief.normalised(np.array([0.0, -5.0, -700.0]))
+    before = belief.normalised_logs(np.array([0.0, -5.0, -700.0]))
     assert belief.mixed(before, 0.0) is before
 
 
@@ -94,7 +94,7 @@ def test_entropy_is_one_for_no_preference_and_zero_for_certainty() -> None:
 
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
-        belief.normalised(np.full(3, -np.inf))
+        belief.normalised_logs(np.full(3, -np.inf))
 
 
 def test_one_step_tells_no_more_than_the_bound_against_a_cluster() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import multiplied, normalised, shares
+from particle_filter.log_weights import multiplied, normalised_weights, shares
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)
@@ -17,9 +17,9 @@ NOTHING = np.full(4, -np.inf)
 def test_weights_sum_to_one_whatever_their_common_offset(
     log_weights: LogWeights, offset: float
 ) -> None:
-    weights = normalised(log_weights + offset)
+    weights = normalised_weights(log_weights + offset)
     assert weights.sum() == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_allclose(weights, normalised(log_weights), rtol=1e-8)
+    np.testing.assert_allclose(weights, normalised_weights(log_weights), rtol=1e-8)
 
 
 @given(log_weights=finite, likelihood=st.floats(-1e3, 1e3), exponent=st.floats(0.0, 1.0))
@@ -50,10 +50,10 @@ def test_the_effective_sample_size_is_between_one_and_all(log_weights: LogWeight
 
 def test_likelihoods_that_underflow_are_still_told_apart() -> None:
     log_weights = np.log(1e-300) * np.array([3.0, 2.0, 2.0])
-    np.testing.assert_allclose(normalised(log_weights), [0.0, 0.5, 0.5], atol=1e-300)
+    np.testing.assert_allclose(normalised_weights(log_weights), [0.0, 0.5, 0.5], atol=1e-300)
     after, total = multiplied(np.zeros(3), log_weights, 1.0, np.zeros(3))
     assert total == pytest.approx(np.log(2.0) + 2.0 * np.log(1e-300))
-    np.testing.assert_allclose(normalised(after), [0.0, 0.5, 0.5], atol=1e-300)
+    np.testing.assert_allclose(normalised_weights(after), [0.0, 0.5, 0.5], atol=1e-300)
 
 
 def test_a_zero_weight_takes_no_share() -> None:

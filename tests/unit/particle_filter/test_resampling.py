@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import normalised
+from particle_filter.log_weights import normalised_weights
 from particle_filter.resampling import Scheme, _pick, resample
 from tests.unit.particle_filter import naive
 
@@ -42,7 +42,7 @@ def test_copies_hardly_differ_from_what_is_expected(
 ) -> None:
     drawn = resample(log_weights, count, scheme, np.random.default_rng(seed))
     copies = np.bincount(drawn, minlength=len(log_weights))
-    assert (np.abs(copies - count * normalised(log_weights)) < slack + 1e-9).all()
+    assert (np.abs(copies - count * normalised_weights(log_weights)) < slack + 1e-9).all()
 
 
 @given(log_weights=log_weights, count=st.integers(1, 60), seed=seeds)
@@ -51,7 +51,7 @@ def test_residual_gives_at_least_the_whole_part(
 ) -> None:
     drawn = resample(log_weights, count, "residual", np.random.default_rng(seed))
     copies = np.bincount(drawn, minlength=len(log_weights))
-    assert (copies >= np.floor(count * normalised(log_weights) - 1e-9)).all()
+    assert (copies >= np.floor(count * normalised_weights(log_weights) - 1e-9)).all()
 
 
 @every_scheme
@@ -65,7 +65,7 @@ def test_the_mean_is_kept(scheme: Scheme) -> None:
     total = np.zeros(20)
     for _ in range(runs):
         total += np.bincount(resample(log_weights, count, scheme, rng), minlength=20)
-    weights = normalised(log_weights)
+    weights = normalised_weights(log_weights)
     deviation = np.sqrt(count * weights * (1 - weights) / runs)
     assert (np.abs(total / runs - count * weights) < 5.5 * deviation).all()
 

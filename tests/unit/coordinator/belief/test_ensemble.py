@@ -4,13 +4,14 @@ import msgspec
 import numpy as np
 import pytest
 
-from coordinator.belief.cluster_set import Candidate, ClusterSet
+from coordinator.belief.cluster_set import ClusterSet, Newcomer
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from protocol.job_events import Began, Ended
 from protocol.message import PoseTuple
 from protocol.work import Report, SearchJob, TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, place, searched, tracked
+from tests.unit.coordinator.reports import place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
@@ -48,7 +49,13 @@ def test_places_of_the_first_search_become_clusters_by_their_share_of_points() -
     places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
     outcome = made.advance(0, [searched(f"s0.{n}", 0, places) for n in range(2)])
     assert probabilities(outcome) == pytest.approx({0: 0.6, 1: 0.3, 2: 0.1})
-    assert set(outcome.end) == {"s0.0", "s0.1"}
+    assert outcome.events == (
+        Began("c0", "first search", pytest.approx(0.6)),
+        Began("c1", "first search", pytest.approx(0.3)),
+        Began("c2", "first search", pytest.approx(0.1)),
+        Ended("s0.0", "search over"),
+        Ended("s0.1", "search over"),
+    )
     assert all(isinstance(job, TrackJob) for job in outcome.begin.values())
     assert list(outcome.begin) == ["c0", "c1", "c2"]
 
@@ -103,7 +110,7 @@ def test_clusters_that_come_together_merge_and_their_probabilities_add() -> None
         ],
     )
     assert probabilities(outcome) == pytest.approx({0: 0.8, 2: 0.2})
-    assert outcome.end == ("c1",)
+    assert outcome.events == (Ended("c1", "merged", ("c0",), pytest.approx(0.3)),)
 
 
 def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
@@ -117,7 +124,12 @@ def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leave
     reports += [searched(f"s1.{n}", 2, {new: 0.9, NORTH: 0.1}) for n in range(2)]
     outcome = made.advance(2, reports)
     assert probabilities(outcome)[3] == pytest.approx(0.02)
-    assert "c2" in outcome.end
+    assert outcome.events == (
+        Ended("c2", "pushed out", ("c3",), pytest.approx(0.1)),
+        Began("c3", "restart", pytest.approx(0.02)),
+        Ended("s1.0", "search over"),
+        Ended("s1.1", "search over"),
+    )
     assert probabilities(outcome)[0] / probabilities(outcome)[1] == pytest.approx(2.0)
     assert sum(probabilities(outcome).values()) == pytest.approx(1.0)
 
@@ -228,9 +240,39 @@ def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
 
 def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> None:
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    outcome = made.set_pose(Candidate(0.95, EAST, NO_SPREAD, cloud_at(EAST, 0)))
+    outcome = made.set_pose(place(0.95, EAST, 0))
     assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
     assert outcome.state == "localized"
+    assert outcome.events == (Began("c2", "given", pytest.approx(0.95)),)
+
+
+def test_a_command_stops_the_search_that_runs() -> None:
+    made = ensemble()
+    made.begin_at(0)
+    stopped = [Ended(job_id, "search stopped") for job_id in ("s0.0", "s0.1")]
+    assert made.relocalize(0).events == tuple(stopped)
+    assert made.set_pose(place(0.95, EAST, 0)).events == (
+        *(Ended(job_id, "search stopped") for job_id in ("s1.0", "s1.1")),
+        Began("c0", "given", 1.0),
+    )
+
+
+def test_who_is_pushed_out_is_told_by_whom() -> None:
+    """Of three newcomers the first takes the free place, the others the least probable ones'."""
+    clusters = ClusterSet(BeliefSettings(clusters=4))
+    clusters.admit([(place(p, NORTH, 0), "first search") for p in (0.5, 0.2, 0.3)], 0)
+    more: list[Newcomer] = [(place(0.1, EAST, 0), "restart") for _ in range(3)]
+    _, events = clusters.admit(more, 1)
+    assert [event for event in events if isinstance(event, Ended)] == [
+        Ended("c1", "pushed out", ("c4",), pytest.approx(0.2)),
+        Ended("c2", "pushed out", ("c5",), pytest.approx(0.3)),
+    ]
+
+
+def test_a_step_that_changes_no_cluster_has_no_events() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
+    outcome = made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
+    assert outcome.events == ()
 
 
 def test_relocalize_forgets_everything_and_searches() -> None:
@@ -238,7 +280,7 @@ def test_relocalize_forgets_everything_and_searches() -> None:
     outcome = made.relocalize(0)
     assert outcome.hypotheses == ()
     assert outcome.state == "searching"
-    assert set(outcome.end) == {"c0", "c1"}
+    assert outcome.events == tuple(Ended(job_id, "forgotten", (), 0.5) for job_id in ("c0", "c1"))
     assert all(isinstance(job, SearchJob) for job in outcome.begin.values())
 
 
@@ -279,7 +321,11 @@ def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability(
     apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
     outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
     assert probabilities(outcome) == pytest.approx({1: 0.4, 2: 0.45, 3: 0.15})
-    assert outcome.end == ("c0",)
+    assert outcome.events == (
+        Ended("c0", "split", ("c2", "c3"), pytest.approx(0.6)),
+        Began("c2", "split", pytest.approx(0.45)),
+        Began("c3", "split", pytest.approx(0.15)),
+    )
     assert set(outcome.begin) == {"c2", "c3"}
 
 
@@ -288,14 +334,14 @@ def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
     places: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     outcome = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in places.items()])
     assert probabilities(outcome) == pytest.approx({0: 2 / 3, 1: 1 / 3})
-    assert outcome.end == ("c2",)
+    assert outcome.events == (Ended("c2", "improbable", (), pytest.approx(0.1)),)
 
 
 def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
     clusters = ClusterSet(BeliefSettings(clusters=3))
-    given = [Candidate(p, NORTH, NO_SPREAD, cloud_at(NORTH, 0)) for p in (1.0, 0.0)]
+    given: list[Newcomer] = [(place(p, NORTH, 0), "first search") for p in (1.0, 0.0)]
     admitted, _ = clusters.admit(given, 0)
-    assert [cluster.cluster for cluster, _ in admitted] == [0, 1]
+    assert [cluster.cluster for cluster in admitted] == [0, 1]
     logs = [cluster.log_probability for cluster in clusters.by_probability()]
     assert logs[0] == pytest.approx(0.0)
     assert logs[1] == pytest.approx(-708.4, abs=0.1)

@@ -2,14 +2,15 @@ import math
 
 import pytest
 
-from coordinator.belief.cluster_set import Candidate
+from coordinator.belief.cluster_set import Newcomer
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.prior_pose import with_prior_pose
 from coordinator.checkpoint import PriorPose
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from protocol.job_events import Began
 from protocol.message import PoseTuple
-from protocol.work import TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, cloud_at, searched
+from protocol.work import Place, TrackJob
+from tests.unit.coordinator.reports import NO_SPREAD, place, searched
 
 RULES = FilterSettings(
     search=SearchSettings(shards=1), belief=BeliefSettings(clusters=3, evidence_bound=100.0)
@@ -24,12 +25,12 @@ OFFER = PriorPose(
 )
 
 
-def found(*places: tuple[float, PoseTuple]) -> list[Candidate]:
-    return [Candidate(p, mean, NO_SPREAD, cloud_at(mean, 9)) for p, mean in places]
+def found(*places: tuple[float, PoseTuple]) -> list[Place]:
+    return [place(share, mean, 9) for share, mean in places]
 
 
-def shares(candidates: list[Candidate]) -> list[float]:
-    return [candidate.probability for candidate in candidates]
+def shares(newcomers: list[Newcomer]) -> list[float]:
+    return [newcomer.share for newcomer, _ in newcomers]
 
 
 def test_an_offered_place_stands_beside_those_that_were_found() -> None:
@@ -37,8 +38,10 @@ def test_an_offered_place_stands_beside_those_that_were_found() -> None:
         found((0.6, (1.0, 1.0, 0.0)), (0.4, (9.0, 1.0, 0.0))), OFFER, ORIGIN, RULES
     )
     assert shares(both) == pytest.approx([0.54, 0.36, 0.1])
-    assert both[2].mean == (5.0, 5.0, 0.0)
-    assert both[2].sample.step == 4, "it is tracked from where it was"
+    assert [cause for _, cause in both] == ["first search", "first search", "prior pose"]
+    offered, _ = both[2]
+    assert offered.mean == (5.0, 5.0, 0.0)
+    assert offered.sample.step == 4, "it is tracked from where it was"
 
 
 def test_a_place_that_was_found_anyway_becomes_more_probable() -> None:
@@ -46,6 +49,7 @@ def test_a_place_that_was_found_anyway_becomes_more_probable() -> None:
         found((0.6, (1.0, 1.0, 0.0)), (0.4, (5.2, 5.0, 0.1))), OFFER, ORIGIN, RULES
     )
     assert shares(both) == pytest.approx([0.54, 0.46])
+    assert [cause for _, cause in both] == ["first search", "first search"]
 
 
 def test_it_takes_the_last_place_of_all_that_may_be_kept() -> None:
@@ -53,11 +57,11 @@ def test_it_takes_the_last_place_of_all_that_may_be_kept() -> None:
     kept = with_prior_pose(three, OFFER, ORIGIN, RULES)
     assert len(kept) == 3
     assert math.fsum(shares(kept)) == pytest.approx(1.0)
-    assert kept[2].probability == pytest.approx(0.1)
+    assert shares(kept)[2] == pytest.approx(0.1)
 
 
 def test_odometry_carries_it_to_where_it_would_be_by_now() -> None:
-    (_, offered) = with_prior_pose(found((1.0, ORIGIN)), OFFER, (2.0, 0.0, 0.0), RULES)
+    _, (offered, _) = with_prior_pose(found((1.0, ORIGIN)), OFFER, (2.0, 0.0, 0.0), RULES)
     assert offered.mean == pytest.approx((7.0, 5.0, 0.0))
 
 
@@ -67,6 +71,10 @@ def test_it_enters_once_when_the_first_search_ends_and_is_no_truth_before() -> N
     assert ensemble.advance(4, []).hypotheses == ()
     outcome = ensemble.advance(5, [searched("s0.0", 5, {(1.0, 1.0, 0.0): 1.0})])
     assert [h.probability for h in outcome.hypotheses] == pytest.approx([0.9, 0.1])
+    assert outcome.events[:2] == (
+        Began("c0", "first search", pytest.approx(0.9)),
+        Began("c1", "prior pose", pytest.approx(0.1)),
+    )
     job = outcome.begin["c1"]
     assert isinstance(job, TrackJob)
     assert job.start.step == 4

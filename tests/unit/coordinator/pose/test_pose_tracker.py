@@ -30,7 +30,7 @@ def believed_at(mean: PoseTuple, odom_from_robot: PoseTuple) -> PoseTracker:
         searching=False,
         missing=(),
         begin={},
-        end=(),
+        events=(),
     )
     tracker.scan(1 * SECOND, odom_from_robot, now_ns=0)
     tracker.believed(outcome, odom_from_robot)

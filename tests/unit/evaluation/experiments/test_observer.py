@@ -33,7 +33,7 @@ def outcome(*places: Hypothesis) -> Outcome:
         searching=False,
         missing=(),
         begin={},
-        end=(),
+        events=(),
     )
 
 

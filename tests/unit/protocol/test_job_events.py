@@ -1,0 +1,62 @@
+import math
+from typing import get_args
+
+import pytest
+
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.job_events import (
+    Began,
+    BeganCause,
+    Ended,
+    EndedCause,
+    JobEvent,
+    JobEvents,
+    NumberedEvent,
+    event_text,
+)
+
+
+def said(*events: JobEvent) -> JobEvents:
+    numbered = (
+        NumberedEvent(number=n, step=3, stamp_ns=7, event=event) for n, event in enumerate(events)
+    )
+    return JobEvents(sender="coordinator", events=tuple(numbered), term=4)
+
+
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (Ended("c3", "merged", ("c1",), 0.0213), "c3 merged into c1 (0.021)"),
+        (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was pushed out by c7 (1e-05)"),
+        (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 fell apart into c4 and c5 (0.5)"),
+        (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by command (0.5)"),
+        (Ended("s1.0", "search over"), "s1.0 is over"),
+        (Began("c9", "restart", 0.02), "c9 was found by a restart (0.02)"),
+    ],
+)
+def test_an_event_is_told_in_a_few_words(event: JobEvent, text: str) -> None:
+    assert event_text(event) == text
+
+
+def test_every_cause_comes_back_from_the_wire_and_has_words() -> None:
+    began = [Began("c1", cause, 0.5) for cause in get_args(BeganCause)]
+    ended = [Ended("c1", cause, ("c2",), 0.5) for cause in get_args(EndedCause)]
+    message = said(*began, *ended)
+    assert decode(encode(message), JobEvents) == message
+    assert len({event_text(event) for event in (*began, *ended)}) == len(began) + len(ended)
+
+
+@pytest.mark.parametrize(
+    ("event", "words"),
+    [
+        (Began("c1", "given", math.nan), "a probability of nan"),
+        (Ended("c1", "improbable", (), -0.1), "a probability of -0.1"),
+        (Began("c" * 200, "given", 0.5), "a job's id"),
+        (Ended("c1", "merged", ("c" * 200,), 0.5), "a job's id"),
+        (Ended("c1", "no such cause", (), 0.5), "cause"),  # type: ignore[arg-type] # that is it
+    ],
+)
+def test_what_cannot_have_happened_is_refused(event: JobEvent, words: str) -> None:
+    with pytest.raises(MalformedMessageError, match=words):
+        decode(encode(said(event)), JobEvents)
