@@ -24,6 +24,7 @@ from protocol.answers import Belief, Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, MapMismatchError
 from protocol.health import Health
+from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
 from zenoh_link.health import HealthReporter
@@ -112,7 +113,7 @@ class CoordinatorLoop:
         return self._coordinator.tick(now_ns)
 
     def _on_message(self, event: Received, now_ns: int) -> list[Instruction]:
-        match event.key:
+        match keys.parsed(event.key):
             case keys.SCAN:
                 scan = decode(event.payload, Scan)
                 self._health.happened("scans")
@@ -126,22 +127,24 @@ class CoordinatorLoop:
                 return self._coordinator.history(scans, now_ns)
             case keys.CHECKPOINT:
                 self._coordinator.checkpoint_heard(decode(event.payload, Checkpoint))
-            case key if key.endswith("/state"):
+            case WorkerKey(worker, WorkerTopic.STATE):
                 told = told_by(event.payload)
-                return self._coordinator.worker_told(keys.worker_name(key), told, now_ns)
-            case key if key.endswith("/order"):
+                return self._coordinator.worker_told(worker, told, now_ns)
+            case WorkerKey(worker, WorkerTopic.ORDER):
                 answer = decode(event.payload, OrderAnswer)
-                self._coordinator.order_answered(keys.worker_name(key), answer)
-            case key if key.endswith("/health"):
-                self._on_health(key, decode(event.payload, Health), now_ns)
-            case _:
+                self._coordinator.order_answered(worker, answer)
+            case keys.BRIDGE_HEALTH | WorkerKey(topic=WorkerTopic.HEALTH):
+                self._on_health(event.key, decode(event.payload, Health), now_ns)
+            case WorkerKey(worker, WorkerTopic.REPORT):
                 report: Report = decode(event.payload, Report)  # type: ignore[arg-type] # a union
                 mark("arrived", report, event.at_ns)
                 mark("taken", report, now_ns)
                 mark("decoded", report)
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
-                return self._coordinator.report(report, keys.worker_name(event.key), now_ns)
+                return self._coordinator.report(report, worker, now_ns)
+            case _:
+                raise MalformedMessageError(expected="key of a coordinator's", problem=event.key)
         return []
 
     def _warn_of_another_map(self, scan: Scan) -> None:
