@@ -34,8 +34,10 @@ def test_every_key_of_a_worker_is_parsed_as_its_name_and_topic() -> None:
 
 @pytest.mark.parametrize(
     "key",
-    ["", "worker", "worker/w-0", "worker/w-0/gossip", "worker//report", "worker/a/b/report"]
-    + ["other/w-0/report", "scan/", "bridge/report"],
+    [
+        *("", "worker", "worker/w-0", "worker/w-0/gossip", "worker//report", "worker/a/b/report"),
+        *("other/w-0/report", "scan/", "bridge/report"),
+    ],
 )
 def test_a_key_of_nobody_is_refused_and_not_taken_for_a_report(key: str) -> None:
     with pytest.raises(MalformedMessageError, match="not a valid key"):
