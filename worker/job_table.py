@@ -14,6 +14,8 @@ from worker.recent_reports import RecentReports
 
 RECENT_SCANS = 64
 """Scans kept at hand for jobs that begin a little behind."""
+RECENT_SCANS_OF_WAITING = 512
+"""While a job waits for older ones: more than come before the bridge is given up."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class JobTable:
     def __init__(self, sender: str) -> None:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
-        self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        self._recent: deque[Scan] = deque()
         self._reports = RecentReports()
         self._step_resets = StepResetDetector()
         self._waiting: set[str] = set()
@@ -137,9 +139,14 @@ class JobTable:
             self._recent.clear()
             newest = -1
         if scan.step > newest:
-            self._recent.append(scan)
+            self._keep(scan)
             return self._advance(scan)
         return self.said_last() + self._advance(scan)
+
+    def _keep(self, scan: Scan) -> None:
+        self._recent.append(scan)
+        while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
+            self._recent.popleft()
 
     def _advance(self, scan: Scan) -> list[Report]:
         reports = [
