@@ -64,7 +64,7 @@ class Worker:
         self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
         self._built: ModelBuilt | None = None
-        self._prepares = False
+        self._preparing = False
         """The map has been asked for, or its sensor model is being built."""
         self._waiting: _WaitingOrder | None = None
         self._fetching: MissingScans | None = None
@@ -87,10 +87,10 @@ class Worker:
             case MapArrived(message):
                 return self._on_map(message)
             case MapFailed(error):
-                self._prepares, self._map = False, None
+                self._preparing, self._map = False, None
                 return self._refuse_waiting(error)
             case ModelBuilt():
-                self._prepares, self._built = False, event
+                self._preparing, self._built = False, event
                 return self._go_on()
             case HistoryArrived(missing, scans):
                 return self._on_history(missing, scans)
@@ -158,22 +158,21 @@ class Worker:
         order, sensor = self._waiting.order, self._waiting.settings.sensor
         if not order.begin or self._has_model(order.map_digest, sensor):
             return self._follow(self._waiting)
-        if self._prepares:
+        if self._preparing:
             return []
-        self._prepares = True
+        self._preparing = True
         if self._map is None or self._map.digest != order.map_digest:
             return [FetchMap()]
         return [BuildModel(self._map, sensor)]
 
     def _has_model(self, map_digest: str, sensor: SensorSettings) -> bool:
         built = self._built
-        return built is not None and (built.map_digest, built.model.settings) == (
-            map_digest,
-            sensor,
-        )
+        if built is None or built.map_digest != map_digest:
+            return False
+        return built.model.settings == sensor
 
     def _on_map(self, message: MapMessage) -> list[Instruction]:
-        self._prepares = False
+        self._preparing = False
         if self._waiting is None:
             return []
         expected = self._waiting.order.map_digest
