@@ -137,9 +137,9 @@ class Worker:
 
     def _on_order(self, question: int, order: WorkOrder) -> list[Instruction]:
         try:
+            settings = msgspec.convert(order.filter_settings, FilterSettings)
             if not self._fence.check(order):
                 return self._overtaken(question, order)
-            settings = msgspec.convert(order.filter_settings, FilterSettings)
         except (OldTermError, msgspec.ValidationError) as error:
             return self._refused(question, error)
         before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)

@@ -323,10 +323,11 @@ def test_an_order_that_changes_nothing_has_the_last_reports_said_again(tracking:
     assert told(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
 
 
-def test_settings_that_are_none_are_refused(fresh: Worker) -> None:
-    refused = told(fresh, asked(1, track("c0", cloud()), sensor={"no_such": 1}))
+def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Worker) -> None:
+    refused = told(tracking, asked(900, sensor={"no_such": 1}))
     assert causes(refused) == ["order refused"]
-    assert "no_such" in answers(refused)[1].problem
+    assert "no_such" in answers(refused)[900].problem
+    assert answers(told(tracking, asked(2)))[2].order == 2
 
 
 def test_a_cloud_that_is_none_is_refused_and_changes_nothing(tracking: Worker) -> None:
