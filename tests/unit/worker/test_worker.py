@@ -215,9 +215,8 @@ def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
 ) -> None:
     assert told(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
     again = told(fresh, asked(2, track("c0", cloud())))
-    assert list(answers(again)) == [1], "the one before is answered, and the map not asked for"
-    assert answers(again)[1].order == 0
-    assert causes(again) == []
+    before = OrderAnswer(sender="w", order=0, term=1, incarnation=7, jobs=())
+    assert again == [Answer(1, before)], "and the map is not asked for again"
     done = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
     assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
 
@@ -240,6 +239,13 @@ def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     assert {question: a.order for question, a in answers(done).items()} == {2: 1, 3: 3}
     assert told(tracking, ModelBuilt("map", model)) == []
     assert jobs(tracking) == ["c0"]
+
+
+def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> None:
+    told(fresh, asked(1, track("c0", cloud())))
+    done = told(fresh, asked(2))
+    assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
+    assert told(fresh, MapArrived(grid())) == [], "nobody wants it any more"
 
 
 def test_jobs_go_on_while_an_order_waits_for_the_map(tracking: Worker) -> None:
@@ -266,6 +272,7 @@ def test_a_map_of_which_no_model_can_be_built_refuses_the_order(fresh: Worker) -
     told(fresh, asked(1, track("c0", cloud())), MapArrived(grid()))
     refused = told(fresh, MapFailed(ValueError("the map has no obstacle")))
     assert answers(refused)[1].problem == "the map has no obstacle"
+    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], "it may be another by now"
 
 
 def test_an_order_for_another_map_fetches_that_and_its_model(
@@ -371,6 +378,17 @@ def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
     failed = told(fresh, HistoryFailed(MissingScans(3, 4), "nobody is there"))
     assert causes(failed) == ["no scan history"]
     assert reported(failed) == [("c0", 5), ("c0", 6)]
+
+
+def test_past_scans_are_asked_for_once_however_often_an_order_comes(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
+    told(fresh, ModelBuilt("map", model))
+    again = told(fresh, asked(2, track("c0", cloud(step=2))))
+    assert [type(do) for do in again] == [Answer]
+    caught_up = told(fresh, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4))))
+    assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
 
 
 def test_an_answer_to_a_question_that_was_asked_anew_since_is_not_waited_for(
