@@ -48,15 +48,6 @@ from protocol.work import (
 )
 from worker import events as worker_events
 from worker import instructions as worker_instructions
-from worker.events import (
-    CheckpointHeard,
-    HistoryArrived,
-    MapArrived,
-    ModelBuilt,
-    OrderAsked,
-    StateAsked,
-)
-from worker.instructions import Answer, BuildModel, FetchMap, PublishReport, Warn
 from worker.worker import Worker
 
 SETTINGS = FilterSettings(
@@ -204,7 +195,7 @@ class Living:
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
             case PublishCheckpoint(checkpoint=checkpoint):
                 payload = encode(checkpoint)
-                heard = CheckpointHeard(decode(payload, Checkpoint), payload)
+                heard = worker_events.CheckpointHeard(decode(payload, Checkpoint), payload)
                 for worker in self.workers:
                     self.tell_worker(worker, heard)
             case FetchScans(first=first, last=last):
@@ -217,7 +208,7 @@ class Living:
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), WorkOrder)
-                    self.tell_worker(name, OrderAsked(self._question(), copy))
+                    self.tell_worker(name, worker_events.OrderAsked(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
         end = 2**60 if last is None else last
@@ -234,22 +225,24 @@ class Living:
 
     def _carry_out_for(self, name: str, instruction: worker_instructions.Instruction) -> None:
         match instruction:
-            case PublishReport(report):
+            case worker_instructions.PublishReport(report):
                 if isinstance(report, TrackReport):
                     self._reports.append(report)
                 copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
                 self._tell(lambda c, now: c.report(copy, name, now))
-            case Answer(message=OrderAnswer() as answer):
-                self._tell(lambda c, now: c.order_answered(name, answer) or c.tick(now))
-            case FetchMap():
-                self._tell_later(name, MapArrived(MAP))
-            case BuildModel():
+            case worker_instructions.Answer(message=OrderAnswer() as answer):
+                self._tell(lambda c, now: c.order_answered(name, answer) or c.tick(now))  # type: ignore[func-returns-value] # None, and on
+            case worker_instructions.FetchMap():
+                self._tell_later(name, worker_events.MapArrived(MAP))
+            case worker_instructions.BuildModel():
                 assert instruction.settings == self._model.settings
-                self._tell_later(name, ModelBuilt(instruction.map.digest, self._model))
+                self._tell_later(
+                    name, worker_events.ModelBuilt(instruction.map.digest, self._model)
+                )
             case worker_instructions.FetchScans(missing):
                 scans = self._history(missing.first, missing.last)
-                self._tell_later(name, HistoryArrived(missing, scans))
-            case Warn(cause):
+                self._tell_later(name, worker_events.HistoryArrived(missing, scans))
+            case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
 
     def _tell_later(self, name: str, event: worker_events.Event) -> None:
@@ -261,9 +254,11 @@ class Living:
 
     def state(self, name: str, term: int = 0) -> WorkerState:
         """What a worker tells a coordinator of this term that takes over."""
-        asked = StateAsked(self._question(), TakeOver(sender="coordinator", term=term))
+        asked = worker_events.StateAsked(
+            self._question(), TakeOver(sender="coordinator", term=term)
+        )
         (answer,) = self.workers[name].handle(asked)
-        assert isinstance(answer, Answer)
+        assert isinstance(answer, worker_instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return answer.message
 
