@@ -38,6 +38,7 @@ from protocol.answers import Belief, Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, MapMismatchError
 from protocol.health import Health
+from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
 from zenoh_link.health import HealthReporter
@@ -129,17 +130,18 @@ class CoordinatorLoop:
         return self._coordinator.handle(TimePassed(), now_ns)
 
     def _on_message(self, message: Received, now_ns: int) -> list[Instruction]:
-        key = message.key
-        if key.endswith("/health"):
-            self._on_health(key, decode(message.payload, Health), now_ns)
-            return []
-        return self._coordinator.handle(self._event_of(message, now_ns), now_ns)
+        match keys.parsed(message.key):
+            case keys.BRIDGE_HEALTH | WorkerKey(topic=WorkerTopic.HEALTH):
+                self._on_health(message.key, decode(message.payload, Health), now_ns)
+                return []
+            case key:
+                return self._coordinator.handle(self._event_of(key, message, now_ns), now_ns)
 
     def _event_of(  # noqa: PLR0911 - one for each key
-        self, message: Received, now_ns: int
+        self, key: str | WorkerKey, message: Received, now_ns: int
     ) -> events.Event:
         """What a message means."""
-        match message.key:
+        match key:
             case keys.SCAN:
                 scan = decode(message.payload, Scan)
                 self._health.happened("scans")
@@ -152,19 +154,21 @@ class CoordinatorLoop:
                 return HistoryArrived(decode(message.payload, ScanHistory).scans)
             case keys.CHECKPOINT:
                 return CheckpointHeard(decode(message.payload, Checkpoint))
-            case key if key.endswith("/state"):
-                return WorkerToldState(keys.worker_name(key), told_by(message.payload))
-            case key if key.endswith("/order"):
-                answer = decode(message.payload, OrderAnswer)
-                return OrderAnswered(keys.worker_name(key), answer)
-            case key:
+            case WorkerKey(worker, WorkerTopic.STATE):
+                return WorkerToldState(worker, told_by(message.payload))
+            case WorkerKey(worker, WorkerTopic.ORDER):
+                return OrderAnswered(worker, decode(message.payload, OrderAnswer))
+            case WorkerKey(worker, WorkerTopic.REPORT):
                 report: Report = decode(message.payload, Report)  # type: ignore[arg-type] # a union
                 mark("arrived", report, message.at_ns)
                 mark("taken", report, now_ns)
                 mark("decoded", report)
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
-                return ReportArrived(keys.worker_name(key), report)
+                return ReportArrived(worker, report)
+            case _:
+                problem = message.key
+                raise MalformedMessageError(expected="key of a coordinator's", problem=problem)
 
     def _warn_of_another_map(self, scan: Scan) -> None:
         """Say which map is meant; the coordinator itself counts the scan and drops it."""

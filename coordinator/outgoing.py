@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Iterable
 
 import zenoh
-from zenoh import handlers
 
 from coordinator.instructions import (
     AnswerCommand,
@@ -19,10 +18,9 @@ from coordinator.instructions import (
     SendOrder,
 )
 from protocol import keys
-from protocol.codec import encode
 from protocol.job_events import event_text
 from protocol.message import Message
-from zenoh_link.wire import Events, Publisher, Received
+from zenoh_link.wire import Events, Publisher, ask_later
 
 ASK_AGAIN_WITHIN_S = 0.5
 """Just after a link came up, a query for lost scans finds nobody; it is repeated so long."""
@@ -68,32 +66,25 @@ class Outgoing:
                     pass  # by who holds the question
 
     def _fetch(self, fetch: FetchScans, until_s: float) -> None:
-        def on_nobody() -> None:
-            if time.monotonic() < until_s:
+        def on_failure(refused: str) -> None:
+            if not refused and time.monotonic() < until_s:
                 self._unanswered.append((fetch, until_s))
 
-        self._ask(keys.scan_history(fetch.first, fetch.last), on_nobody=on_nobody)
+        self._ask(keys.scan_history(fetch.first, fetch.last), on_failure=on_failure)
 
     def _ask(
         self,
         selector: str,
         message: Message | None = None,
         *,
-        on_nobody: Callable[[], None] = lambda: None,
+        on_failure: Callable[[str], object] = lambda _: None,
     ) -> None:
         """Ask without waiting."""
-        answers = 0
-
-        def on_reply(reply: zenoh.Reply) -> None:
-            nonlocal answers
-            answers += 1
-            if reply.ok is not None:
-                key = str(reply.ok.key_expr)
-                self._inbox.put(Received(key, reply.ok.payload.to_bytes()))
-
-        self._session.get(
+        ask_later(
+            self._session,
             selector,
-            handlers.Callback(on_reply, lambda: None if answers else on_nobody()),
-            payload=encode(message) if message is not None else None,
-            timeout=ORDER_TIMEOUT_S,
+            self._inbox.put,
+            on_failure,
+            timeout_s=ORDER_TIMEOUT_S,
+            message=message,
         )

@@ -4,6 +4,12 @@ Zenoh's `namespace` (the robot's name) is put before every key by the session, s
 several robots behind one router never meet.
 """
 
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import lru_cache
+
+from protocol.errors import MalformedMessageError
+
 ODOMETRY_READING = "readings/odometry"
 LASER_READING = "readings/laser"
 
@@ -26,6 +32,24 @@ RELOCALIZE = "command/relocalize"
 COORDINATOR_ALIVE = "coordinator/alive"
 CHECKPOINT = "checkpoint"
 
+_CONSTANT = frozenset(
+    (
+        *(ODOMETRY_READING, LASER_READING),
+        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP),
+        *(
+            BELIEF,
+            POSE,
+            HYPOTHESES,
+            EVENTS,
+            STATUS,
+            SET_POSE,
+            RELOCALIZE,
+            COORDINATOR_ALIVE,
+            CHECKPOINT,
+        ),
+    )
+)
+
 ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"
 ALL_WORKERS_HEALTH = "worker/*/health"
@@ -39,36 +63,72 @@ def scan_history(first: int, last: int | None) -> str:
 
 def worker_alive(name: str) -> str:
     """Liveliness token of a worker."""
-    return f"worker/{name}/alive"
+    return f"worker/{name}/{WorkerTopic.ALIVE}"
 
 
 def worker_order(name: str) -> str:
     """Where a worker takes its work orders."""
-    return f"worker/{name}/order"
+    return f"worker/{name}/{WorkerTopic.ORDER}"
 
 
 def worker_state(name: str) -> str:
     """Where a worker says what it does."""
-    return f"worker/{name}/state"
+    return f"worker/{name}/{WorkerTopic.STATE}"
 
 
 def worker_report(name: str) -> str:
     """Where a worker publishes what its jobs made of a step."""
-    return f"worker/{name}/report"
+    return f"worker/{name}/{WorkerTopic.REPORT}"
 
 
 def worker_health(name: str) -> str:
     """Where a worker says how it is."""
-    return f"worker/{name}/health"
+    return f"worker/{name}/{WorkerTopic.HEALTH}"
+
+
+# --- keys as they arrive ------------------------------------------------------------------------
+
+
+class WorkerTopic(StrEnum):
+    """What a worker's key is for: the last part of ``worker/{name}/{topic}``."""
+
+    ALIVE = "alive"
+    ORDER = "order"
+    STATE = "state"
+    REPORT = "report"
+    HEALTH = "health"
+
+
+@dataclass(frozen=True)
+class WorkerKey:
+    """A key of one worker."""
+
+    worker: str
+    topic: WorkerTopic
+
+
+@lru_cache(maxsize=1024)
+def parsed(key: str) -> str | WorkerKey:
+    """What a key is: one of the constants of this module, or a worker's.
+
+    Raises:
+        MalformedMessageError: no message of this protocol has this key.
+    """
+    if key in _CONSTANT:
+        return key
+    match key.split("/"):
+        case ["worker", name, topic] if name and topic in set(WorkerTopic):
+            return WorkerKey(name, WorkerTopic(topic))
+    raise MalformedMessageError(expected="key", problem=key)
 
 
 def worker_name(key: str) -> str:
     """The worker's name in one of its keys.
 
     Raises:
-        ValueError: the key is no worker's.
+        MalformedMessageError: the key is no worker's.
     """
-    parts = key.split("/")
-    if len(parts) != 3 or parts[0] != "worker":  # worker/{name}/{what}
-        raise ValueError(f"not a worker's key: {key!r}")
-    return parts[1]
+    match parsed(key):
+        case WorkerKey(worker=name):
+            return name
+    raise MalformedMessageError(expected="worker's key", problem=key)

@@ -6,10 +6,12 @@ from typing import Any, get_args
 
 from protocol import keys
 from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
+from protocol.keys import WorkerKey, WorkerTopic
 from protocol.sizes import LARGEST_BYTES, LIST_BYTES, SCAN_BYTES, SMALL_BYTES
 from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
-from protocol.work import Checkpoint, SearchReport, TrackReport, WorkerState, WorkOrder
+from protocol.work import Checkpoint, Report, SearchReport, TrackReport, WorkerState, WorkOrder
 
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
@@ -36,11 +38,15 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.ODOMETRY: OdometryReading,
         keys.BELIEF: Belief,
         keys.EVENTS: JobEvents,
+        keys.CHECKPOINT: Checkpoint,
         keys.SET_POSE: SetPose,
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
+        WorkerTopic.ORDER: WorkOrder,
+        WorkerTopic.REPORT: Report,
     }
 )
+"""What is published or asked; elsewhere it is small, or nothing."""
 
 
 def max_bytes_on(key: str) -> int:
@@ -48,6 +54,8 @@ def max_bytes_on(key: str) -> int:
 
     What is larger is refused before it is copied, let alone decoded.
     """
-    if key in _ON_KEY:
-        return max_bytes(_ON_KEY[key])
-    return SMALL_BYTES if key.endswith("/health") else LARGEST_BYTES
+    try:
+        parsed = keys.parsed(key)
+    except MalformedMessageError:
+        return SMALL_BYTES  # of an extension
+    return max_bytes(_ON_KEY.get(parsed.topic if isinstance(parsed, WorkerKey) else parsed))

@@ -11,6 +11,7 @@ from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
+from protocol.keys import WorkerKey, WorkerTopic
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.work import TrackReport
@@ -159,12 +160,12 @@ class RobotChecks:
     def _report(self, heard: Heard) -> None:
         """Only who reports what is looked at: whole reports are too many to be decoded."""
         try:
-            report = msgpack.unpackb(heard.payload)
-            if report["schema"] == TrackReport.__struct_config__.tag:
-                worker = keys.worker_name(heard.key)
-                self.recovery.reported(heard.at_ns, worker, str(report["job_id"]))
+            report, key = msgpack.unpackb(heard.payload), keys.parsed(heard.key)
+            is_track_report = report["schema"] == TrackReport.__struct_config__.tag
+            if is_track_report and isinstance(key, WorkerKey) and key.topic is WorkerTopic.REPORT:
+                self.recovery.reported(heard.at_ns, key.worker, str(report["job_id"]))
                 self.seen[heard.key] = heard.payload
-        except (ValueError, TypeError, KeyError, msgpack.UnpackException):
+        except (MalformedMessageError, ValueError, TypeError, KeyError, msgpack.UnpackException):
             return  # our own rubbish
 
     def _remember(self, stamp_ns: int, step: int) -> None:

@@ -14,6 +14,8 @@ from worker.recent_reports import RecentReports
 
 RECENT_SCANS = 64
 """Scans kept at hand for jobs that begin a little behind."""
+RECENT_SCANS_OF_WAITING = 512
+"""While a job waits for older ones: more than come before the bridge is given up."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,11 @@ class JobTable:
     def __init__(self, sender: str) -> None:
         self._sender = sender
         self._jobs: dict[str, RunningJob] = {}
-        self._recent: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        self._recent: deque[Scan] = deque()
         self._reports = RecentReports()
         self._step_resets = StepResetDetector()
+        self._waiting: set[str] = set()
+        """Jobs that take no scan before those that they miss have come."""
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
@@ -88,11 +92,23 @@ class JobTable:
         """The steps that must be fetched before the jobs can catch up with the newest scan."""
         if not self._jobs:
             return None
-        first = min(job.step for job in self._jobs.values()) + 1
+        done = min(job.step for job in self._jobs.values())
         if not self._recent:
-            return MissingScans(first, None)
-        oldest = self._recent[0].step
-        return MissingScans(first, oldest - 1) if first < oldest else None
+            return MissingScans(done + 1, None)
+        missing = None
+        for scan in self._recent:
+            if scan.step > done + 1:
+                missing = MissingScans(missing.first if missing else done + 1, scan.step - 1)
+            done = max(done, scan.step)
+        return missing
+
+    def wait_for(self, missing: MissingScans | None) -> None:
+        """Let jobs that could use these steps take none before `catch_up`; None: none waits."""
+        self._waiting = {
+            job_id
+            for job_id, job in self._jobs.items()
+            if missing and (missing.last is None or job.step < missing.last)
+        }
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
         """The steps just before `scan` whose scans never came, where a job could use them."""
@@ -107,12 +123,12 @@ class JobTable:
         return self._reports.of_step(newest)
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
-        """Bring every job up to the newest scan, with scans of the past where it needs them."""
+        """Bring all jobs but those that wait up to the newest scan, with scans of the past."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
         return [report for step in sorted(known) for report in self._advance(known[step])]
 
     def on_scan(self, scan: Scan) -> list[Report]:
-        """One scan: every job that has not done its step does it.
+        """One scan: every job that has not done its step, and does not wait, does it.
 
         The newest scan once more is a question: its reports seem to be lost, and go out again.
         """
@@ -123,13 +139,20 @@ class JobTable:
             self._recent.clear()
             newest = -1
         if scan.step > newest:
-            self._recent.append(scan)
+            self._keep(scan)
             return self._advance(scan)
         return self.said_last() + self._advance(scan)
 
+    def _keep(self, scan: Scan) -> None:
+        self._recent.append(scan)
+        while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
+            self._recent.popleft()
+
     def _advance(self, scan: Scan) -> list[Report]:
         reports = [
-            job.advance(scan) for _, job in sorted(self._jobs.items()) if scan.step > job.step
+            job.advance(scan)
+            for job_id, job in sorted(self._jobs.items())
+            if scan.step > job.step and job_id not in self._waiting
         ]
         for report in reports:
             self._reports.add(report)

@@ -10,6 +10,9 @@ class TermFence:
     def __init__(self) -> None:
         self.term = 0
         self.order = 0
+        """The last order followed."""
+        self.newest = 0
+        """The highest order heard, followed or not."""
         self.checkpoint = b""
         """As it came, for the next coordinator; empty: none was heard."""
         self.step = -1
@@ -19,7 +22,7 @@ class TermFence:
     def hear(self, term: int) -> None:
         """A coordinator of this term speaks; orders of lower ones are refused from now on."""
         if term > self.term:
-            self.term, self.order = term, 0
+            self.term, self.order, self.newest = term, 0, 0
 
     def keep(self, checkpoint: Checkpoint, payload: bytes) -> None:
         """A checkpoint arrived; an older one is left out."""
@@ -36,4 +39,7 @@ class TermFence:
         if order.term < self.term:
             raise OldTermError(term=order.term, ruling=self.term)
         self.hear(order.term)
-        return order.order >= self.order
+        if order.order < self.newest:
+            return False
+        self.newest = order.order
+        return True

@@ -5,12 +5,13 @@ import time
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from process_runtime.logs import CauseCounter
 from protocol.health import Health
 from zenoh_link.activity import Activity
 from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Event, Publisher
+from zenoh_link.wire import Publisher
 
 EVERY_S = 1.0
 
@@ -27,7 +28,7 @@ class HealthReporter:
         inbox: which drops what it has no room for.
     """
 
-    def __init__(self, name: str, role: str, causes: CauseCounter, inbox: Inbox[Event]) -> None:
+    def __init__(self, name: str, role: str, causes: CauseCounter, inbox: Inbox[Any]) -> None:
         self._name, self._role, self._version = name, role, version("clustermcl")
         self._causes, self._inbox = causes, inbox
         self._activity = Activity(time.monotonic())

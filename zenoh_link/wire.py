@@ -5,9 +5,9 @@ of its session. Decoding happens in the loop that takes from the inbox.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeAlias, TypeVar
+from typing import Protocol, TypeAlias, TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -75,6 +75,19 @@ Event: TypeAlias = Received | Asked | Token | Link
 Events: TypeAlias = Inbox[Event]
 
 
+class EventSink(Protocol):
+    """What callbacks put into: an inbox, whatever else its loop takes from it."""
+
+    def put(self, event: Event) -> bool:
+        """Append; False: there is no room."""
+
+    def put_newest(self, kind: str, state: Event) -> None:
+        """Append a state; the oldest of its kind gives way when there are too many."""
+
+    def count_refused(self, kind: str) -> None:
+        """Count what was too large."""
+
+
 class Publisher:
     """Publishes messages on one key.
 
@@ -104,7 +117,7 @@ class Publisher:
 
 
 def subscribe(
-    session: zenoh.Session, key: str, inbox: Events, kind: str, *, own: bool = True
+    session: zenoh.Session, key: str, inbox: EventSink, kind: str, *, own: bool = True
 ) -> None:
     """Put what is published on `key` into the inbox, as states of a kind.
 
@@ -142,7 +155,7 @@ class Unread:
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, inbox: Events, kind: str, count: int
+        self, session: zenoh.Session, key: str, inbox: EventSink, kind: str, count: int
     ) -> None:
         self._subscriber = session.declare_subscriber(key, handlers.RingChannel(count))
         self._inbox, self._kind = inbox, kind
@@ -156,7 +169,7 @@ class Unread:
                 yield sample.payload.to_bytes()
 
 
-def serve(session: zenoh.Session, key: str, inbox: Events) -> None:
+def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
     """Put queries on `key` into the inbox; one that finds it full is refused at once."""
 
     def on_query(query: zenoh.Query) -> None:
@@ -174,7 +187,7 @@ def serve(session: zenoh.Session, key: str, inbox: Events) -> None:
     session.declare_queryable(key, on_query, complete=True)
 
 
-def watch(session: zenoh.Session, key: str, inbox: Events) -> None:
+def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
     """Put liveliness tokens on `key` into the inbox, those there already first."""
 
     def on_token(sample: zenoh.Sample) -> None:
@@ -183,7 +196,7 @@ def watch(session: zenoh.Session, key: str, inbox: Events) -> None:
     session.liveliness().declare_subscriber(key, on_token, history=True)
 
 
-def watch_link(session: zenoh.Session, inbox: Events) -> None:
+def watch_link(session: zenoh.Session, inbox: EventSink) -> None:
     """Put what happens to this session's own link into the inbox, that it is up first."""
 
     def on_transport(event: zenoh.TransportEvent) -> None:
@@ -226,3 +239,40 @@ def ask(
             said = reply.err.payload.to_bytes().decode(errors="replace")
             problem = f"no answer on {key!r}: {said}"
     raise UnreachableError(who=key, problem=problem, waited_s=timeout_s)
+
+
+def ask_later(
+    session: zenoh.Session,
+    selector: str,
+    on_answer: Callable[[Received], object],
+    on_failure: Callable[[str], object],
+    *,
+    timeout_s: float,
+    message: Message | None = None,
+) -> None:
+    """Ask without waiting. One of the two is called, on a thread of Zenoh's: put, and return.
+
+    Args:
+        session: the process's own.
+        selector: of what is asked.
+        on_answer: takes the first answer, undecoded.
+        on_failure: takes the words of who refused, or was too late; empty: nobody was there.
+        timeout_s: how long somebody may take to answer.
+        message: what is asked.
+    """
+    answered, refused = False, ""
+
+    def on_reply(reply: zenoh.Reply) -> None:
+        nonlocal answered, refused
+        if reply.err is not None:
+            refused = reply.err.payload.to_bytes().decode(errors="replace")
+        if reply.ok is not None and not answered:
+            answered = True
+            on_answer(Received(str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
+
+    session.get(
+        selector,
+        handlers.Callback(on_reply, lambda: None if answered else on_failure(refused)),
+        payload=encode(message) if message is not None else None,
+        timeout=timeout_s,
+    )

@@ -25,7 +25,7 @@ READ_BY_OTHERS = {"publishes": "reads", "serves": "asks", "announces": "watches"
 
 def all_keys() -> list[str]:
     """Every key of `protocol.keys`, a worker's with a name of one; selectors without parameters."""
-    found = [value for name, value in vars(keys).items() if name.isupper()]
+    found = [value for name, value in vars(keys).items() if name.isupper() and name[0] != "_"]
     for name, function in inspect.getmembers(keys, inspect.isfunction):
         if function.__module__ == keys.__name__ and name not in ("scan_history", "worker_name"):
             found.append(function("worker-0"))

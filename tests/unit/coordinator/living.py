@@ -1,4 +1,4 @@
-"""A whole system without processes: real workers' jobs, a bridge's history, and one coordinator.
+"""A whole system without processes: workers, a bridge's map and history, and one coordinator.
 
 What is sent is carried over as bytes. The coordinator may be thrown away between any two of its
 instructions, and rebuilt from what the workers know.
@@ -45,18 +45,20 @@ from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
-from protocol.errors import OldTermError
-from protocol.steps import Scan
+from protocol.steps import MapMessage, Scan
 from protocol.work import (
     Checkpoint,
     OrderAnswer,
     Report,
+    TakeOver,
+    TrackJob,
     TrackReport,
     WorkerState,
     WorkOrder,
 )
-from worker.job_table import JobTable
-from worker.term_fence import TermFence
+from worker import events as worker_events
+from worker import instructions as worker_instructions
+from worker.worker import Worker
 
 SETTINGS = FilterSettings(
     seed=5,
@@ -74,6 +76,11 @@ SETTINGS = FilterSettings(
     belief=BeliefSettings(clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
 )
 EVENT_NS = 1_000_000
+MAP = MapMessage(
+    sender="bridge", digest="map", cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
+    zlib_cells=b"",
+)  # fmt: skip
+"""Stands for the symmetric room's."""
 
 
 def symmetric_room() -> SensorModel:
@@ -102,56 +109,6 @@ def scan_of(step: int) -> Scan:
     )
 
 
-class InMemoryWorker:
-    """A worker's loop without a network."""
-
-    def __init__(self, name: str, model: SensorModel, history: Callable[[int], list[Scan]]) -> None:
-        self.name, self._model, self._history = name, model, history
-        self.table, self.term_fence = JobTable(name), TermFence()
-        self.reports: list[Report] = []
-
-    def scan(self, scan: Scan) -> list[Report]:
-        return self._said(self.table.on_scan(scan))
-
-    def order(self, payload: bytes) -> tuple[OrderAnswer, list[Report]]:
-        order = decode(payload, WorkOrder)
-        problem, reports = "", []
-        try:
-            if self.term_fence.check(order):
-                self.table.follow(order, self._model, SETTINGS)
-                self.term_fence.order = order.order
-        except (OldTermError, ValueError) as error:
-            problem = str(error)
-        else:
-            missing = self.table.missing()
-            reports = self.table.catch_up(self._history(missing.first) if missing else ())
-        answer = OrderAnswer(
-            sender=self.name,
-            order=self.term_fence.order,
-            incarnation=1,
-            jobs=self.table.summary(),
-            problem=problem,
-            term=self.term_fence.term,
-        )
-        return answer, self._said(reports)
-
-    def state(self, term: int) -> bytes:
-        self.term_fence.hear(term)
-        state = WorkerState(
-            sender=self.name,
-            term=self.term_fence.term,
-            incarnation=1,
-            holds=self.table.holds(),
-            checkpoint=self.term_fence.checkpoint,
-            reports=tuple(map(encode, self.table.reports_since(self.term_fence.step))),
-        )
-        return encode(state)
-
-    def _said(self, reports: list[Report]) -> list[Report]:
-        self.reports += reports
-        return reports
-
-
 class Living:
     """Everything of one robot; events run one after the other."""
 
@@ -163,13 +120,12 @@ class Living:
         self.dies_in: int | None = None
         """Instructions until the coordinator dies; None: it lives."""
         self.coordinator: Coordinator | None = None
-        self.workers = {f"w{n}": self._worker(f"w{n}") for n in range(workers)}
+        self._questions = 0
+        self._reports: list[TrackReport] = []
+        self.warnings: list[str] = []
+        """Causes that workers have counted."""
+        self.workers = {f"w{n}": Worker(f"w{n}", 1) for n in range(workers)}
         self.revive()
-
-    def _worker(self, name: str) -> InMemoryWorker:
-        return InMemoryWorker(
-            name, self._model, lambda first: [s for s in self.scans if s.step >= first]
-        )
 
     def revive(self) -> None:
         """Start a coordinator that knows nothing."""
@@ -189,8 +145,8 @@ class Living:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
         self._tell(lambda c, now: c.handle(ScanArrived(scan), now))
-        for worker in self.workers.values():
-            self._report(worker, worker.scan(scan))
+        for worker in list(self.workers):
+            self.tell_worker(worker, worker_events.ScanArrived(scan))
         self.settle()
 
     def kill_worker(self, name: str) -> None:
@@ -201,7 +157,7 @@ class Living:
 
     def start_worker(self, name: str) -> None:
         """A new worker appears."""
-        self.workers[name] = self._worker(name)
+        self.workers[name] = Worker(name, 1)
         self.join(name)
 
     def join(self, name: str) -> None:
@@ -248,42 +204,90 @@ class Living:
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
             case PublishCheckpoint(checkpoint=checkpoint):
                 payload = encode(checkpoint)
-                for worker in self.workers.values():
-                    worker.term_fence.keep(decode(payload, Checkpoint), payload)
+                heard = worker_events.CheckpointHeard(decode(payload, Checkpoint), payload)
+                for worker in self.workers:
+                    self.tell_worker(worker, heard)
             case FetchScans(first=first, last=last):
-                end = 2**60 if last is None else last
-                found = [s for s in self.scans if first <= s.step <= end]
-                self._tell(lambda c, now: c.handle(HistoryArrived(tuple(found)), now))
+                found = self._history(first, last)
+                self._tell(lambda c, now: c.handle(HistoryArrived(found), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    told = told_by(self.workers[name].state(question.term))
+                    told = told_by(encode(self.state(name, question.term)))
                     self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
-                    answer, reports = self.workers[name].order(encode(order))
-                    self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
-                    self._tell(lambda c, now: c.handle(TimePassed(), now))
-                    self._report(self.workers[name], reports)
+                    copy = decode(encode(order), WorkOrder)
+                    self.tell_worker(name, worker_events.OrderAsked(self._question(), copy))
 
-    def _report(self, worker: InMemoryWorker, reports: list[Report]) -> None:
-        for report in reports:
-            copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
-            self._tell(lambda c, now, r=copy: c.handle(ReportArrived(worker.name, r), now))  # type: ignore[misc] # a default
+    def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
+        end = 2**60 if last is None else last
+        return tuple(scan for scan in self.scans if first <= scan.step <= end)
+
+    def _question(self) -> int:
+        self._questions += 1
+        return self._questions
+
+    def tell_worker(self, name: str, event: worker_events.Event) -> None:
+        """Something happens to a worker; what comes of it happens in its turn."""
+        for instruction in self.workers[name].handle(event):
+            self._carry_out_for(name, instruction)
+
+    def _carry_out_for(self, name: str, instruction: worker_instructions.Instruction) -> None:
+        match instruction:
+            case worker_instructions.PublishReport(report):
+                if isinstance(report, TrackReport):
+                    self._reports.append(report)
+                copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
+                self._tell(lambda c, now: c.handle(ReportArrived(name, copy), now))
+            case worker_instructions.Answer(message=OrderAnswer() as answer):
+                self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
+                self._tell(lambda c, now: c.handle(TimePassed(), now))
+            case worker_instructions.FetchMap():
+                self._tell_later(name, worker_events.MapArrived(MAP))
+            case worker_instructions.BuildModel():
+                assert instruction.settings == self._model.settings
+                self._tell_later(
+                    name, worker_events.ModelBuilt(instruction.map.digest, self._model)
+                )
+            case worker_instructions.FetchScans(missing):
+                scans = self._history(missing.first, missing.last)
+                self._tell_later(name, worker_events.HistoryArrived(missing, scans))
+            case worker_instructions.Warn(cause):
+                self.warnings.append(cause)
+
+    def _tell_later(self, name: str, event: worker_events.Event) -> None:
+        def happen() -> None:
+            if name in self.workers:
+                self.tell_worker(name, event)
+
+        self._queue.append(happen)
+
+    def state(self, name: str, term: int = 0) -> WorkerState:
+        """What a worker tells a coordinator of this term that takes over."""
+        asked = worker_events.StateAsked(
+            self._question(), TakeOver(sender="coordinator", term=term)
+        )
+        (answer,) = self.workers[name].handle(asked)
+        assert isinstance(answer, worker_instructions.Answer)
+        assert isinstance(answer.message, WorkerState)
+        return answer.message
+
+    def jobs(self, name: str) -> set[tuple[str, int]]:
+        """(job id, epoch) of what a worker does."""
+        return {(held.job_id, held.epoch) for held in self.state(name).holds}
 
     def particles(self) -> dict[str, bytes]:
         """The particles of each tracked cluster, as they are now."""
         return {
             held.job_id: held.job.start.map_from_robot.data
-            for worker in self.workers.values()
-            for held in worker.table.holds()
-            if held.job_id.startswith("c")
+            for worker in self.workers
+            for held in self.state(worker).holds
+            if isinstance(held.job, TrackJob)
         }
 
     def evidence(self) -> dict[tuple[str, int], set[float]]:
         """What was said of each cluster at each step, by anybody."""
         said: dict[tuple[str, int], set[float]] = {}
-        for worker in self.workers.values():
-            for report in worker.reports:
-                if isinstance(report, TrackReport):
-                    said.setdefault((report.job_id, report.step), set()).add(report.log_weight_sum)
+        for report in self._reports:
+            said.setdefault((report.job_id, report.step), set()).add(report.log_weight_sum)
         return said

@@ -23,8 +23,7 @@ def state() -> CheckpointState:
     living = Living(symmetric_room())
     for step in range(12):
         living.drive(step)
-    worker = next(iter(living.workers.values()))
-    return from_bytes(msgspec.msgpack.decode(worker.term_fence.checkpoint)["state"])
+    return from_bytes(msgspec.msgpack.decode(living.state("w0").checkpoint)["state"])
 
 
 def changed(state: CheckpointState, **fields: object) -> bytes:

@@ -234,6 +234,28 @@ def test_scans_that_were_lost_before_one_are_asked_for(model: SensorModel) -> No
     assert (lost.first, lost.last) == (2, 4)
 
 
+def test_a_gap_among_the_scans_at_hand_is_missing_too(model: SensorModel) -> None:
+    table = JobTable("w")
+    for step in (4, 5, 8, 9, 11):
+        table.on_scan(scan(step))
+    table.follow(order(track("c0", cloud(step=4))), model, SETTINGS)
+    missing = table.missing()
+    assert missing is not None
+    assert (missing.first, missing.last) == (6, 10)
+
+
+def test_only_jobs_that_could_use_what_is_missing_wait_for_it(model: SensorModel) -> None:
+    table = JobTable("w")
+    behind, ahead = track("c0", cloud(step=2)), track("c1", cloud(step=5))
+    table.on_scan(scan(5))
+    table.follow(order(behind, ahead), model, SETTINGS)
+    table.wait_for(table.missing())
+    assert [report.job_id for report in table.on_scan(scan(6))] == ["c1"]
+    table.wait_for(None)
+    caught_up = table.catch_up([scan(3), scan(4)])
+    assert [(r.job_id, r.step) for r in caught_up] == [("c0", step) for step in (3, 4, 5, 6)]
+
+
 def test_an_order_that_changes_nothing_is_a_question(model: SensorModel) -> None:
     table = JobTable("w")
     begin = order(track("c0", cloud()))

@@ -8,6 +8,7 @@ from coordinator.events import TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from tests.unit.coordinator.living import Living, symmetric_room
+from worker.events import ScanArrived
 
 STEPS = 26
 
@@ -48,6 +49,7 @@ def test_the_undisturbed_run_has_what_can_be_lost(undisturbed: Living) -> None:
     assert beliefs[0].state == "searching"
     assert any(belief.searching and belief.state != "searching" for belief in beliefs)
     assert all(belief.missing == () for belief in beliefs)
+    assert undisturbed.warnings == []
     assert len({h.cluster for belief in beliefs for h in belief.hypotheses}) > 5, "newcomers"
 
 
@@ -132,7 +134,7 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     for name, worker in reachable.items():
         living.workers[name] = worker
         for step in (16, 17):
-            worker.scan(living.scans[step])
+            worker.handle(ScanArrived(living.scans[step]))
         living.join(name)
     for step in range(18, STEPS):
         living.drive(step)
@@ -159,7 +161,7 @@ def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     old = living.coordinator
     assert old is not None
     living.revive()
-    jobs = {name: worker.table.summary() for name, worker in living.workers.items()}
+    jobs = {name: living.jobs(name) for name in living.workers}
     woken = living.coordinator
     living.coordinator = old
     living.drive(12)
@@ -170,8 +172,9 @@ def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     assert old.outranked_by == 2
     assert old.handle(TimePassed(), 10**12) == []
     living.coordinator = woken
-    for name, worker in living.workers.items():
-        assert [job[:2] for job in worker.table.summary()] == [job[:2] for job in jobs[name]]
+    assert {name: living.jobs(name) for name in living.workers} == {
+        name: jobs[name] for name in living.workers
+    }
 
 
 def given(command_id: str, x_m: float) -> SetPose:

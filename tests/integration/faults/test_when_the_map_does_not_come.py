@@ -1,0 +1,178 @@
+"""A worker that waits for its map goes on answering; nothing it is told meanwhile is lost."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import zenoh
+
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import to_message
+from particle_filter.arrays import OCCUPIED
+from process_runtime.settings import ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.codec import decode, encode
+from protocol.errors import ClusterMclError
+from protocol.health import Health
+from protocol.steps import ScanHistory
+from protocol.work import OrderAnswer, TrackReport, WorkOrder
+from tests.integration.conftest import OpenClient
+from tests.integration.waiting import stretched_s, wait_until
+from tests.unit.worker.test_job_table import cloud, scan, track
+from worker.loop import WorkerLoop
+from zenoh_link.wire import ask, ask_later
+
+NAME = "worker-0"
+SOON_S = 1.0
+
+
+class Bridge:
+    """Holds questions for the map until it is told to answer them; has no past scans."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.asked: list[zenoh.Query] = []
+        self._map = _room()
+        session.declare_queryable(keys.MAP, self.asked.append, complete=True)
+        session.declare_queryable(keys.SCAN_HISTORY, self._answer_scans, complete=True)
+
+    @property
+    def map_digest(self) -> str:
+        return self._map.digest
+
+    def answer(self) -> None:
+        while self.asked:
+            with self.asked.pop() as query:
+                query.reply(query.key_expr, encode(to_message(self._map, "bridge")))
+
+    def _answer_scans(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.SCAN_HISTORY, encode(ScanHistory(sender="bridge", scans=())))
+
+
+def _room() -> GridMap:
+    cells = np.zeros((60, 80), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return GridMap(cells, 0.1, (0.0, 0.0, 0.0))
+
+
+class Coordinator:
+    """Gives orders without waiting, and hears what the worker says."""
+
+    def __init__(self, session: zenoh.Session, bridge: Bridge) -> None:
+        self._session, self._digest = session, bridge.map_digest
+        self.answers: dict[int, OrderAnswer] = {}
+        self.reports: list[TrackReport] = []
+        self.healths: list[Health] = []
+        session.declare_subscriber(
+            keys.worker_report(NAME),
+            lambda sample: self.reports.append(decode(sample.payload.to_bytes(), TrackReport)),
+        )
+        session.declare_subscriber(
+            keys.worker_health(NAME),
+            lambda sample: self.healths.append(decode(sample.payload.to_bytes(), Health)),
+        )
+
+    def order(self, number: int, *jobs: str) -> None:
+        begin = tuple(track(job, cloud()) for job in jobs)
+        message = WorkOrder(
+            sender="coordinator", order=number, map_digest=self._digest, filter_settings={},
+            snapshot_every_steps=0, keep=(), begin=begin,
+        )  # fmt: skip
+        ask_later(
+            self._session,
+            keys.worker_order(NAME),
+            lambda got: self.answers.update({number: decode(got.payload, OrderAnswer)}),
+            lambda _refused: None,
+            timeout_s=60.0,
+            message=message,
+        )
+
+    def state(self) -> OrderAnswer:
+        key = keys.worker_state(NAME)
+        return ask(self._session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
+
+    def scan(self, step: int) -> None:
+        message = msgspec.structs.replace(scan(step), map_digest=self._digest)
+        self._session.put(keys.SCAN, encode(message))
+
+
+@contextmanager
+def working(session: zenoh.Session, folder: Path) -> Iterator[None]:
+    """A worker's loop in a thread of its own."""
+    stop = StopFlag()
+    loop = WorkerLoop(NAME, session, folder, incarnation=1)
+    thread = threading.Thread(target=loop.run, args=(stop,))
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(10.0)
+
+
+@pytest.fixture
+def bridge(router: ZenohSettings, open_client: OpenClient) -> Bridge:
+    del router
+    return Bridge(open_client())
+
+
+@pytest.fixture
+def coordinator(bridge: Bridge, open_client: OpenClient, tmp_path: Path) -> Iterator[Coordinator]:
+    made = Coordinator(open_client(), bridge)
+    with working(open_client(), tmp_path):
+        wait_until(lambda: _answers(made))
+        yield made
+
+
+def _answers(coordinator: Coordinator) -> bool:
+    try:
+        coordinator.state()
+    except ClusterMclError:
+        return False  # its queryable has not been heard of yet
+    return True
+
+
+def test_one_that_waits_for_its_map_answers_questions_and_other_orders(
+    bridge: Bridge, coordinator: Coordinator
+) -> None:
+    coordinator.order(1, "c0")
+    wait_until(lambda: bridge.asked)
+    assert coordinator.state().jobs == ()
+    assert 1 not in coordinator.answers, "it is not done"
+    heard = len(coordinator.healths)
+    wait_until(lambda: len(coordinator.healths) > heard + 1, 10.0)
+    coordinator.order(2)
+    wait_until(lambda: {1, 2} <= coordinator.answers.keys(), stretched_s(SOON_S))
+    assert (coordinator.answers[1].order, coordinator.answers[2].order) == (0, 2)
+    assert len(bridge.asked) == 1
+    bridge.answer()
+    coordinator.order(3, "c1")
+    wait_until(lambda: bridge.asked or 3 in coordinator.answers)
+    bridge.answer()
+    wait_until(lambda: 3 in coordinator.answers)
+    assert [job for job, _, _ in coordinator.answers[3].jobs] == ["c1"], "c0 was taken back"
+
+
+def test_the_newest_order_is_followed_when_the_map_comes_with_the_scans_of_meanwhile(
+    bridge: Bridge, coordinator: Coordinator
+) -> None:
+    coordinator.order(1, "c0")
+    wait_until(lambda: bridge.asked)
+    coordinator.order(2, "c0")
+    wait_until(lambda: 1 in coordinator.answers, stretched_s(SOON_S))
+    for step in (1, 2, 3):
+        coordinator.scan(step)
+    wait_until(lambda: coordinator.healths and coordinator.healths[-1].done.get("scans") == 3)
+    assert 2 not in coordinator.answers
+    bridge.answer()
+    wait_until(lambda: 2 in coordinator.answers)
+    assert coordinator.answers[2].problem == ""
+    wait_until(lambda: len(coordinator.reports) >= 3)
+    assert [(report.job_id, report.step) for report in coordinator.reports] == [
+        ("c0", step) for step in (1, 2, 3)
+    ]

@@ -1,0 +1,421 @@
+"""The worker's decisions: a list of events in, a list of instructions out."""
+
+import msgspec
+import pytest
+
+from particle_filter.sensor_model import SensorModel
+from protocol.errors import MalformedMessageError, UnreachableError
+from protocol.steps import MapMessage
+from protocol.work import (
+    Assignment,
+    Checkpoint,
+    OrderAnswer,
+    TakeOver,
+    WorkerState,
+    WorkOrder,
+)
+from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
+from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
+from worker.events import (
+    BrokenOrderAsked,
+    CheckpointHeard,
+    Event,
+    HistoryArrived,
+    HistoryFailed,
+    MapArrived,
+    MapFailed,
+    ModelBuilt,
+    OrderAsked,
+    ScanArrived,
+    StateAsked,
+)
+from worker.instructions import (
+    Answer,
+    BuildModel,
+    FetchMap,
+    FetchScans,
+    Instruction,
+    PublishReport,
+    Warn,
+)
+from worker.job_table import MissingScans
+from worker.worker import HISTORY_TIMEOUT_S, LOST_SCANS_TIMEOUT_S, Worker
+
+NOBODY = UnreachableError(who="map", problem="no answer on 'map': nobody is there", waited_s=30.0)
+
+
+def told(worker: Worker, *events: Event) -> list[Instruction]:
+    """What comes of the last of some events."""
+    return [worker.handle(event) for event in events][-1]
+
+
+def grid(digest: str = "map") -> MapMessage:
+    return MapMessage(
+        sender="bridge", digest=digest, cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
+        zlib_cells=b"",
+    )  # fmt: skip
+
+
+def asked(
+    number: int, *begin: Assignment, term: int = 1, digest: str = "map",
+    keep: tuple[tuple[str, int], ...] = (), sensor: dict[str, object] | None = None,
+) -> OrderAsked:  # fmt: skip
+    """An order; its question has its number."""
+    settings = msgspec.to_builtins(SETTINGS) | ({"sensor": sensor} if sensor else {})
+    order = WorkOrder(
+        sender="coordinator", order=number, term=term, map_digest=digest,
+        filter_settings=settings, snapshot_every_steps=0, keep=keep, begin=begin,
+    )  # fmt: skip
+    return OrderAsked(number, order)
+
+
+def answers(instructions: list[Instruction]) -> dict[int, OrderAnswer]:
+    return {
+        i.question: i.message
+        for i in instructions
+        if isinstance(i, Answer) and isinstance(i.message, OrderAnswer)
+    }
+
+
+def reported(instructions: list[Instruction]) -> list[tuple[str, int]]:
+    return [(i.report.job_id, i.report.step) for i in instructions if isinstance(i, PublishReport)]
+
+
+def causes(instructions: list[Instruction]) -> list[str]:
+    return [i.cause for i in instructions if isinstance(i, Warn)]
+
+
+def jobs(worker: Worker) -> list[str]:
+    (answer,) = answers(worker.handle(StateAsked(0))).values()
+    return [job_id for job_id, _, _ in answer.jobs]
+
+
+@pytest.fixture
+def fresh() -> Worker:
+    return Worker("w", incarnation=7)
+
+
+@pytest.fixture
+def tracking(fresh: Worker, model: SensorModel) -> Worker:
+    """Has the map, and a job that begins after step 0."""
+    told(fresh, asked(1, track("c0", cloud())), MapArrived(grid()), ModelBuilt("map", model))
+    assert told(fresh, HistoryArrived(MissingScans(1, None), ())) == []
+    return fresh
+
+
+# --- scans
+
+
+def test_every_scan_is_answered_with_the_reports_of_all_jobs(tracking: Worker) -> None:
+    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
+    assert reported(told(tracking, ScanArrived(scan(2)))) == [("c0", 2)]
+
+
+def test_a_scan_of_another_map_is_counted_and_nothing_else(tracking: Worker) -> None:
+    other = msgspec.structs.replace(scan(1), map_digest="another")
+    expected = Warn("scan of another map", "step 1 is of map another")
+    assert told(tracking, ScanArrived(other)) == [expected]
+    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
+
+
+def test_a_scan_said_again_has_its_reports_said_again(tracking: Worker) -> None:
+    first = told(tracking, ScanArrived(scan(1)))
+    assert reported(first) == [("c0", 1)]
+    assert told(tracking, ScanArrived(scan(1))) == first
+    assert told(tracking, ScanArrived(scan(2)), ScanArrived(scan(1))) == [], "it is past"
+
+
+def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Worker) -> None:
+    lost = MissingScans(2, 4)
+    asking = told(tracking, ScanArrived(scan(1)), ScanArrived(scan(5)))
+    assert asking == [FetchScans(lost, LOST_SCANS_TIMEOUT_S)]
+    assert told(tracking, ScanArrived(scan(6))) == []
+    caught_up = told(tracking, HistoryArrived(lost, (scan(2), scan(3), scan(4))))
+    assert reported(caught_up) == [("c0", step) for step in range(2, 7)]
+    assert reported(told(tracking, ScanArrived(scan(7)))) == [("c0", 7)]
+
+
+def test_lost_scans_change_no_number_once_they_have_come(model: SensorModel) -> None:
+    reports: list[list[Instruction]] = []
+    for lossy in (False, True):
+        worker = Worker("w", 7)
+        worker.handle(asked(1, track("c0", cloud())))
+        worker.handle(MapArrived(grid()))
+        worker.handle(ModelBuilt("map", model))
+        worker.handle(HistoryArrived(MissingScans(1, None), ()))
+        events: list[Event] = [ScanArrived(scan(step)) for step in range(1, 8)]
+        if lossy:
+            events[2:4] = []
+            events.insert(4, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4))))
+        done = [do for event in events for do in worker.handle(event)]
+        reports.append([do for do in done if isinstance(do, PublishReport)])
+    assert len(reports[0]) == 7
+    assert reports[0] == reports[1]
+
+
+def test_scans_that_cannot_be_had_cost_their_steps_and_no_more(tracking: Worker) -> None:
+    told(tracking, ScanArrived(scan(1)), ScanArrived(scan(5)))
+    failed = told(tracking, HistoryFailed(MissingScans(2, 4), "nobody is there"))
+    assert failed[0] == Warn("no scan history", "nobody is there")
+    assert reported(failed) == [("c0", 5)]
+    assert reported(told(tracking, ScanArrived(scan(6)))) == [("c0", 6)]
+
+
+def test_who_falls_behind_skips_scans_and_asks_for_none(tracking: Worker) -> None:
+    told(tracking, ScanArrived(scan(1)))
+    assert reported(told(tracking, ScanArrived(scan(5), dropped=3))) == [("c0", 5)]
+    later = told(tracking, ScanArrived(scan(8), dropped=3))
+    assert later == [FetchScans(MissingScans(6, 7), LOST_SCANS_TIMEOUT_S)], "lost on the way"
+
+
+def test_past_scans_of_another_map_are_left_out(tracking: Worker) -> None:
+    told(tracking, ScanArrived(scan(1)), ScanArrived(scan(4)))
+    other = msgspec.structs.replace(scan(2), map_digest="another")
+    caught_up = told(tracking, HistoryArrived(MissingScans(2, 3), (other, scan(3))))
+    assert reported(caught_up) == [("c0", 3), ("c0", 4)]
+
+
+# --- orders
+
+
+def test_an_order_is_answered_when_the_map_and_its_model_are_there(
+    fresh: Worker, model: SensorModel
+) -> None:
+    order = asked(1, track("c0", cloud()))
+    assert told(fresh, order) == [FetchMap()]
+    assert told(fresh, MapArrived(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
+    done = told(fresh, ModelBuilt("map", model))
+    expected = OrderAnswer(sender="w", order=1, term=1, incarnation=7, jobs=(("c0", 1, 0),))
+    assert done == [
+        Answer(1, expected),
+        FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S),
+    ]
+
+
+def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, ScanArrived(scan(0)), asked(1, track("c0", cloud())), ScanArrived(scan(1)))
+    told(fresh, MapArrived(grid()), ScanArrived(scan(2)))
+    assert reported(told(fresh, ModelBuilt("map", model))) == [("c0", 1), ("c0", 2)]
+
+
+def test_state_is_told_while_the_map_is_fetched(fresh: Worker) -> None:
+    told(fresh, asked(4, track("c0", cloud())))
+    nothing = OrderAnswer(sender="w", order=0, term=1, incarnation=7, jobs=())
+    assert told(fresh, StateAsked(9)) == [Answer(9, nothing)]
+    (answer,) = told(fresh, StateAsked(10, TakeOver(sender="next", term=2)))
+    assert isinstance(answer, Answer)
+    assert isinstance(answer.message, WorkerState)
+    assert (answer.message.term, answer.message.holds) == (2, ())
+
+
+def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
+    fresh: Worker, model: SensorModel
+) -> None:
+    assert told(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
+    again = told(fresh, asked(2, track("c0", cloud())))
+    before = OrderAnswer(sender="w", order=0, term=1, incarnation=7, jobs=())
+    assert again == [Answer(1, before)], "and the map is not asked for again"
+    done = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
+
+
+def test_an_order_superseded_while_it_waits_is_never_followed(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, asked(1, track("c0", cloud())), asked(2, track("c1", cloud())))
+    told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    assert jobs(fresh) == ["c1"]
+
+
+def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
+    tracking: Worker, model: SensorModel
+) -> None:
+    other = msgspec.to_builtins(SETTINGS.sensor) | {"visibility_particles": 0}
+    asking = told(tracking, asked(2, track("c1", cloud()), sensor=other))
+    assert [type(do) for do in asking] == [BuildModel]
+    done = told(tracking, asked(3, keep=(("c0", 1),)))
+    assert {question: a.order for question, a in answers(done).items()} == {2: 1, 3: 3}
+    assert told(tracking, ModelBuilt("map", model)) == []
+    assert jobs(tracking) == ["c0"]
+
+
+def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> None:
+    told(fresh, asked(1, track("c0", cloud())))
+    done = told(fresh, asked(2))
+    assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
+    assert told(fresh, MapArrived(grid())) == [], "nobody wants it any more"
+
+
+def test_jobs_go_on_while_an_order_waits_for_the_map(tracking: Worker) -> None:
+    assert told(tracking, asked(2, track("c1", cloud()), digest="new")) == [FetchMap()]
+    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
+
+
+def test_a_map_that_never_comes_refuses_the_order_and_the_next_asks_again(fresh: Worker) -> None:
+    told(fresh, asked(1, track("c0", cloud())))
+    refused = told(fresh, MapFailed(NOBODY))
+    assert causes(refused) == ["order refused"]
+    assert answers(refused)[1].problem == str(NOBODY)
+    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
+
+
+def test_another_map_than_the_orders_is_refused_with_both_digests(fresh: Worker) -> None:
+    refused = told(fresh, asked(1, track("c0", cloud())), MapArrived(grid("another")))
+    assert causes(refused) == ["order for another map"]
+    assert answers(refused)[1].problem == "'w' has map another, expected map"
+    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
+
+
+def test_a_map_of_which_no_model_can_be_built_refuses_the_order(fresh: Worker) -> None:
+    told(fresh, asked(1, track("c0", cloud())), MapArrived(grid()))
+    refused = told(fresh, MapFailed(ValueError("the map has no obstacle")))
+    assert answers(refused)[1].problem == "the map has no obstacle"
+    assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], "it may be another by now"
+
+
+def test_an_order_for_another_map_fetches_that_and_its_model(
+    tracking: Worker, model: SensorModel
+) -> None:
+    told(tracking, asked(2, track("c1", cloud()), digest="new"))
+    assert told(tracking, MapArrived(grid("new"))) == [BuildModel(grid("new"), SETTINGS.sensor)]
+    told(tracking, ModelBuilt("new", model))
+    assert jobs(tracking) == ["c1"]
+    assert causes(told(tracking, ScanArrived(scan(1)))) == ["scan of another map"]
+
+
+def test_other_settings_of_the_sensor_build_another_model_of_the_same_map(
+    tracking: Worker,
+) -> None:
+    other = msgspec.structs.replace(SETTINGS.sensor, visibility_particles=0)
+    order = asked(2, track("c1", cloud()), sensor=msgspec.to_builtins(other))
+    assert told(tracking, order) == [BuildModel(grid(), other)]
+
+
+def test_an_order_of_an_old_term_is_refused_and_the_new_term_told(tracking: Worker) -> None:
+    told(tracking, asked(1, keep=(("c0", 1),), term=5))
+    refused = told(tracking, asked(9, term=4))
+    assert causes(refused) == ["order of an old term"]
+    assert (answers(refused)[9].term, jobs(tracking)) == (5, ["c0"])
+
+
+def test_an_order_whose_coordinator_is_taken_over_from_while_it_waits_is_refused(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, asked(1, track("c0", cloud())), StateAsked(9, TakeOver(sender="next", term=2)))
+    refused = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    assert causes(refused) == ["order of an old term"]
+    assert jobs(fresh) == []
+
+
+def test_an_order_that_a_later_one_has_overtaken_is_left_out(tracking: Worker) -> None:
+    told(tracking, asked(3, keep=(("c0", 1),)))
+    left_out = told(tracking, asked(2))
+    assert causes(left_out) == ["order overtaken"]
+    assert (answers(left_out)[2].order, jobs(tracking)) == (3, ["c0"])
+
+
+def test_one_that_comes_late_does_not_replace_a_later_one_that_waits(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, asked(2, track("c1", cloud())))
+    assert causes(told(fresh, asked(1, track("c0", cloud())))) == ["order overtaken"]
+    told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    assert jobs(fresh) == ["c1"]
+
+
+def test_an_order_that_changes_nothing_has_the_last_reports_said_again(tracking: Worker) -> None:
+    (report,) = told(tracking, ScanArrived(scan(1)))
+    assert told(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
+
+
+def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Worker) -> None:
+    refused = told(tracking, asked(900, sensor={"no_such": 1}))
+    assert causes(refused) == ["order refused"]
+    assert "no_such" in answers(refused)[900].problem
+    assert answers(told(tracking, asked(2)))[2].order == 2
+
+
+def test_a_cloud_that_is_none_is_refused_and_changes_nothing(tracking: Worker) -> None:
+    broken = msgspec.structs.replace(cloud(), log_weights=cloud().map_from_robot)
+    refused = told(tracking, asked(2, track("c1", broken)))
+    assert "no cloud" in answers(refused)[2].problem
+    assert answers(refused)[2].order == 1
+    assert jobs(tracking) == ["c0"]
+
+
+def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
+    error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
+    refused = told(fresh, BrokenOrderAsked(3, error))
+    assert causes(refused) == ["malformed WorkOrder: field"]
+    assert answers(refused)[3].problem == str(error)
+
+
+# --- a job that begins behind
+
+
+def test_one_that_begins_behind_waits_for_history_while_the_others_go_on(
+    tracking: Worker,
+) -> None:
+    for step in range(1, 71):  # more than are kept at hand
+        tracking.handle(ScanArrived(scan(step)))
+    begun = told(tracking, asked(2, track("c1", cloud(step=3)), keep=(("c0", 1),)))
+    missing = MissingScans(4, 6)
+    assert begun[1:] == [FetchScans(missing, HISTORY_TIMEOUT_S)]
+    assert reported(told(tracking, ScanArrived(scan(71)))) == [("c0", 71)]
+    caught_up = told(tracking, HistoryArrived(missing, tuple(map(scan, (4, 5, 6)))))
+    assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
+
+
+def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
+    begun = told(fresh, ModelBuilt("map", model))
+    assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
+    assert told(fresh, ScanArrived(scan(6))) == []
+    failed = told(fresh, HistoryFailed(MissingScans(3, 4), "nobody is there"))
+    assert causes(failed) == ["no scan history"]
+    assert reported(failed) == [("c0", 5), ("c0", 6)]
+
+
+def test_past_scans_are_asked_for_once_however_often_an_order_comes(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
+    told(fresh, ModelBuilt("map", model))
+    again = told(fresh, asked(2, track("c0", cloud(step=2))))
+    assert [type(do) for do in again] == [Answer]
+    caught_up = told(fresh, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4))))
+    assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
+
+
+def test_an_answer_to_a_question_that_was_asked_anew_since_is_not_waited_for(
+    fresh: Worker, model: SensorModel
+) -> None:
+    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
+    told(fresh, ModelBuilt("map", model))
+    wider = told(fresh, ScanArrived(scan(8)))
+    assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
+    assert told(fresh, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4)))) == []
+    caught_up = told(fresh, HistoryArrived(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
+    assert reported(caught_up) == [("c0", step) for step in range(3, 9)]
+
+
+# --- a coordinator takes over
+
+
+def test_a_new_coordinator_is_told_jobs_checkpoint_and_the_reports_since(
+    tracking: Worker,
+) -> None:
+    checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
+    said = [do for step in (1, 2, 3) for do in tracking.handle(ScanArrived(scan(step)))]
+    assert told(tracking, CheckpointHeard(checkpoint, b"as it came")) == []
+    (answer,) = told(tracking, StateAsked(9, TakeOver(sender="next", term=2)))
+    assert isinstance(answer, Answer)
+    state = answer.message
+    assert isinstance(state, WorkerState)
+    assert (state.term, state.incarnation, state.checkpoint) == (2, 7, b"as it came")
+    assert [held.job_id for held in state.holds] == ["c0"]
+    assert len(state.reports) == len(said) - 1
