@@ -19,6 +19,7 @@ from zenoh_link.access_control import WORKER, access_control
 from zenoh_link.configuration import (
     Configuration,
     check_endpoint,
+    patient,
     router_configuration,
 )
 
@@ -48,7 +49,7 @@ def secure_router_configuration(
         raise SettingsError(f"--listen {endpoint}: certificates need an endpoint tls/HOST:PORT")
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
-    configuration["listen"] = {"endpoints": [endpoint]}
+    configuration["listen"] = {"endpoints": [patient(endpoint)]}
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {
