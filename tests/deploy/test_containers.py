@@ -101,6 +101,12 @@ def test_the_image_runs_as_the_user_whose_number_the_pages_name() -> None:
     assert "--uid 10001" in image
 
 
+def test_the_image_has_what_runs_and_no_tool_of_its_development() -> None:
+    *_, last_stage = (DEPLOY / "Containerfile").read_text().split("\nFROM ")
+    assert re.findall(r"--require-hashes -r (\S+)", last_stage) == ["/wheels/requirements-run.lock"]
+    assert re.findall(r"pip install .*--no-deps (\S+)", last_stage) == ["/wheels/*.whl"]
+
+
 def owned_by(user: str) -> set[str]:
     """The files that the head of the compose file has its reader give to a user."""
     ran = re.search(rf"chown {user} (certificates/\S+)", SECURE.read_text())
