@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,6 +17,7 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
 from protocol.errors import ClusterMclError
+from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 
 EXIT_OK, EXIT_BUG, EXIT_ERROR = 0, 1, 2
 """Ended or asked to stop; a bug, with a traceback; an error that a person can mend."""
@@ -129,7 +131,19 @@ def _parse(
         metavar="SECTION.KEY=VALUE",
         help="one setting, over the file's; may be repeated",
     )
-    parser.add_argument("--name", default=name, help=f"name of this process (default: {name})")
+    parser.add_argument(
+        "--name", type=_name, default=name, help=f"name of this process (default: {name})"
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"clustermcl {version('clustermcl')}"
+    )
     if add_arguments is not None:
         add_arguments(parser)
     return parser.parse_args(argv)
+
+
+def _name(text: str) -> str:
+    longest = LONGEST_NAME - ROOM_FOR_NUMBER
+    if not is_name(text, longest):
+        raise argparse.ArgumentTypeError(f"{text!r} is no name: use {name_rule(longest)}")
+    return text

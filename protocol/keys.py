@@ -4,6 +4,9 @@ Zenoh's `namespace` (the robot's name) is put before every key by the session, s
 several robots behind one router never meet.
 """
 
+from protocol.errors import MalformedMessageError
+from protocol.names import is_name, name_rule
+
 ODOMETRY_READING = "readings/odometry"
 LASER_READING = "readings/laser"
 
@@ -66,8 +69,13 @@ def worker_name(key: str) -> str:
 
     Raises:
         ValueError: the key is no worker's.
+        MalformedMessageError: no worker may be called so.
     """
     parts = key.split("/")
     if len(parts) != 3 or parts[0] != "worker":  # worker/{name}/{what}
         raise ValueError(f"not a worker's key: {key!r}")
+    if not is_name(parts[1]):
+        raise MalformedMessageError(
+            expected="worker name", problem=f"{parts[1]!r}: not {name_rule()}"
+        )
     return parts[1]

@@ -160,7 +160,10 @@ class RobotChecks:
                 worker = keys.worker_name(heard.key)
                 self.recovery.reported(heard.at_ns, worker, str(report["job_id"]))
                 self.seen[heard.key] = heard.payload
-        except (ValueError, TypeError, KeyError, msgpack.UnpackException):
+        except (
+            *(ValueError, TypeError, KeyError),
+            *(msgpack.UnpackException, MalformedMessageError),
+        ):
             return  # our own rubbish
 
     def _remember(self, stamp_ns: int, step: int) -> None:
