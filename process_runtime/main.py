@@ -16,6 +16,7 @@ from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
+from process_runtime.watchdog import sign_of_life
 from protocol.errors import ClusterMclError
 from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 
@@ -65,7 +66,9 @@ def process_main(
         add_arguments: adds the process's own arguments.
     """
     die_with_parent_if_asked()
+    faulthandler.enable()  # says where it hangs when systemd ends it by SIGABRT
     stop = stop_on_signals()
+    stop.on_look = sign_of_life()
     code = run_process(name, body, stop, describe=describe, add_arguments=add_arguments)
     if not stop.is_set():  # otherwise the signal has started the same watch
         faulthandler.dump_traceback_later(_EXIT_WITHIN_S, exit=True)

@@ -51,7 +51,7 @@ def test_every_key_is_some_roles_to_write_and_anothers_to_read(key: str) -> None
         if any(zenoh.KeyExpr(key).intersects(zenoh.KeyExpr(mine)) for mine in granted(right))
         and any(zenoh.KeyExpr(theirs).includes(zenoh.KeyExpr(key)) for theirs in granted(other))
     ]
-    assert ways, f"{key}: give some role a right to it in process_runtime/access_control.py"
+    assert ways, f"{key}: give some role a right to it in zenoh_link/access_control.py"
 
 
 def test_a_viewer_has_nothing_to_say() -> None:
