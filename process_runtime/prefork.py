@@ -22,6 +22,7 @@ from process_runtime.logs import configure_logging
 from process_runtime.main import outermost
 from process_runtime.parent import die_with_parent
 from process_runtime.stop import StopFlag, stop_on_signals
+from process_runtime.watchdog import HangDetector
 
 _log = logging.getLogger(__name__)
 
@@ -91,6 +92,7 @@ class _Slot:
     looked_s: "memoryview[float]"
     """When each child has looked at its stop flag, by `time.monotonic` [s]."""
     hung_after_s: float
+    detector: HangDetector = field(init=False)
     pid: int | None = None
     backoff: Backoff = field(default_factory=Backoff)
     started_at_s: float = 0.0
@@ -103,11 +105,14 @@ class _Slot:
             _log.warning("%s ended with code %d; next in %.1f s", self.name, code, wait_s)
         if self.pid is None and now_s >= self.start_at_s:
             self.started_at_s = self.looked_s[self.index] = now_s
+            self.detector = HangDetector(self.hung_after_s)
             self.pid = _fork(self, child_main)
-        elif self.pid is not None and now_s - self.looked_s[self.index] > self.hung_after_s:
-            _log.warning("%s hangs for %g s: it is killed", self.name, self.hung_after_s)
-            self.looked_s[self.index] = now_s
-            self.send(signal.SIGKILL)
+        elif self.pid is not None:
+            self.detector.heard(self.looked_s[self.index])
+            if self.detector.hangs(now_s):
+                _log.warning("%s hangs for %g s: it is killed", self.name, self.hung_after_s)
+                self.looked_s[self.index] = now_s
+                self.send(signal.SIGKILL)
 
     def look(self) -> None:
         """In the child: give a sign of life."""

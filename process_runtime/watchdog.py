@@ -30,7 +30,9 @@ def sign_of_life(environment: MutableMapping[str, str] = os.environ) -> Callable
         return _nothing
     sender = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     sender.setblocking(False)  # rather a sign too few than a loop that waits
-    return _Signs(sender, address.replace("@", "\0", 1), interval_s / _SIGNS_AN_INTERVAL).give
+    if address.startswith("@"):  # abstract, without a file
+        address = f"\0{address[1:]}"
+    return _Signs(sender, address, interval_s / _SIGNS_AN_INTERVAL).give
 
 
 def _nothing() -> None:
@@ -53,6 +55,33 @@ class _Signs:
             self._due_s = now_s + self._every_s
 
 
+class HangDetector:
+    """Told of a process's signs of life, and often asked; times are `time.monotonic` [s].
+
+    Who asks may have been stopped for a while, and the process with it, as in a container that
+    was paused. So the silence counts anew after a gap between two questions.
+
+    Args:
+        hung_after_s: how long the process may be silent, once it has given a sign [s].
+    """
+
+    def __init__(self, hung_after_s: float) -> None:
+        self._hung_after_s = hung_after_s
+        self._heard_s = self._asked_s = float("inf")
+        self._since_s = 0.0
+
+    def heard(self, at_s: float) -> None:
+        """The process gave a sign of life."""
+        self._heard_s = at_s
+
+    def hangs(self, now_s: float) -> bool:
+        """Whether it has been silent for too long."""
+        gap_s, self._asked_s = now_s - self._asked_s, now_s
+        if gap_s > self._hung_after_s / _SIGNS_AN_INTERVAL:
+            self._since_s = now_s
+        return now_s - max(self._heard_s, self._since_s) > self._hung_after_s
+
+
 class Listener:
     """Hears the signs of life of one child at a time; Linux only.
 
@@ -65,7 +94,7 @@ class Listener:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.bind("")  # an abstract address that the kernel chooses: no file is left
-        self._heard_s = float("inf")
+        self._detector = HangDetector(hung_after_s)
 
     def variables(self) -> dict[str, str]:
         """For the child's environment."""
@@ -78,8 +107,8 @@ class Listener:
         """Whether the child has been silent for too long; `now_s` is `time.monotonic` [s]."""
         with suppress(BlockingIOError):
             while self._socket.recv(64):
-                self._heard_s = now_s
-        return now_s - self._heard_s > self._hung_after_s
+                self._detector.heard(now_s)
+        return self._detector.hangs(now_s)
 
     def close(self) -> None:
         """Listen no more."""
