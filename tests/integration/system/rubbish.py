@@ -114,7 +114,7 @@ class Stranger:
         yield from (
             (keys.SCAN, old) for old in reversed([*self.scans.values()][-4:])
         )  # again, out of order
-        honest = tracked("c0", scan.step, -1.0, ORIGIN, epoch=0)
+        honest = tracked("c0", scan.step, 1.0, ORIGIN)
         yield keys.worker_report(NO_NAME), honest
         report = keys.worker_report(WORKER)
         yield from ((report, bad) for bad in self._bad_reports(scan.step))
