@@ -5,7 +5,7 @@ import math
 import signal
 import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Annotated
 
@@ -34,6 +34,23 @@ app = typer.Typer(
 app.command()(experiments)
 for _command in entry_points(group="clustermcl.commands"):  # of packages above this one
     app.command(_command.name)(_command.load())
+
+
+def _say_version(asked: bool) -> None:
+    if asked:
+        sys.stdout.write(f"clustermcl {version('clustermcl')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    _version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say it and exit."),
+    ] = False,
+) -> None:
+    """Take what stands before the command."""
+
 
 SettingsFile = Annotated[
     Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")

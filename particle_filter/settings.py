@@ -13,13 +13,13 @@ SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """`sensor_models.model_class` has a class for each."""
 
 
-def described(meaning: str, unit: str = "", **bounds: float) -> Meta:
+def described(meaning: str, unit: str = "", **bounds: float | str) -> Meta:
     """Bounds, unit and meaning of one setting, for checks and for `clustermcl settings`.
 
     Args:
         meaning: what it is, in a few words.
         unit: of the number.
-        **bounds: `gt`, `ge`, `lt`, `le` as msgspec has them.
+        **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length` as msgspec has them.
     """
     return Meta(description=meaning, extra={"unit": unit}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 

@@ -6,6 +6,7 @@ import logging
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
@@ -15,7 +16,9 @@ from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StopFlag, StoppedError, stop_on_signals
+from process_runtime.watchdog import sign_of_life
 from protocol.errors import ClusterMclError
+from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 
 EXIT_OK, EXIT_BUG, EXIT_ERROR = 0, 1, 2
 """Ended or asked to stop; a bug, with a traceback; an error that a person can mend."""
@@ -63,7 +66,9 @@ def process_main(
         add_arguments: adds the process's own arguments.
     """
     die_with_parent_if_asked()
+    faulthandler.enable()  # says where it hangs when systemd ends it by SIGABRT
     stop = stop_on_signals()
+    stop.on_look = sign_of_life()
     code = run_process(name, body, stop, describe=describe, add_arguments=add_arguments)
     if not stop.is_set():  # otherwise the signal has started the same watch
         faulthandler.dump_traceback_later(_EXIT_WITHIN_S, exit=True)
@@ -129,7 +134,19 @@ def _parse(
         metavar="SECTION.KEY=VALUE",
         help="one setting, over the file's; may be repeated",
     )
-    parser.add_argument("--name", default=name, help=f"name of this process (default: {name})")
+    parser.add_argument(
+        "--name", type=_name, default=name, help=f"name of this process (default: {name})"
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"clustermcl {version('clustermcl')}"
+    )
     if add_arguments is not None:
         add_arguments(parser)
     return parser.parse_args(argv)
+
+
+def _name(text: str) -> str:
+    longest = LONGEST_NAME - ROOM_FOR_NUMBER
+    if not is_name(text, longest):
+        raise argparse.ArgumentTypeError(f"{text!r} is no name: use {name_rule(longest)}")
+    return text

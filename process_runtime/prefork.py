@@ -6,6 +6,7 @@ ten. Here the parent imports, compiles and maps once, and forks children that st
 
 import gc
 import logging
+import mmap
 import os
 import signal
 import sys
@@ -21,12 +22,15 @@ from process_runtime.logs import configure_logging
 from process_runtime.main import outermost
 from process_runtime.parent import die_with_parent
 from process_runtime.stop import StopFlag, stop_on_signals
+from process_runtime.watchdog import HangDetector
 
 _log = logging.getLogger(__name__)
 
 _SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _TERMINATE_WITHIN_S = 1.2
 _POLL_S = 0.05
+HUNG_AFTER_S = 120.0
+"""A worker may wait 30 s for a large map, and then compute its likelihood field."""
 
 
 def use_one_thread_for_arithmetic() -> None:
@@ -40,12 +44,18 @@ def use_one_thread_for_arithmetic() -> None:
 
 
 def run_forked(
-    count: int, child_main: Callable[[int, StopFlag], None], stop: StopFlag, *, name: str
+    count: int,
+    child_main: Callable[[int, StopFlag], None],
+    stop: StopFlag,
+    *,
+    name: str,
+    hung_after_s: float = HUNG_AFTER_S,
 ) -> None:
     """Fork children and keep `count` of them alive until `stop` is set, then end them.
 
     A child that ends, however, is replaced by another with the same index, soon at first,
-    then after longer and longer waits. Children die with this process, even by kill -9.
+    then after longer and longer waits. So is one that hangs, and does not look at its stop flag.
+    Children die with this process, even by kill -9.
 
     Args:
         count: number of children.
@@ -53,6 +63,7 @@ def run_forked(
             own Zenoh session; the parent must never have had one.
         stop: stop flag of this process.
         name: name of this process; children are called ``name-index`` in the log.
+        hung_after_s: how long a child may not look at its stop flag [s].
 
     Raises:
         RuntimeError: this process has threads, so that a fork is not safe.
@@ -62,7 +73,8 @@ def run_forked(
     _check_single_threaded()
     gc.collect()
     gc.freeze()  # the collector would touch, and so copy, every page shared with the children
-    slots = [_Slot(index, f"{name}-{index}") for index in range(count)]
+    looked_s = memoryview(mmap.mmap(-1, 8 * count)).cast("d")  # shared with the children
+    slots = [_Slot(index, f"{name}-{index}", looked_s, hung_after_s) for index in range(count)]
     try:
         while not stop.wait(_POLL_S):
             for slot in slots:
@@ -77,6 +89,10 @@ class _Slot:
 
     index: int
     name: str
+    looked_s: "memoryview[float]"
+    """When each child has looked at its stop flag, by `time.monotonic` [s]."""
+    hung_after_s: float
+    detector: HangDetector = field(init=False)
     pid: int | None = None
     backoff: Backoff = field(default_factory=Backoff)
     started_at_s: float = 0.0
@@ -88,8 +104,19 @@ class _Slot:
             self.start_at_s = now_s + wait_s
             _log.warning("%s ended with code %d; next in %.1f s", self.name, code, wait_s)
         if self.pid is None and now_s >= self.start_at_s:
-            self.started_at_s = now_s
-            self.pid = _fork(self.index, self.name, child_main)
+            self.started_at_s = self.looked_s[self.index] = now_s
+            self.detector = HangDetector(self.hung_after_s)
+            self.pid = _fork(self, child_main)
+        elif self.pid is not None:
+            self.detector.heard(self.looked_s[self.index])
+            if self.detector.hangs(now_s):
+                _log.warning("%s hangs for %g s: it is killed", self.name, self.hung_after_s)
+                self.looked_s[self.index] = now_s
+                self.send(signal.SIGKILL)
+
+    def look(self) -> None:
+        """In the child: give a sign of life."""
+        self.looked_s[self.index] = time.monotonic()
 
     def reap(self, options: int) -> int | None:
         """Exit code (-9 for SIGKILL) if the child has ended, None if it runs."""
@@ -106,7 +133,7 @@ class _Slot:
             os.kill(self.pid, number)  # not reaped yet, so the id is still its own
 
 
-def _fork(index: int, name: str, child_main: Callable[[int, StopFlag], None]) -> int:
+def _fork(slot: _Slot, child_main: Callable[[int, StopFlag], None]) -> int:
     """Return the child's process id; in the child, do its work and never return."""
     parent_pid = os.getpid()
     sys.stdout.flush()
@@ -115,22 +142,23 @@ def _fork(index: int, name: str, child_main: Callable[[int, StopFlag], None]) ->
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     pid = os.fork()
     if pid == 0:
-        _run_child(index, name, child_main, parent_pid)
+        _run_child(slot, child_main, parent_pid)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
     return pid
 
 
 def _run_child(
-    index: int, name: str, child_main: Callable[[int, StopFlag], None], parent_pid: int
+    slot: _Slot, child_main: Callable[[int, StopFlag], None], parent_pid: int
 ) -> NoReturn:
-    code = 1
+    code, name = 1, slot.name
     try:
         die_with_parent(parent_pid)
         _be_called(name)
         stop = stop_on_signals()
+        stop.on_look = slot.look
         signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
         configure_logging(name, logging.getLevelName(logging.getLogger().level))
-        code = outermost(name, lambda: child_main(index, stop))
+        code = outermost(name, lambda: child_main(slot.index, stop))
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

@@ -5,13 +5,19 @@ from typing import Annotated, Literal
 import msgspec
 
 from particle_filter.settings import FilterSettings, described
+from protocol.names import LONGEST_NAME, NAME_PATTERN
 
 
 class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which robot this process serves."""
 
     name: Annotated[
-        str, described("robot's name; keeps the keys of several robots apart on one router")
+        str,
+        described(
+            "robot's name; keeps the keys of several robots apart on one router",
+            pattern=NAME_PATTERN,
+            max_length=LONGEST_NAME,
+        ),
     ] = "robot"
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import msgspec
 
 from process_runtime.settings import Settings
+from protocol.names import name_rule
 
 _KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
 
@@ -77,6 +78,7 @@ def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
         checked_type=field.type,
         kind=kind,
         expected=" or ".join(map(_toml, choices))
+        or (meta.pattern and name_rule())
         or f"{_KINDS[kind]} {' and '.join(bounds)}".rstrip(),
         default=field.default,
         unit=meta.extra["unit"],

@@ -3,6 +3,7 @@
 import faulthandler
 import signal
 import time
+from collections.abc import Callable
 from types import FrameType
 
 _POLL_S = 0.05
@@ -21,6 +22,8 @@ class StopFlag:
 
     def __init__(self) -> None:
         self._requests: list[int] = []
+        self.on_look: Callable[[], None] = lambda: None
+        """Called by each look at the flag: a loop that goes on looks at it in every turn."""
 
     def set(self, reason: int = 0) -> None:
         """Ask for the stop; from any thread or signal handler, as often as one likes."""
@@ -28,6 +31,7 @@ class StopFlag:
 
     def is_set(self) -> bool:
         """Tell whether the process shall stop."""
+        self.on_look()
         return bool(self._requests)
 
     @property
@@ -42,6 +46,7 @@ class StopFlag:
         """
         deadline_s = time.monotonic() + timeout_s
         while not self._requests:
+            self.on_look()
             left_s = deadline_s - time.monotonic()
             if left_s <= 0.0:
                 return False
@@ -50,6 +55,7 @@ class StopFlag:
 
     def check(self) -> None:
         """Raise `StoppedError` when the flag is set: leaves nested waiting in one go."""
+        self.on_look()
         if self._requests:
             raise StoppedError
 

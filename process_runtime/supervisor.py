@@ -1,5 +1,6 @@
 """Starts the processes of this machine, restarts those that die, and ends them all."""
 
+import logging
 import os
 import subprocess
 import sys
@@ -13,9 +14,14 @@ from typing import Literal
 from process_runtime.backoff import Backoff
 from process_runtime.main import EXIT_ERROR, EXIT_OK
 from process_runtime.parent import PARENT_VARIABLE
+from process_runtime.watchdog import Listener
+
+_log = logging.getLogger(__name__)
 
 _TERMINATE_WITHIN_S = 1.5
 _GIVEN_UP_BEFORE_S = 10.0
+HUNG_AFTER_S = 15.0
+"""No turn of any process's loop takes a second."""
 _LAST_WORDS_BYTES = 4096
 _STANDARD_ERROR = 2
 
@@ -57,17 +63,25 @@ class Supervisor:
     The kernel ends a child when the *thread* that started it ends: call `start` and `poll`
     from one thread that lives as long as the children shall. A child that refuses its
     settings (exit code 2, soon after its start) is not restarted: it would refuse them again.
+    One that has given signs of life, and gives none any more, is killed and restarted.
     """
 
-    def __init__(self, children: Sequence[ChildSpec]) -> None:
+    def __init__(
+        self, children: Sequence[ChildSpec], *, hung_after_s: float = HUNG_AFTER_S
+    ) -> None:
         """Know the children; `start` starts them.
+
+        Args:
+            children: what to keep alive.
+            hung_after_s: how long one may give no sign of life [s].
 
         Raises:
             ValueError: two have the same name.
         """
         if len({child.name for child in children}) < len(children):
             raise ValueError("two children have the same name")
-        self._children = [_Child(spec) for spec in children]
+        self._hung_after_s = hung_after_s
+        self._children = [_Child(spec, hung_after_s) for spec in children]
 
     def start(self) -> None:
         """Start all; each tells the kernel to end it when this process dies."""
@@ -82,7 +96,7 @@ class Supervisor:
         """
         if any(child.spec.name == spec.name for child in self._children):
             raise ValueError(f"there is a child {spec.name!r} already")
-        child = _Child(spec)
+        child = _Child(spec, self._hung_after_s)
         self._children.append(child)
         child.start()
 
@@ -95,6 +109,7 @@ class Supervisor:
         ended = []
         for child in self._children:
             child.start_if_due(now_s)
+            child.kill_if_hung(now_s)
             if (exit_ := child.exited(now_s)) is not None:
                 ended.append(exit_)
         return ended
@@ -125,12 +140,13 @@ class Supervisor:
 class _Child:
     """One process at a time, and when to start the next."""
 
-    def __init__(self, spec: ChildSpec) -> None:
-        self.spec = spec
+    def __init__(self, spec: ChildSpec, hung_after_s: float) -> None:
+        self.spec, self._hung_after_s = spec, hung_after_s
         self.process: subprocess.Popen[bytes] | None = None
         self._backoff = Backoff()
         self._started_at_s = 0.0
         self._start_at_s: float | None = None
+        self._listener: Listener | None = None
 
     def start(self) -> None:
         with ExitStack() as stack:
@@ -139,6 +155,7 @@ class _Child:
                 log = stack.enter_context(self.spec.log.open("ab"))
             self._start_at_s = None
             self._started_at_s = time.monotonic()
+            self._listener = Listener(self._hung_after_s)
             # A process group of its own: Ctrl-C reaches this process, which ends the others.
             self.process = subprocess.Popen(
                 self.spec.command,
@@ -146,7 +163,11 @@ class _Child:
                 # Standard output belongs to this process alone: it may be one JSON object.
                 stdout=log or _STANDARD_ERROR,
                 stderr=log or _STANDARD_ERROR,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                env={
+                    **os.environ,
+                    PARENT_VARIABLE: str(os.getpid()),
+                    **self._listener.variables(),
+                },
                 process_group=0,
             )
 
@@ -154,11 +175,19 @@ class _Child:
         if self._start_at_s is not None and now_s >= self._start_at_s:
             self.start()
 
+    def kill_if_hung(self, now_s: float) -> None:
+        if self.process is None or self._listener is None or not self._listener.is_hung(now_s):
+            return
+        _log.warning("%s hangs for %g s: it is killed", self.spec.name, self._hung_after_s)
+        self._hear_no_more()
+        self.process.kill()
+
     def exited(self, now_s: float) -> ChildExit | None:
         """Say once that the process has ended, and decide when it starts again."""
         if self.process is None or (code := self.process.poll()) is None:
             return None
         self.process = None
+        self._hear_no_more()
         lived_s = now_s - self._started_at_s
         done = code == EXIT_OK and self.spec.restart == "on-failure"
         refused = code == EXIT_ERROR and lived_s < _GIVEN_UP_BEFORE_S
@@ -171,6 +200,12 @@ class _Child:
         if self.process is not None:
             self.process.wait()
         self.process, self._start_at_s = None, None
+        self._hear_no_more()
+
+    def _hear_no_more(self) -> None:
+        if self._listener is not None:
+            self._listener.close()
+        self._listener = None
 
     def _last_words(self) -> str:
         if self.spec.log is None:

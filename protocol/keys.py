@@ -9,6 +9,7 @@ from enum import StrEnum
 from functools import lru_cache
 
 from protocol.errors import MalformedMessageError
+from protocol.names import is_name, name_rule
 
 ODOMETRY_READING = "readings/odometry"
 LASER_READING = "readings/laser"
@@ -112,12 +113,16 @@ def parsed(key: str) -> str | WorkerKey:
     """What a key is: one of the constants of this module, or a worker's.
 
     Raises:
-        MalformedMessageError: no message of this protocol has this key.
+        MalformedMessageError: no message of this protocol has this key, or no worker may be
+            called so.
     """
     if key in _CONSTANT:
         return key
     match key.split("/"):
-        case ["worker", name, topic] if name and topic in set(WorkerTopic):
+        case ["worker", name, topic] if topic in set(WorkerTopic):
+            if not is_name(name):
+                problem = f"{name!r}: not {name_rule()}"
+                raise MalformedMessageError(expected="worker name", problem=problem)
             return WorkerKey(name, WorkerTopic(topic))
     raise MalformedMessageError(expected="key", problem=key)
 

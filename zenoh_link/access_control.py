@@ -6,18 +6,16 @@ not publish on a key is not heard there, who may not read it never gets it. Deni
 silent.
 """
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from protocol import keys
 from protocol.errors import SettingsError
+from protocol.names import is_name, name_rule
 
 ALL_ROBOTS = "*"
 WORKER = "worker"
-
-_NAME = re.compile(r"[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*")
 
 _FLOWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "publishes": (("put",), ("declare_subscriber",)),
@@ -181,8 +179,8 @@ def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, An
 
 def _check(robots: Sequence[str], workers: Sequence[str]) -> None:
     for name in (*robots, *workers):
-        if not _NAME.fullmatch(name):
-            problem = f"{name!r} is no name: use letters, digits, _ and single -"
+        if not is_name(name):
+            problem = f"{name!r} is no name: use {name_rule()}"
             raise SettingsError(key="--robot" if name in robots else "--worker", problem=problem)
     for name in workers:
         if name != WORKER and not name.startswith(f"{WORKER}-"):

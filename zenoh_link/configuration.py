@@ -25,6 +25,11 @@ _MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
 _WAIT_BEFORE_CLOSE_US = 300_000
 _QUEUED_BATCHES = 16
 """Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
+_UNFINISHED_LINKS = 1000
+"""That a router has patience with at a time. Zenoh's 100 are one forgetful client's."""
+_HANDSHAKE_TIMEOUT, _HANDSHAKE_TIMEOUT_MS = "tls_handshake_timeout_ms", 600_000
+"""After each handshake that fails or times out, Zenoh lets nobody in for 0.1 s. So those who
+connect and say nothing may stay: with Zenoh's 10 s, 120 of them keep the door shut."""
 SOCKET_PATH_MAX_BYTES = 107
 """Of a Unix socket, on Linux."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
@@ -78,9 +83,10 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
             )
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
+    transport["unicast"] = {"accept_pending": _UNFINISHED_LINKS}
     return {
         "mode": "router",
-        "listen": {"endpoints": [settings.router]},
+        "listen": {"endpoints": [patient(settings.router)]},
         # Without a delay: there is nobody to scout for, and opening takes 2 ms, not 500.
         "scouting": {
             "delay": 0,
@@ -90,6 +96,14 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         "timestamping": {"enabled": True},
         "transport": transport,
     }
+
+
+def patient(endpoint: str) -> str:
+    """The endpoint of a listener that waits long for those who connect by TLS and say nothing."""
+    if not endpoint.startswith("tls/") or _HANDSHAKE_TIMEOUT in endpoint:
+        return endpoint
+    separator = ";" if "#" in endpoint else "#"
+    return f"{endpoint}{separator}{_HANDSHAKE_TIMEOUT}={_HANDSHAKE_TIMEOUT_MS}"
 
 
 def as_json5(configuration: Configuration) -> str:

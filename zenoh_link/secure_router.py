@@ -20,6 +20,7 @@ from zenoh_link.access_control import WORKER, access_control
 from zenoh_link.configuration import (
     Configuration,
     check_endpoint,
+    patient,
     router_configuration,
 )
 
@@ -50,7 +51,7 @@ def secure_router_configuration(
         raise SettingsError(key="--listen", problem=problem)
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
-    configuration["listen"] = {"endpoints": [endpoint]}
+    configuration["listen"] = {"endpoints": [patient(endpoint)]}
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {

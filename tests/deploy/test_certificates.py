@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from process_runtime.settings_file import load_settings
+from protocol.names import NAME_PATTERN
 from tests.integration.security.certificates import (
+    SCRIPT,
     make_certificates,
     require_openssl,
     with_lifetime,
@@ -153,3 +155,10 @@ def test_help_needs_no_folder(tmp_path: Path) -> None:
     ran = make_certificates(tmp_path / "new", "--help")
     assert ran.returncode == 0
     assert "usage: certificates.sh" in ran.stdout
+
+
+def test_robots_and_workers_have_the_names_that_settings_allow() -> None:
+    allowed = NAME_PATTERN.removeprefix(r"\A").removesuffix(r"\Z")
+    text = SCRIPT.read_text()
+    assert rf"(\.{allowed})?)$" in text
+    assert f"worker{allowed.removeprefix('[A-Za-z0-9_]+')}" in text

@@ -5,6 +5,8 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ import yaml
 import zenoh
 
 from process_runtime.settings_file import load_settings
+from tests.integration.security.certificates import make_certificates, require_openssl
 from zenoh_link.threads import ROUTER, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
@@ -104,7 +107,65 @@ def test_the_image_runs_as_the_user_whose_number_the_pages_name() -> None:
     image = (DEPLOY / "Containerfile").read_text()
     assert "USER 10001:10001" in image
     assert "--uid 10001" in image
-    assert "chown 10001" in SECURE.read_text()
+
+
+def test_the_image_has_what_runs_and_no_tool_of_its_development() -> None:
+    *_, last_stage = (DEPLOY / "Containerfile").read_text().split("\nFROM ")
+    assert re.findall(r"--require-hashes -r (\S+)", last_stage) == ["/wheels/requirements-run.lock"]
+    assert re.findall(r"pip install .*--no-deps (\S+)", last_stage) == ["/wheels/*.whl"]
+
+
+def owned_by(user: str) -> set[str]:
+    """The files that the head of the compose file has its reader give to a user."""
+    ran = re.search(rf"chown {user} (certificates/\S+)", SECURE.read_text())
+    assert ran is not None
+    words = subprocess.run(["bash", "-c", f"echo {ran[1]}"], capture_output=True, check=True)
+    return {Path(word).name for word in words.stdout.decode().split()}
+
+
+def user_of(name: str) -> str:
+    """Whom a container runs as; ours by the image."""
+    image = re.search("^USER (.*)$", (DEPLOY / "Containerfile").read_text(), re.MULTILINE)
+    assert image is not None
+    given = services(SECURE)[name].get("user", services(PLAIN)[name].get("user"))
+    return str(given or ("0:0" if name == "router" else image[1]))  # the official image's is root
+
+
+def secrets_of(name: str) -> set[str]:
+    secrets = services(SECURE)[name]["secrets"]
+    return {secret if isinstance(secret, str) else secret["source"] for secret in secrets}
+
+
+@pytest.mark.parametrize("name", list(services(SECURE)))
+def test_every_container_runs_as_the_owner_of_its_key(name: str) -> None:
+    keys = {secret for secret in secrets_of(name) if secret.endswith(".key")}
+    assert keys <= owned_by(user_of(name).partition(":")[0])
+
+
+@pytest.fixture
+def certificates() -> Iterator[Path]:
+    """An empty folder that every user of this machine can look into."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o755)
+        yield Path(folder)
+
+
+@pytest.mark.parametrize("name", list(services(SECURE)))
+def test_without_capabilities_each_user_can_read_its_secrets(name: str, certificates: Path) -> None:
+    require_openssl()
+    if os.getuid() != 0 or shutil.which("setpriv") is None:
+        pytest.skip("only root can be another user, by setpriv")
+    roles = {secret.rpartition(".")[0] for secret in secrets_of(name)} - {"authority"}
+    assert make_certificates(certificates, *roles).returncode == 0
+    administrator = 4321  # none of the users that containers run as
+    for file in certificates.iterdir():
+        os.chown(file, 10001 if file.name in owned_by("10001") else administrator, -1)
+    user, _, group = user_of(name).partition(":")
+    bare = ["setpriv", f"--reuid={user}", f"--regid={group}", "--clear-groups"]
+    bare += ["--inh-caps=-all", "--bounding-set=-all", "--no-new-privs"]
+    files = [str(certificates / secret) for secret in secrets_of(name)]
+    ran = subprocess.run([*bare, "cat", *files], capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
 
 
 def compose_command() -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from process_runtime.settings_file import load_settings
+from process_runtime.supervisor import HUNG_AFTER_S
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
@@ -120,19 +121,61 @@ def test_a_service_is_exposed_no_more_than_it_must(tmp_path: Path, name: str) ->
     assert float(found[1]) <= MOST_EXPOSURE
 
 
+def drop_ins(units: Path, service: str) -> list[Path]:
+    """Those that systemd reads for a service, in its order (systemd.unit(5)).
+
+    They are sorted by their file names; of equal names the one in the most particular folder
+    masks the others.
+    """
+    stem = service.removesuffix(".service")
+    prefixes = [stem[: dash.end()] for dash in re.finditer("-", stem)]
+    found: dict[str, Path] = {}
+    for name in (*prefixes, stem):
+        found |= {file.name: file for file in (units / f"{name}.service.d").glob("*.conf")}
+    return [found[name] for name in sorted(found)]
+
+
+@pytest.mark.parametrize("service", [file.name for file in SERVICES])
+def test_no_drop_in_masks_another_and_certificates_come_last(tmp_path: Path, service: str) -> None:
+    read = drop_ins(installed(tmp_path, secure=True), service)
+    general = {"common.conf", "tls.conf"}
+    assert {file.name for file in read if file.parent.name == "clustermcl-.service.d"} == general
+    assert [file.name for file in read if file.parent.name == f"{service}.d"] == ["secure.conf"]
+    given = "".join(file.read_text() for file in read)
+    credentials = set(re.findall(r"LoadCredential=([^:]+):", given))
+    assert {name.replace("router", "own") for name in credentials} == {
+        *("authority.pem", "own.pem", "own.key")
+    }
+    arguments = re.findall('Environment="?CLUSTERMCL_TLS=(.*)', given)
+    assert "own.key" in arguments[-1]
+
+
+@pytest.mark.parametrize("service", [file.name for file in SERVICES])
+def test_systemd_reads_every_drop_in(tmp_path: Path, service: str) -> None:
+    units = installed(tmp_path, secure=True)
+    for file in units.glob("*/*.conf"):
+        file.write_text(f"{file.read_text()}\nUnheardOf=yes\n")
+    name = service.replace("@", "@1")
+    complaints = systemd_analyze(units, "verify", "--man=no", str(units / name)).stderr
+    for file in drop_ins(units, service):
+        assert f"{file.parent.name}/{file.name}:" in complaints
+    assert complaints.count(f"{service}.d/") == 1
+    assert "clustermcl-.service.d/tls.conf" in complaints
+
+
 def test_every_service_gets_the_certificate_of_its_role_and_no_other_key() -> None:
     for file in SERVICES:
         given = (SECURE / f"{file.name}.d" / "secure.conf").read_text()
         keys = re.findall(r"LoadCredential=\S+:/etc/clustermcl/certificates/(\S+)\.key", given)
         role = file.stem.removeprefix("clustermcl-").removeprefix("standby-")
         assert keys == [role.replace("@", "-%i")]
-    assert ".key:" not in (SECURE / "clustermcl-.service.d" / "secure.conf").read_text()
+    assert ".key:" not in (SECURE / "clustermcl-.service.d" / "tls.conf").read_text()
 
 
 def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
     line = re.search(
         'Environment="CLUSTERMCL_TLS=(.*)"',
-        (SECURE / "clustermcl-.service.d" / "secure.conf").read_text(),
+        (SECURE / "clustermcl-.service.d" / "tls.conf").read_text(),
     )
     assert line is not None
     words = shlex.split(line[1].replace("%d", str(tmp_path)))
@@ -143,7 +186,16 @@ def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
     assert Path(zenoh.tls_private_key).name == "own.key"
     credentials = [
         text
-        for file in SECURE.glob("*/secure.conf")
+        for file in SECURE.glob("*/*.conf")
         for text in re.findall(r"LoadCredential=([^:]+):", file.read_text())
     ]
     assert {"authority.pem", "own.pem", "own.key"} <= set(credentials)
+
+
+def test_systemd_restarts_who_hangs_and_gives_the_first_start_time_to_compile() -> None:
+    common = unit(UNITS / "clustermcl-.service.d" / "common.conf")["Service"]
+    assert (common["Type"], common["Restart"]) == ("notify", "always")
+    assert float(common["WatchdogSec"]) == HUNG_AFTER_S, "as for who runs clustermcl up"
+    assert float(common["TimeoutStartSec"]) > 120.0
+    for file in SERVICES:
+        assert not {"Type", "WatchdogSec", "NotifyAccess"} & set(unit(file)["Service"])

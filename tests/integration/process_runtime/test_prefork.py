@@ -96,3 +96,18 @@ def test_a_fork_with_other_threads_running_is_refused(start_process: StartProces
     process = start_process([sys.executable, "-I", "-c", program])
     assert process.wait() == 1
     assert "RuntimeError: 2 threads run at the fork" in process.err
+
+
+def test_a_child_that_hangs_is_killed_and_replaced(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    endpoint = f"zenoh.router={router.router}"
+    process = start_process(python_script(FORKING, "--set", endpoint, "--hung-after", "1.5"))
+    session = open_client()
+    for index in range(3):
+        wait_until(partial(ask, session, index))
+    hung = ask(session, 1)
+    os.kill(int(hung[0]), signal.SIGSTOP)
+    wait_until(lambda: ask(session, 1) not in ([], hung))
+    assert "forking-1 hangs for 1.5 s: it is killed" in process.err
+    assert process.err.count("is killed") == 1

@@ -20,6 +20,7 @@ from protocol.work import Assignment, Checkpoint, SearchReport, TrackJob, TrackR
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 WORKER = "worker-0"
+NO_NAME = "a worker\n"
 ANOTHER_MAP = "of another map"
 ORIGIN = (0.0, 0.0, 0.0)
 NAN = math.nan
@@ -64,6 +65,8 @@ class Stranger:
 
     def speak(self) -> None:
         """Everything once."""
+        with self.session.liveliness().declare_token(keys.worker_alive(NO_NAME)):
+            pass
         for key in PUBLISHED:
             for data in NO_MESSAGES.values():
                 self._put(key, data)
@@ -111,6 +114,8 @@ class Stranger:
         yield from (
             (keys.SCAN, old) for old in reversed([*self.scans.values()][-4:])
         )  # again, out of order
+        honest = tracked("c0", scan.step, 1.0, ORIGIN)
+        yield keys.worker_report(NO_NAME), honest
         report = keys.worker_report(WORKER)
         yield from ((report, bad) for bad in self._bad_reports(scan.step))
         for pose in ((NAN, 0.0, 0.0), (1e300, 0.0, 0.0)):

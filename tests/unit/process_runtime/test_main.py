@@ -2,6 +2,7 @@ import argparse
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -75,6 +76,32 @@ def test_a_wrong_argument_is_one_line(capsys: pytest.CaptureFixture[str]) -> Non
     assert caught.value.code == 2
     error = "tester: unrecognized arguments: --cuont 3 (see --help)\n"
     assert capsys.readouterr().err == error
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "*", "a$*", "../a", "a.b", "@a", "x" * 57, "a\n"])
+def test_a_name_that_no_key_or_file_could_bear_is_refused(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, f"--name={name}")
+    assert caught.value.code == 2
+    said = "is no name: use letters, digits, _ and single - between them, at most 56 (see --help)"
+    assert capsys.readouterr().err.endswith(f"{said}\n")
+
+
+def test_every_process_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(lambda _: None, "--version")
+    assert caught.value.code == 0
+    assert capsys.readouterr().out == f"clustermcl {version('clustermcl')}\n"
+
+
+def test_the_command_says_its_version() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-I", "-m", "clustermcl", "--version"], capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert (ran.stdout, ran.stderr) == (f"clustermcl {version('clustermcl')}\n", "")
 
 
 def test_the_runtime_loads_nothing_heavy() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
+RUN_LOCK = (REPOSITORY / "requirements-run.lock").read_text()
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 
 
@@ -12,6 +13,16 @@ def normal(requirement: str) -> str:
     name = re.match(r"[\w.-]+", requirement)
     assert name is not None
     return re.sub(r"[-_.]+", "-", name[0]).lower()
+
+
+def pinned(lock: str) -> dict[str, tuple[str, frozenset[str]]]:
+    """Version and hashes of each package in a lock."""
+    return {
+        name: (version, frozenset(re.findall("sha256:([0-9a-f]{64})", rest)))
+        for name, version, rest in re.findall(
+            r"^([a-z0-9-]+)==([\w.]+)((?: \\\n    --hash=\S+)+)$", lock, re.MULTILINE
+        )
+    }
 
 
 def test_the_lock_holds_all_that_the_project_and_its_development_need() -> None:
@@ -40,3 +51,18 @@ def test_every_top_level_package_is_shipped_typed_checked_and_layered() -> None:
     assert set(tool["importlinter"]["root_packages"]) == packages
     layers = " ".join(tool["importlinter"]["contracts"][0]["layers"])
     assert set(layers.replace("|", " ").split()) == packages
+
+
+def test_what_runs_is_pinned_exactly_as_what_was_tested() -> None:
+    run, tested = pinned(RUN_LOCK), pinned(LOCK)
+    assert run
+    assert {name: tested[name] for name in run} == run
+
+
+def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development() -> None:
+    project = PROJECT["project"]
+    metrics = project["optional-dependencies"]["metrics"]
+    needed = {normal(requirement) for requirement in [*project["dependencies"], *metrics]}
+    tools = {normal(requirement) for requirement in project["optional-dependencies"]["dev"]}
+    assert needed <= pinned(RUN_LOCK).keys()
+    assert not (tools - needed) & pinned(RUN_LOCK).keys()

@@ -42,6 +42,8 @@ def values_of(info: SettingInfo) -> st.SearchStrategy[bool | int | float | str]:
             1e18 if meta.le is None else meta.le,
             exclude_min=over is not None,
         )
+    if meta.pattern is not None:
+        return st.from_regex(meta.pattern).filter(lambda text: len(text) <= meta.max_length)
     return st.booleans() if plain is bool else TEXT
 
 
@@ -109,7 +111,7 @@ def test_text_needs_no_quotes_on_the_command_line() -> None:
 
 
 def test_a_second_line_in_a_value_is_no_second_setting() -> None:
-    assert load_settings(None, ["robot.name='a'\nseed=5"]).robot.name == "'a'\nseed=5"
+    assert load_settings(None, ["bridge.map='a'\nseed=5"]).bridge.map == "'a'\nseed=5"
 
 
 def test_nav2_names_are_taken_in_nav2_meaning() -> None:
@@ -204,3 +206,19 @@ def test_a_file_that_is_not_toml_is_named_with_the_line(tmp_path: Path) -> None:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputFileError, match=r"none\.toml: No such file or directory"):
         load_settings(tmp_path / "none.toml", [])
+
+
+@pytest.mark.parametrize("name", ["robot", "r-7", "R_7-b", "7", "x" * 64])
+def test_a_robot_may_be_called_so(name: str) -> None:
+    assert load_settings(None, [f"robot.name={name}"]).robot.name == name
+
+
+@pytest.mark.parametrize(
+    "name", ["", "r/7", "*", "r$*", "@r", "r.7", "-r", "r--7", "Büro", "r 7", '"r\\n"', "x" * 65]
+)
+def test_a_robot_may_not_be_called_so(name: str) -> None:
+    with pytest.raises(SettingsError) as caught:
+        load_settings(None, [f"robot.name={name}"])
+    said = "expected letters, digits, _ and single - between them, at most 64"
+    assert str(caught.value).startswith("--set: robot.name = ")
+    assert str(caught.value).endswith(said)

@@ -35,7 +35,7 @@ def test_every_key_of_a_worker_is_parsed_as_its_name_and_topic() -> None:
 @pytest.mark.parametrize(
     "key",
     [
-        *("", "worker", "worker/w-0", "worker/w-0/gossip", "worker//report", "worker/a/b/report"),
+        *("", "worker", "worker/w-0", "worker/w-0/gossip", "worker/a/b/report"),
         *("other/w-0/report", "scan/", "bridge/report"),
     ],
 )

@@ -14,6 +14,7 @@ from zenoh_link.configuration import (
     as_zenoh,
     check_endpoint,
     client_configuration,
+    patient,
     readable,
     router_configuration,
 )
@@ -100,6 +101,21 @@ def test_the_deployed_router_file_is_the_routers_configuration() -> None:
     ours = as_zenoh(router_configuration(ZenohSettings(router="tcp/0.0.0.0:7447")))
     deployed = zenoh.Config.from_file(str(REPOSITORY / "deploy" / "router.json5"))
     assert json.loads(str(deployed)) == json.loads(str(ours))
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "listened_at"),
+    [
+        ("tcp/0.0.0.0:1", "tcp/0.0.0.0:1"),
+        ("tls/host:1", "tls/host:1#tls_handshake_timeout_ms=600000"),
+        ("tls/host:1#iface=eth0", "tls/host:1#iface=eth0;tls_handshake_timeout_ms=600000"),
+        ("tls/host:1#tls_handshake_timeout_ms=9", "tls/host:1#tls_handshake_timeout_ms=9"),
+    ],
+)
+def test_a_listener_by_tls_is_patient_unless_told_otherwise(
+    endpoint: str, listened_at: str
+) -> None:
+    assert patient(endpoint) == listened_at
 
 
 def test_a_configuration_survives_being_a_file(tmp_path: Path) -> None:

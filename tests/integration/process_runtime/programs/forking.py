@@ -29,12 +29,20 @@ def body(invocation: Invocation) -> None:
             while not stop.wait(0.1):
                 pass
 
-    run_forked(invocation.arguments.count, child_main, invocation.stop, name=invocation.process)
+    arguments = invocation.arguments
+    run_forked(
+        arguments.count,
+        child_main,
+        invocation.stop,
+        name=invocation.process,
+        hung_after_s=arguments.hung_after,
+    )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """How many children."""
+    """How many children, and when one hangs [s]."""
     parser.add_argument("--count", type=int, default=3)
+    parser.add_argument("--hung-after", type=float, default=60.0)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,133 @@
+"""Signs of life: given while the loop goes round, to whoever listens, and not a moment longer."""
+
+import os
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from process_runtime.watchdog import sign_of_life
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import python_script
+from tests.integration.waiting import wait_until
+
+HANGING = Path(__file__).parent / "programs" / "hanging.py"
+NOWHERE = ("--set", "zenoh.router=tcp/127.0.0.1:9")
+
+if sys.platform != "linux":
+    pytest.skip("systemd is Linux'", allow_module_level=True)
+
+
+class Systemd:
+    """The other end of NOTIFY_SOCKET."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(folder / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(folder / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "400000")
+
+    def hears(self, within_s: float) -> bytes | None:
+        self._socket.settimeout(within_s)
+        try:
+            return self._socket.recv(100)
+        except TimeoutError:
+            return None
+
+    def hears_no_more(self) -> bool:
+        """Whether there is a silence of more than WATCHDOG_USEC in the next seconds."""
+        until_s = time.monotonic() + 3.0
+        while self.hears(0.6) is not None:
+            if time.monotonic() > until_s:
+                return False
+        return True
+
+
+@pytest.fixture
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Systemd:
+    return Systemd(tmp_path, monkeypatch)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        python_module("zenoh_link.router", "--set", "zenoh.router=unixsock-stream/{folder}/r"),
+        python_module("coordinator", *NOWHERE),
+        python_module("worker", "--count", "1", *NOWHERE),
+    ],
+    ids=["router", "coordinator", "worker"],
+)
+def test_a_process_says_that_it_is_ready_and_goes_on_until_it_is_stopped(
+    systemd: Systemd, start_process: StartProcess, command: list[str], tmp_path: Path
+) -> None:
+    process = start_process([word.replace("{folder}", str(tmp_path)) for word in command])
+    assert systemd.hears(60.0) == b"READY=1\nWATCHDOG=1"
+    for _ in range(6):
+        assert systemd.hears(5.0) == b"WATCHDOG=1"
+    process.send_signal(signal.SIGSTOP)
+    assert systemd.hears_no_more()
+    process.send_signal(signal.SIGCONT)
+    assert systemd.hears(5.0) == b"WATCHDOG=1"
+
+
+def test_a_loop_that_hangs_is_silent_though_a_thread_of_it_lives(
+    systemd: Systemd, start_process: StartProcess
+) -> None:
+    process = start_process(python_script(HANGING))
+    process.wait_for("goes round")
+    assert systemd.hears(5.0) == b"READY=1\nWATCHDOG=1"
+    process.send_signal(signal.SIGUSR1)
+    process.wait_for("hangs")
+    assert systemd.hears_no_more()
+    process.send_signal(signal.SIGABRT)  # as systemd does then
+    assert process.wait() == -signal.SIGABRT
+    assert "never.wait()" in process.err or "in body" in process.err
+
+
+def test_nobody_is_told_without_the_variable_or_in_another_process(systemd: Systemd) -> None:
+    sign_of_life({})()
+    named = {"NOTIFY_SOCKET": os.environ["NOTIFY_SOCKET"], "WATCHDOG_USEC": "1"}
+    sign_of_life({**named, "WATCHDOG_PID": "1"})()
+    assert systemd.hears(0.1) is None
+    sign_of_life({**named, "WATCHDOG_PID": str(os.getpid())})()
+    assert systemd.hears(1.0) == b"READY=1\nWATCHDOG=1"
+
+
+def test_a_listener_that_is_gone_or_has_no_time_holds_nobody_up(tmp_path: Path) -> None:
+    sign_of_life({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"})()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf:
+        deaf.bind(str(tmp_path / "deaf"))
+        sign = sign_of_life({"NOTIFY_SOCKET": str(tmp_path / "deaf"), "WATCHDOG_USEC": "1"})
+        for _ in range(2000):
+            sign()
+
+
+@pytest.fixture
+def supervisor() -> Iterator[Supervisor]:
+    made = Supervisor([ChildSpec("hanging", python_script(HANGING))], hung_after_s=1.0)
+    yield made
+    made.stop()
+
+
+def test_the_supervisor_kills_and_restarts_a_child_that_hangs(supervisor: Supervisor) -> None:
+    ended: list[ChildExit] = []
+
+    def look() -> bool:
+        ended.extend(supervisor.poll(time.monotonic()))
+        return bool(ended)
+
+    supervisor.start()
+    first = supervisor.pids()["hanging"]
+    alive_until_s = time.monotonic() + 2.5
+    wait_until(lambda: look() or time.monotonic() > alive_until_s)
+    assert ended == [], "a child that goes round is left alone"
+    os.kill(first, signal.SIGUSR1)
+    wait_until(look)
+    assert (ended[0].name, ended[0].code) == ("hanging", -signal.SIGKILL)
+    wait_until(lambda: supervisor.poll(time.monotonic()) or supervisor.pids())
+    assert supervisor.pids()["hanging"] != first

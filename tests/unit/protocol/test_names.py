@@ -1,0 +1,33 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol import keys
+from protocol.errors import MalformedMessageError
+from protocol.names import is_name
+
+
+@given(
+    st.from_regex(r"[a-zA-Z0-9_]+(-[a-zA-Z0-9_]+)*", fullmatch=True).filter(lambda n: len(n) < 65)
+)
+def test_a_workers_name_is_read_out_of_its_keys(name: str) -> None:
+    assert is_name(name)
+    assert keys.worker_name(keys.worker_report(name)) == name
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["", "a b", "a\n", "\x1b[2J", "a.b", "a*", "$*", "@a", "-a", "a-", "a--b", "ä", "x" * 65],
+)
+def test_another_name_in_a_key_is_malformed_and_counted_in_fixed_words(name: str) -> None:
+    assert not is_name(name)
+    with pytest.raises(MalformedMessageError) as caught:
+        keys.worker_name(keys.worker_alive(name))
+    assert caught.value.cause == "malformed worker name: impossible"
+    assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("key", ["worker/a", "a/b/c", "worker/a/b/c"])
+def test_another_key_has_no_workers_name(key: str) -> None:
+    with pytest.raises(MalformedMessageError, match="not a valid key"):
+        keys.worker_name(key)
