@@ -113,4 +113,6 @@ def _block_at(data: bytes, offset: int) -> bytes | None:
         return None
     length, checksum = _LENGTH_AND_CHECKSUM.unpack_from(data, offset)
     block = data[begin : begin + length]
-    return block if len(block) == length and zlib.crc32(block) == checksum else None
+    if length == 0 or len(block) < length:  # zeros are what a power cut leaves
+        return None
+    return block if zlib.crc32(block) == checksum else None

@@ -81,7 +81,10 @@ def replayed(folder: Path, version: str, map_digest: str | None = None) -> Itera
     Raises:
         FlightRecordingError: there is no recording, or one that cannot be read.
     """
-    for files in _by_term(folder, version):
+    series = _by_term(folder, version)
+    if all(contents_of(path, version).head is None for files in series for path in files):
+        raise FlightRecordingError(folder, "all that is in it is cut off within its beginning")
+    for files in series:
         yield from SeriesReplay(files, version, map_digest).run()
 
 
@@ -159,7 +162,7 @@ class SeriesReplay:
     def _check_map(self, path: Path, coordinator: Coordinator) -> None:
         digest, allowed = coordinator.map_digest, self._allowed_map
         if digest and allowed is not None and digest != allowed:
-            problem = f"recorded in the map {digest}, but this one is {allowed}"
+            problem = f"recorded in the map {digest!r}, but this one is {allowed!r}"
             raise FlightRecordingError(path, problem)
 
 
