@@ -11,7 +11,6 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
-from clustermcl.stack import COORDINATOR
 from process_runtime.settings import RecorderSettings
 from protocol.answers import Belief
 from robot_simulator.source import simulated_world
@@ -73,8 +72,7 @@ def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_
             client.set_pose((1.5, 1.5, 0.5))
         tested.wait_for_steps(5)
         shutil.copytree(folder, copy)
-        tested.hurt(COORDINATOR)
-        tested.mend()
+        kill_and_mend(tested)
         tested.wait_for_steps(5)
     heard = list(tested.beliefs)
     assert len({belief.term for belief in heard}) == 3
