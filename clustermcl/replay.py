@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from coordinator.recorder.replay import (
     replayed,
 )
 from grid_maps.load import load_map
+from protocol.errors import printable
 
 
 @dataclass
@@ -75,20 +77,28 @@ def print_replay(
     last = math.inf if last_step is None else last_step
     digest = load_map(map_file).digest if map_file else None
     comparison, step = Comparison(), -1
-    for happening in replayed(folder, version("clustermcl"), digest):
+    for wall_ns, happening in replayed(folder, version("clustermcl"), digest):
         comparison.add(happening)
         if isinstance(happening, Believed):
             step = happening.belief.step
         if first <= step <= last:
-            _print(dumped(_as_object(step, happening)) if as_json else _as_text(happening))
+            if as_json:
+                _print(dumped({"wall_ns": wall_ns, **_as_object(step, happening)}))
+            else:
+                _print(f"{_clock(wall_ns)} {_as_text(happening)}")
     _print(dumped({"kind": "result", **vars(comparison)}) if as_json else comparison.text())
     return not comparison.different
+
+
+def _clock(wall_ns: int) -> str:
+    """In UTC, as robots log it and without a guess of where they were."""
+    return datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 
 def _as_text(happening: Happening) -> str:
     match happening:
         case Happened(kind, about):
-            return f"{kind}: {about}"
+            return f"{kind}: {printable(about)}"
         case CoordinatorActs(sender, term, after_step):
             how = "begins anew" if after_step is None else f"takes over after step {after_step}"
             return f"coordinator {sender}, term {term}: {how}"

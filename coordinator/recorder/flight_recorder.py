@@ -96,7 +96,7 @@ class FlightRecorder:
     def _write_down(self, event: Event, now_ns: int) -> None:
         if self._begin_file and len(self._queue) < MAX_QUEUED // 2:
             self._recording, self._begin_file = True, False
-            self._queue.append(self._head())
+            self._queue.append(self._head(now_ns))
         self._events += 1
         if self._recording and len(self._queue) >= MAX_QUEUED:
             self._recording, self._begin_file = False, True
@@ -105,12 +105,13 @@ class FlightRecorder:
         else:
             self._dropped += 1
 
-    def _head(self) -> Head:
+    def _head(self, now_ns: int) -> Head:
         return Head(
             version=self._started.version,
             made_with=f"Python {platform.python_version()}, numpy {np.__version__}, "
             f"{sys.platform} {platform.machine()}",
-            written_ns=time.time_ns(),
+            now_ns=now_ns,
+            wall_ns=time.time_ns(),
             first_event=self._events,
             started=self._started,
             snapshot=freeze(self._coordinator) if self._events else b"",

@@ -58,8 +58,10 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, tag_field="record", tag="h
     """Of the software; only the same one is sure to decide the same."""
     made_with: str
     """Python, numpy and processor."""
-    written_ns: int
-    """By the wall clock."""
+    now_ns: int
+    """By the clock of all events."""
+    wall_ns: int
+    """At the same moment by the wall clock."""
     first_event: int
     """So many events this coordinator was told before, recorded or not."""
     started: Started

@@ -25,7 +25,7 @@ from coordinator.instructions import (
     PublishCheckpoint,
 )
 from coordinator.recorder.blocks import Contents, UnreadableError, read
-from coordinator.recorder.records import EventTold, Head
+from coordinator.recorder.records import EventTold, Head, Record
 from coordinator.recorder.ring import files_in, series_of
 from coordinator.recorder.snapshot import thaw
 from protocol.answers import Belief
@@ -70,13 +70,18 @@ class Believed:
 Happening: TypeAlias = Happened | CoordinatorActs | Believed
 
 
-def replayed(folder: Path, version: str, map_digest: str | None = None) -> Iterator[Happening]:
+def replayed(
+    folder: Path, version: str, map_digest: str | None = None
+) -> Iterator[tuple[int, Happening]]:
     """All that happened, coordinator by coordinator in the order of their terms.
 
     Args:
         folder: of the recording.
         version: of this software.
         map_digest: of the map that all of it must have happened in; None: any.
+
+    Returns:
+        When by the wall clock [ns], and what.
 
     Raises:
         FlightRecordingError: there is no recording, or one that cannot be read.
@@ -101,21 +106,26 @@ class SeriesReplay:
         self._files, self._version, self._allowed_map = files, version, map_digest
         self._coordinator: Coordinator | None = None
         self._events = 0
+        self._wall_ns = 0
         self._clusters: frozenset[int] = frozenset()
 
-    def run(self) -> Iterator[Happening]:
-        """What happened, in its order."""
+    def run(self) -> Iterator[tuple[int, Happening]]:
+        """When and what happened, in its order."""
+        for happening in self._run():
+            yield self._wall_ns, happening
+
+    def _run(self) -> Iterator[Happening]:
         for path in self._files:
             contents = contents_of(path, self._version)
             if contents.head is not None:
                 yield from self._begin_file(path, contents.head)
-                yield from self._tell(path, contents)
+                yield from self._tell(path, contents.head, contents.records)
             if contents.cut_bytes or contents.head is None:
                 yield Happened("cut off", f"{path.name}, {contents.cut_bytes} bytes")
 
     def _begin_file(self, path: Path, head: Head) -> Iterator[Happening]:
         """Go on, or where events are missing, from what the file's head knows."""
-        missing = head.first_event - self._events
+        missing, self._wall_ns = head.first_event - self._events, head.wall_ns
         if self._coordinator is not None and not missing:
             return
         if missing:
@@ -125,15 +135,17 @@ class SeriesReplay:
         except ValueError as error:
             raise FlightRecordingError(path, str(error)) from error
         self._events = head.first_event
+        yield Happened("recording", f"{path.name}, made with {head.made_with}")
 
-    def _tell(self, path: Path, contents: Contents) -> Iterator[Happening]:
+    def _tell(self, path: Path, head: Head, records: list[Record]) -> Iterator[Happening]:
         """Tell the events of a file; the beliefs that were published follow their event."""
-        coordinator, records = self._coordinator, contents.records
+        coordinator = self._coordinator
         assert coordinator is not None  # the file's head has made one
         for index, record in enumerate(records):
             if not isinstance(record, EventTold):
                 continue
             self._events += 1
+            self._wall_ns = head.wall_ns + record.now_ns - head.now_ns
             yield from _before(record.event, coordinator)
             had_begun = coordinator.begun
             instructions = coordinator.handle(record.event, record.now_ns)

@@ -49,7 +49,7 @@ class Recordings:
         return self.made[-1]  # type: ignore[return-value] # it behaves as one
 
     def replay(self) -> list[Happening]:
-        return list(replayed(self.folder, VERSION))
+        return [happening for _, happening in replayed(self.folder, VERSION)]
 
 
 def beliefs(happenings: list[Happening]) -> list[Belief]:

@@ -36,7 +36,13 @@ def head(version: str = VERSION) -> Head:
         version=version, now_ns=0, term=7, known=None, last_poses={}, live=True,
     )  # fmt: skip
     return Head(
-        version=version, made_with="", written_ns=0, first_event=0, started=started, snapshot=b""
+        version=version,
+        made_with="",
+        now_ns=0,
+        wall_ns=0,
+        first_event=0,
+        started=started,
+        snapshot=b"",
     )
 
 

@@ -60,7 +60,7 @@ def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
         recorded.handle(TimePassed(), 10_000)
     assert recorded.recorder.lost == {LOST: lost}
     gap = Happened("not recorded", f"{lost} events before {7:017d}-000001.flight")
-    assert recordings.replay()[-1] == gap
+    assert gap in recordings.replay()
     assert len(events_in(tmp_path)) == MAX_QUEUED + 503 - lost
 
 
