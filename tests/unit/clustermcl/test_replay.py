@@ -1,6 +1,7 @@
 """`clustermcl replay`: what it prints, and what it says of folders that it cannot replay."""
 
 import json
+from datetime import datetime
 from pathlib import Path
 
 import msgspec
@@ -55,16 +56,16 @@ def complaint(*words: object) -> str:
 
 def test_it_tells_what_happened_in_lines(recording: Path) -> None:
     result = run(recording)
-    lines = result.stdout.splitlines()
+    *timed, last = result.stdout.splitlines()
     assert result.exit_code == 0
+    assert all(datetime.fromisoformat(line[:23]) for line in timed)
+    lines = [line[24:] for line in timed]
     assert "worker joined: w0" in lines
     assert "coordinator coordinator, term 1: begins anew" in lines
     assert "coordinator coordinator, term 2: takes over after step 9" in lines
     assert any(line.startswith("step 14: ") for line in lines)
     assert any("; began " in line for line in lines)
-    assert (
-        lines[-1] == "16 beliefs, 2 coordinators that began: all are the recorded ones, bit for bit"
-    )
+    assert last == "16 beliefs, 2 coordinators that began: all are the recorded ones, bit for bit"
 
 
 def test_it_tells_the_same_as_json_and_only_the_steps_asked_for(recording: Path) -> None:
