@@ -54,7 +54,10 @@ class FlightRecorder:
         self._started = started_without_bulk(started)
         self._queue: deque[Record | Head] = deque()
         self._events = self._dropped = 0
-        self._recording, self._begin_file = False, ring is not None
+        self._recording, self._begin_file = (
+            False,
+            ring is not None,
+        )  # the thread asks for a file too
         self._closed = threading.Event()
         # Of the thread:
         self._unwritten, self._retry_s = 0, 0.0

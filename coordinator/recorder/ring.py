@@ -59,7 +59,11 @@ class Ring:
         path = self._folder / f"{self._series:017d}-{self._number:06d}.flight"
         self._number += 1
         self._file, self._blocks, self._written_bytes = FileIO(path, "x"), BlockWriter(), 0
-        self._append(self._blocks.first(head))
+        try:
+            self._append(self._blocks.first(head))
+        except OSError:  # on a full disk there would soon be thousands of empty ones
+            path.unlink(missing_ok=True)
+            raise
 
     def write(self, records: Sequence[Record]) -> None:
         """Append records, as one block."""

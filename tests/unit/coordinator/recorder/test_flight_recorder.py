@@ -1,13 +1,16 @@
 """What the recorder does when files fill up or a disk is slow or full, and what it leaves out."""
 
+import errno
 import logging
 import time
+from io import FileIO
 from pathlib import Path
 
 import pytest
 
 from coordinator.events import Event, HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from coordinator.recorder import flight_recorder
+from coordinator.recorder import ring as ring_module
 from coordinator.recorder.blocks import read
 from coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
 from coordinator.recorder.records import EventTold, without_bulk
@@ -95,6 +98,22 @@ def test_a_disk_that_gets_full_is_told_and_localization_goes_on(
         recorded.handle(TimePassed(), 0)
     assert recorded.recorder.lost == {LOST: 1}
     assert len(caplog.records) == 1
+
+
+def test_a_full_disk_is_not_filled_with_empty_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class FullDisk(FileIO):
+        def write(self, _: object) -> int:
+            raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr(flight_recorder, "RETRY_S", 0.0)
+    monkeypatch.setattr(ring_module, "FileIO", FullDisk)
+    recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000))
+    for now_ns in range(10):
+        recorded.handle(TimePassed(), now_ns)
+    assert recorded.recorder.lost == {LOST: 10}
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_path: Path) -> None:
