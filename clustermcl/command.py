@@ -21,6 +21,7 @@ from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError
 
 EXIT_INTERRUPTED = 130
+EXIT_DIFFERENT = 1
 MOST_STEPS = 100_000
 """Of an evaluated run: 20 km of driving. What is measured is kept until its end."""
 
@@ -287,6 +288,32 @@ def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) 
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
 
     tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def replay(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A robot's flight recording.")],
+    first_step: Annotated[
+        int | None, typer.Option("--from", metavar="STEP", help="Print from this step on.")
+    ] = None,
+    last_step: Annotated[
+        int | None, typer.Option("--to", metavar="STEP", help="Print up to this step.")
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Refuse what is of another map.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute recorded beliefs again, compare them, and print what happened.
+
+    Exit code 1 if a belief is not the recorded one, bit for bit.
+    """
+    from clustermcl.replay import print_replay  # noqa: PLC0415 - see the module
+
+    same = print_replay(
+        folder, first_step=first_step, last_step=last_step, map_file=map_file, as_json=as_json
+    )
+    sys.exit(0 if same else EXIT_DIFFERENT)
 
 
 @app.command()

@@ -3,7 +3,10 @@
 import sys
 from typing import assert_never
 
+import msgspec
+
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
+from coordinator.pose.last_pose import default_state_folder
 from grid_maps.load import load_map
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
@@ -26,7 +29,7 @@ def run_up(settings: Settings) -> None:
     _refuse_what_cannot_run(settings)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
-        stack = Stack(settings, folder, logs_in_folder=False)
+        stack = Stack(_recorded(settings), folder, logs_in_folder=False)
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
@@ -39,6 +42,19 @@ def run_up(settings: Settings) -> None:
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
+
+
+def _recorded(settings: Settings) -> Settings:
+    """With a flight recorder, unless another folder or none is asked for."""
+    if settings.recorder.folder:
+        return settings
+    try:
+        folder = str(default_state_folder() / "flight-recorder")
+    except RuntimeError as error:  # an account without a home
+        _say(f"nothing is recorded: {error}; set recorder.folder")
+        return settings
+    recorder = msgspec.structs.replace(settings.recorder, folder=folder)
+    return msgspec.structs.replace(settings, recorder=recorder)
 
 
 def _refuse_what_cannot_run(settings: Settings) -> None:

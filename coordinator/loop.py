@@ -30,6 +30,7 @@ from coordinator.membership.membership import Change, Membership
 from coordinator.outgoing import Outgoing
 from coordinator.pose.last_pose import LastPose
 from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.recorder.flight_recorder import FlightRecorder
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
@@ -67,9 +68,14 @@ class CoordinatorLoop:
     """One coordinator's life between its connection and its stop."""
 
     def __init__(
-        self, coordinator: Coordinator, session: zenoh.Session, keeper: PoseKeeper
+        self,
+        coordinator: Coordinator,
+        session: zenoh.Session,
+        keeper: PoseKeeper,
+        recorder: FlightRecorder,
     ) -> None:
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
+        self._recorder = recorder
         self._inbox: Events = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
         )
@@ -127,7 +133,7 @@ class CoordinatorLoop:
                     return self._on_link(event, now_ns)
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
-        return self._coordinator.handle(TimePassed(), now_ns)
+        return self._recorder.handle(TimePassed(), now_ns)
 
     def _on_message(self, message: Received, now_ns: int) -> list[Instruction]:
         match keys.parsed(message.key):
@@ -135,7 +141,7 @@ class CoordinatorLoop:
                 self._on_health(message.key, decode(message.payload, Health), now_ns)
                 return []
             case key:
-                return self._coordinator.handle(self._event_of(key, message, now_ns), now_ns)
+                return self._recorder.handle(self._event_of(key, message, now_ns), now_ns)
 
     def _event_of(  # noqa: PLR0911 - one for each key
         self, key: str | WorkerKey, message: Received, now_ns: int
@@ -185,7 +191,7 @@ class CoordinatorLoop:
             self._causes.warn(_log, "too many processes", problem, time.monotonic())
 
     def _status(self, now_ns: int) -> Status:
-        status = self._coordinator.status(now_ns, self._health.dropped())
+        status = self._coordinator.status(now_ns, self._health.dropped() | self._recorder.lost)
         own = msgspec.structs.replace(
             self._health.health(), sender=status.sender, dropped=status.counters
         )
@@ -199,12 +205,12 @@ class CoordinatorLoop:
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
             self._fencing.arise(now_ns)
-            return self._coordinator.handle(LinkBack(), now_ns)
-        return self._coordinator.handle(LinkLost(), now_ns)
+            return self._recorder.handle(LinkBack(), now_ns)
+        return self._recorder.handle(LinkLost(), now_ns)
 
     def _change(self, changes: Iterable[Change], now_ns: int) -> list[Instruction]:
         """Act upon what has become certain of the workers."""
-        return [do for change in changes for do in self._coordinator.handle(change, now_ns)]
+        return [do for change in changes for do in self._recorder.handle(change, now_ns)]
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
@@ -233,7 +239,7 @@ class CoordinatorLoop:
         except MalformedMessageError as error:
             asked.refuse(str(error))
             raise
-        instructions = self._coordinator.handle(CommandArrived(command), now_ns)
+        instructions = self._recorder.handle(CommandArrived(command), now_ns)
         self._carry_out(instructions, now_ns)  # others know of it before it is answered
         for instruction in instructions:
             if isinstance(instruction, AnswerCommand):

@@ -5,17 +5,20 @@ import logging
 import time
 from importlib.metadata import version
 from pathlib import Path
+from urllib.parse import quote
 
 import zenoh
 
-from coordinator.coordinator import Coordinator
 from coordinator.failover.standby import StandbyLoop
 from coordinator.loop import CoordinatorLoop
 from coordinator.pose.last_pose import default_state_folder, read_all
 from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.recorder.flight_recorder import FlightRecorder
+from coordinator.recorder.records import Started
+from coordinator.recorder.ring import Ring
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import CoordinatorSettings, Settings
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from protocol.work import Checkpoint
@@ -81,18 +84,21 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
     settings = invocation.settings
     folder = state_folder(settings.coordinator)
     robot = settings.robot.name
-    coordinator = Coordinator(
-        invocation.process,
-        filter_settings(settings),
-        settings.coordinator,
-        version("clustermcl"),
-        time.monotonic_ns(),
+    started = Started(
+        sender=invocation.process,
+        filter_settings=filter_settings(settings),
+        settings=settings.coordinator,
+        version=version("clustermcl"),
+        now_ns=time.monotonic_ns(),
         term=time.time_ns() // 1_000,
         known=known,
         last_poses=read_all(folder, robot) if folder else {},
     )
+    coordinator = started.coordinator()
     keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
-    CoordinatorLoop(coordinator, session, keeper).run(invocation.stop)
+    recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
+    with recorder.running():
+        CoordinatorLoop(coordinator, session, keeper, recorder).run(invocation.stop)
     if coordinator.outranked_by is not None:
         _log.warning(
             "another coordinator acts since term %d: stepping down", coordinator.outranked_by
@@ -109,6 +115,15 @@ def state_folder(settings: CoordinatorSettings) -> Path | None:
     except RuntimeError as error:  # a service without a home
         _log.warning("the last pose is not kept: %s; set coordinator.state_folder", error)
         return None
+
+
+def recorder_ring(settings: Settings, series: int) -> Ring | None:
+    """Where a coordinator's flight recording goes; None for nowhere."""
+    folder, max_bytes = settings.recorder.folder, int(settings.recorder.max_mb * 1e6)
+    if folder in ("", "off"):
+        return None
+    robot = quote(settings.robot.name, safe="")
+    return Ring(Path(folder).expanduser() / robot, series, max_bytes)
 
 
 def filter_settings(settings: FilterSettings) -> FilterSettings:

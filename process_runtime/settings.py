@@ -130,6 +130,21 @@ class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ] = ""
 
 
+class RecorderSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The flight recorder of the coordinator, for `clustermcl replay`."""
+
+    folder: Annotated[
+        str,
+        described(
+            "what the coordinator is told is recorded there, in a folder a robot; empty: nowhere, "
+            "but with `clustermcl up` the user's state folder; off: nowhere"
+        ),
+    ] = ""
+    max_mb: Annotated[
+        float, described("of a robot's recording; the oldest files give way", "MB", ge=1)
+    ] = 50.0
+
+
 class MetricsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Figures for Prometheus, served by the coordinator."""
 
@@ -149,3 +164,4 @@ class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=
     worker: WorkerSettings = WorkerSettings()
     log: LogSettings = LogSettings()
     metrics: MetricsSettings = MetricsSettings()
+    recorder: RecorderSettings = RecorderSettings()

@@ -43,7 +43,10 @@ def test_they_do_without_them_while_they_work_too(
         "up", "--set", f"zenoh.router={zenoh_settings.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {**os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path)}
+    environment = {
+        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
+        "XDG_STATE_HOME": str(tmp_path),
+    }  # fmt: skip
     settings = Settings(zenoh=msgspec.structs.replace(zenoh_settings, connect_timeout_s=30.0))
     with typed(*words, folder=tmp_path, environment=environment) as up, Client(settings) as client:
         wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from clustermcl.client import Client
+from coordinator.recorder.ring import files_in, series_of
 from process_runtime.settings import Settings, ZenohSettings
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, typed
 from tests.integration.waiting import wait_until
@@ -26,7 +27,10 @@ def up(settings: Settings, short_folder: str, tmp_path: Path) -> Iterator[TypedC
         "up", "--set", f"zenoh.router={settings.zenoh.router}", "--set", "worker.count=2",
         "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4", *SMALL_FILTER,
     ]  # fmt: skip
-    environment = {**os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path)}
+    environment = {
+        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
+        "XDG_STATE_HOME": str(tmp_path),
+    }  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as command:
         yield command
 
@@ -45,7 +49,7 @@ def kill_and_wait_for_the_next(up: TypedCommand, module: str) -> None:
 
 
 def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
-    up: TypedCommand, settings: Settings
+    up: TypedCommand, settings: Settings, tmp_path: Path
 ) -> None:
     with Client(settings) as client:
         wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)
@@ -57,6 +61,9 @@ def test_what_dies_is_started_again_and_ctrl_c_ends_everything(
     assert up.end(signal.SIGINT) == 0
     assert "Traceback" not in up.err
     up.assert_nothing_runs()
+    recording = tmp_path / "clustermcl" / "flight-recorder" / "robot"
+    series = {series_of(file)[0] for file in files_in(recording)}
+    assert len(series) == 2, "of both coordinators, without being asked"
 
 
 def test_a_second_one_at_the_same_place_is_refused(

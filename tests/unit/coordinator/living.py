@@ -31,6 +31,7 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
+from coordinator.recorder.records import Started
 from particle_filter.arrays import OCCUPIED
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
@@ -112,7 +113,13 @@ def scan_of(step: int) -> Scan:
 class Living:
     """Everything of one robot; events run one after the other."""
 
-    def __init__(self, model: SensorModel, workers: int = 3) -> None:
+    def __init__(
+        self,
+        model: SensorModel,
+        workers: int = 3,
+        made: Callable[[Started], Coordinator] = Started.coordinator,
+    ) -> None:
+        self._made = made
         self.scans: list[Scan] = []
         self.beliefs: dict[int, list[Belief]] = {}
         self._model, self._now_ns, self._term = model, 0, 0
@@ -130,9 +137,17 @@ class Living:
     def revive(self) -> None:
         """Start a coordinator that knows nothing."""
         self._term += 1
-        self.coordinator = Coordinator(
-            "coordinator", SETTINGS, CoordinatorSettings(), "test", self._now_ns, term=self._term
+        started = Started(
+            sender="coordinator",
+            filter_settings=SETTINGS,
+            settings=CoordinatorSettings(),
+            version="test",
+            now_ns=self._now_ns,
+            term=self._term,
+            known=None,
+            last_poses={},
         )
+        self.coordinator = self._made(started)
         for worker in list(self.workers):
             self._tell(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
         self._tell(lambda c, now: c.handle(TimePassed(), now))

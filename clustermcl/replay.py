@@ -1,0 +1,125 @@
+"""`clustermcl replay`: a flight recording, computed again and told in lines."""
+
+import math
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from clustermcl.as_json import JsonObject, belief_object, dumped
+from clustermcl.as_text import belief_line
+from coordinator.recorder.replay import (
+    Believed,
+    CoordinatorActs,
+    Happened,
+    Happening,
+    replayed,
+)
+from grid_maps.load import load_map
+from protocol.errors import printable
+
+
+@dataclass
+class Comparison:
+    """How many beliefs are the recorded ones."""
+
+    coordinators: int = 0
+    beliefs: int = 0
+    different: int = 0
+    not_recorded: int = 0
+    """Computed, but the recording ends just before it."""
+
+    def add(self, happening: Happening) -> None:
+        """Count one."""
+        match happening:
+            case CoordinatorActs():
+                self.coordinators += 1
+            case Believed(same=same):
+                self.beliefs += 1
+                self.different += same is False
+                self.not_recorded += same is None
+
+    def text(self) -> str:
+        """The result, in one line."""
+        of = f"{self.beliefs} beliefs, {self.coordinators} coordinators that began"
+        if self.different:
+            return f"{of}: {self.different} beliefs are NOT the recorded ones"
+        if self.beliefs == self.not_recorded:
+            return f"{of}: no belief was recorded"
+        return f"{of}: all are the recorded ones, bit for bit"
+
+
+def print_replay(
+    folder: Path,
+    *,
+    first_step: int | None,
+    last_step: int | None,
+    map_file: Path | None,
+    as_json: bool,
+) -> bool:
+    """Replay a recording; all of it is computed, also what is not printed.
+
+    Args:
+        folder: of the recording.
+        first_step: print from here on; None: from the beginning.
+        last_step: print up to here; None: to the end.
+        map_file: the map that all must have happened in.
+        as_json: print an object a line.
+
+    Returns:
+        Whether every belief is the recorded one.
+
+    Raises:
+        FlightRecordingError: there is no recording, or one that cannot be read.
+        MapFileError: the map cannot be read.
+    """
+    first = -math.inf if first_step is None else first_step
+    last = math.inf if last_step is None else last_step
+    digest = load_map(map_file).digest if map_file else None
+    comparison, step = Comparison(), -1
+    for wall_ns, happening in replayed(folder, version("clustermcl"), digest):
+        comparison.add(happening)
+        if isinstance(happening, Believed):
+            step = happening.belief.step
+        if first <= step <= last:
+            if as_json:
+                _print(dumped({"wall_ns": wall_ns, **_as_object(step, happening)}))
+            else:
+                _print(f"{_clock(wall_ns)} {_as_text(happening)}")
+    _print(dumped({"kind": "result", **vars(comparison)}) if as_json else comparison.text())
+    return not comparison.different
+
+
+def _clock(wall_ns: int) -> str:
+    """In UTC, as robots log it and without a guess of where they were."""
+    return datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
+
+
+def _as_text(happening: Happening) -> str:
+    match happening:
+        case Happened(kind, about):
+            return f"{kind}: {printable(about)}"
+        case CoordinatorActs(sender, term, after_step):
+            how = "begins anew" if after_step is None else f"takes over after step {after_step}"
+            return f"coordinator {sender}, term {term}: {how}"
+        case Believed(belief, same):
+            remark = {True: "", False: "; NOT the recorded belief", None: "; not recorded"}[same]
+            return belief_line(belief) + remark
+
+
+def _as_object(step: int, happening: Happening) -> JsonObject:
+    match happening:
+        case Happened(kind, about):
+            return {"kind": kind, "step": step, "about": about}
+        case CoordinatorActs(sender, term, after_step):
+            return {
+                "kind": "coordinator", "step": step, "name": sender, "term": term,
+                "took_over_after_step": after_step,
+            }  # fmt: skip
+        case Believed(belief, same):
+            told = belief_object(belief)
+            return {"kind": "belief", **told, "term": belief.term, "as_recorded": same}
+
+
+def _print(text: str) -> None:
+    print(text)  # noqa: T201 - the command's answer

@@ -1,0 +1,99 @@
+"""Workers and coordinators are killed, and the recording tells at a desk what was believed."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+from itertools import groupby
+from pathlib import Path
+
+import msgspec
+
+from clustermcl.as_json import JsonObject, belief_object, dumped
+from process_runtime.settings import RecorderSettings
+from protocol.answers import Belief
+from robot_simulator.source import simulated_world
+from soak_test.map_file import write_map
+from tests.integration.faults.live_robot import WORLD, with_live_robot
+from tests.integration.faults.system import System
+from tests.integration.faults.test_coordinator_dies import PATIENT, kill_and_mend
+from tests.integration.system.commands import COMMAND
+from tests.integration.waiting import wait_until
+
+MOST_LOST = 5
+"""Beliefs just before a kill -9: what waits for the disk is lost; here some five a second."""
+
+
+def replay(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, "replay", str(folder), *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60.0, check=False)
+
+
+def objects(done: subprocess.CompletedProcess[str]) -> list[JsonObject]:
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def told(belief: Belief) -> JsonObject:
+    """A belief that was heard, as the replay prints it; JSON keeps every bit of a number."""
+    heard: JsonObject = json.loads(dumped(belief_object(belief)))
+    return {**heard, "term": belief.term}
+
+
+def assert_same(heard: list[Belief], lines: list[JsonObject]) -> None:
+    """Of each term all that was heard is replayed, but for what waited for the disk at the end."""
+    replayed = [line for line in lines if line["kind"] == "belief"]
+    last_term = max(belief.term for belief in heard)
+    for term, beliefs in groupby(heard, key=lambda belief: belief.term):
+        computed = [
+            {key: line[key] for key in told(heard[0])} for line in replayed if line["term"] == term
+        ]
+        missing = [belief.step for belief in beliefs if told(belief) not in computed]
+        assert missing == [step for step in missing if step > computed[-1]["step"]], "in the middle"
+        assert len(missing) <= (0 if term == last_term else MOST_LOST)
+
+
+def kill_a_worker(tested: System) -> None:
+    killed = tested.worker_pids()[0]
+    os.kill(killed, signal.SIGKILL)
+    wait_until(lambda: len(tested.worker_pids()) == 4 and killed not in tested.worker_pids())
+
+
+def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_path: Path) -> None:
+    folder, copy = tmp_path / "flight" / "robot", tmp_path / "copy"
+    recorder = RecorderSettings(folder=str(tmp_path / "flight"), max_mb=5.0)
+    with with_live_robot(msgspec.structs.replace(PATIENT, recorder=recorder)) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        kill_a_worker(tested)
+        tested.wait_for_steps(10)
+        kill_and_mend(tested)
+        tested.wait_for_steps(10)
+        with tested.client as client:
+            client.set_pose((1.5, 1.5, 0.5))
+        tested.wait_for_steps(5)
+        shutil.copytree(folder, copy)
+        kill_and_mend(tested)
+        tested.wait_for_steps(5)
+    heard = list(tested.beliefs)
+    assert len({belief.term for belief in heard}) == 3
+
+    grid_map = simulated_world(f"sim:{WORLD}").map
+    done = replay(folder, "--json", "--map", str(write_map(grid_map, tmp_path, "map")))
+    assert (done.stderr, done.returncode) == ("", 0)
+    lines = objects(done)
+    assert_same(heard, lines)
+    acts = [line for line in lines if line["kind"] == "coordinator"]
+    assert [line["term"] for line in acts] == sorted({belief.term for belief in heard})
+    assert [line["took_over_after_step"] is None for line in acts] == [True, False, False]
+    assert {"worker joined", "worker left", "command"} <= {line["kind"] for line in lines}
+    assert lines[-1]["different"] == 0
+
+    while_it_ran = replay(copy)
+    assert while_it_ran.returncode == 0
+    assert while_it_ran.stdout.splitlines()[-1].endswith("all are the recorded ones, bit for bit")
+
+    other = write_map(simulated_world("sim:office").map, tmp_path, "other")
+    refused = replay(folder, "--map", str(other))
+    assert refused.returncode == 2
+    assert grid_map.digest in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1

@@ -1,0 +1,143 @@
+"""`clustermcl replay`: what it prints, and what it says of folders that it cannot replay."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import pytest
+from typer.testing import CliRunner, Result
+
+from clustermcl import replay
+from clustermcl.command import app
+from coordinator.recorder.blocks import BlockWriter
+from coordinator.recorder.ring import files_in
+from particle_filter.sensor_model import SensorModel
+from protocol.errors import ClusterMclError
+from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.recorder.recorded import VERSION, Recordings
+from tests.unit.coordinator.recorder.test_blocks import head
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+@pytest.fixture(scope="module")
+def recording(model: SensorModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten steps, and five more of a second coordinator."""
+    folder = tmp_path_factory.mktemp("flight")
+    living = Living(model, made=Recordings(folder).make)
+    for step in range(10):
+        living.drive(step)
+    living.revive()
+    for step in range(10, 15):
+        living.drive(step)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def _of_the_recordings_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(replay, "version", lambda _: VERSION)
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(app, ["replay", *map(str, words)])
+
+
+def complaint(*words: object) -> str:
+    result = run(*words)
+    assert isinstance(result.exception, ClusterMclError)  # `main` makes a line and code 2 of it
+    text = str(result.exception)
+    assert "\n" not in text
+    return text
+
+
+def test_it_tells_what_happened_in_lines(recording: Path) -> None:
+    result = run(recording)
+    *timed, last = result.stdout.splitlines()
+    assert result.exit_code == 0
+    assert all(datetime.fromisoformat(line[:23]) for line in timed)
+    lines = [line[24:] for line in timed]
+    assert "worker joined: w0" in lines
+    assert "coordinator coordinator, term 1: begins anew" in lines
+    assert "coordinator coordinator, term 2: takes over after step 9" in lines
+    assert any(line.startswith("step 14: ") for line in lines)
+    assert any(" was found by the first search " in line for line in lines)
+    assert last == "16 beliefs, 2 coordinators that began: all are the recorded ones, bit for bit"
+
+
+def test_it_tells_the_same_as_json_and_only_the_steps_asked_for(recording: Path) -> None:
+    result = run(recording, "--json", "--from", 3, "--to", 6)
+    *lines, last = [json.loads(line) for line in result.stdout.splitlines()]
+    beliefs = [line for line in lines if line["kind"] == "belief"]
+    assert [line["step"] for line in beliefs] == [3, 4, 5, 6]
+    assert all(line["as_recorded"] for line in beliefs)
+    assert {line["step"] for line in lines} == {3, 4, 5, 6}
+    assert last == {
+        "kind": "result", "coordinators": 2, "beliefs": 16, "different": 0, "not_recorded": 0,
+    }  # fmt: skip
+
+
+def test_a_belief_that_is_another_is_told_with_exit_code_1(
+    recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if the filter had been changed since."""
+    monkeypatch.setattr("particle_filter.belief.bounded", lambda evidence, _: evidence * 1.0000001)
+    result = run(recording)
+    assert result.exit_code == 1
+    assert "NOT the recorded belief" in result.stdout
+    assert result.stdout.splitlines()[-1].endswith("are NOT the recorded ones")
+
+
+def test_folders_that_are_no_recording_are_told_in_a_line(recording: Path, tmp_path: Path) -> None:
+    assert "there is no such folder" in complaint(tmp_path / "nowhere")
+    assert "no flight recording is in it" in complaint(tmp_path)
+    inner = tmp_path / "robot"
+    recording.rename(inner)
+    try:
+        assert f"there is one in {inner}" in complaint(tmp_path)
+    finally:
+        inner.rename(recording)
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        (b"nonsense, and no recording", "no flight recording"),
+        (BlockWriter().first(head("0.9")), "recorded by version 0.9, this is test"),
+        (
+            BlockWriter().first(msgspec.structs.replace(head(), snapshot=b"nonsense")),
+            "not a coordinator's snapshot",
+        ),
+    ],
+)
+def test_files_that_cannot_be_read_are_told_in_a_line(
+    tmp_path: Path, data: bytes, problem: str
+) -> None:
+    (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)
+    assert problem in complaint(tmp_path)
+
+
+def test_a_cut_off_end_is_told_and_the_rest_is_replayed(recording: Path, tmp_path: Path) -> None:
+    for file in files_in(recording):
+        (tmp_path / file.name).write_bytes(file.read_bytes()[:-10])
+    result = run(tmp_path)
+    assert result.exit_code == 0
+    assert result.stdout.count("cut off: ") == 2
+
+
+def test_nothing_but_cut_heads_is_told_as_nothing_recorded(tmp_path: Path) -> None:
+    (tmp_path / f"{7:017d}-000000.flight").write_bytes(b"MCL")
+    assert "cut off within its beginning" in complaint(tmp_path)
+
+
+def test_the_map_must_be_the_one_of_the_recording(recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "map.pgm").write_bytes(b"P5 2 2 255\n" + bytes([254, 0, 254, 254]))
+    (tmp_path / "map.yaml").write_text(
+        "image: map.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    text = complaint(recording, "--map", tmp_path / "map.yaml")
+    assert "recorded in the map 'map', but this one is '" in text

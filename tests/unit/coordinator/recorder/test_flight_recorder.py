@@ -1,0 +1,157 @@
+"""What the recorder does when files fill up or a disk is slow or full, and what it leaves out."""
+
+import errno
+import logging
+import time
+from io import FileIO
+from pathlib import Path
+
+import pytest
+
+from coordinator.events import Event, HistoryArrived, ReportArrived, ScanArrived, TimePassed
+from coordinator.recorder import flight_recorder
+from coordinator.recorder import ring as ring_module
+from coordinator.recorder.blocks import read
+from coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
+from coordinator.recorder.records import EventTold, without_bulk
+from coordinator.recorder.replay import Happened
+from coordinator.recorder.ring import FILES, Ring, files_in
+from protocol.work import TrackReport
+from tests.unit.coordinator.recorder.recorded import VERSION, RecordedCoordinator, Recordings
+from tests.unit.coordinator.recorder.test_blocks import head
+from tests.unit.coordinator.reports import cloud_at, place, scan, searched, tracked
+
+STARTED = head().started
+
+
+def events_in(folder: Path) -> list[Event]:
+    contents = [read(file.read_bytes(), VERSION) for file in files_in(folder)]
+    return [r.event for c in contents for r in c.records if isinstance(r, EventTold)]
+
+
+def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
+    max_bytes = 60_000
+    recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, max_bytes))
+    for step in range(3_000):
+        recorded.handle(ScanArrived(scan(step % 5)), step)
+        assert sum(file.stat().st_size for file in files_in(tmp_path)) < max_bytes + 2_000
+    names = [file.name for file in files_in(tmp_path)]
+    assert len(names) > FILES // 2
+    assert not names[0].endswith("-000000.flight")
+    assert recorded.recorder.lost == {}
+
+
+def test_files_of_an_older_coordinator_give_way_first(tmp_path: Path) -> None:
+    old = tmp_path / f"{1:017d}-000000.flight"
+    old.write_bytes(bytes(58_000))
+    (tmp_path / "notes.txt").write_bytes(bytes(100_000))
+    RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
+    assert [file.name for file in files_in(tmp_path)] == [f"{7:017d}-000000.flight"]
+    assert (tmp_path / "notes.txt").exists()
+
+
+def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path)
+    recordings.make(STARTED)
+    recorded = recordings.made[0]
+    for now_ns in range(MAX_QUEUED + 500):  # nobody writes meanwhile
+        recorded.recorder.handle(TimePassed(), now_ns)
+    lost = recorded.recorder.lost[LOST]
+    assert lost >= 500
+    recorded.recorder.flush()
+    for _ in range(3):
+        recorded.handle(TimePassed(), 10_000)
+    assert recorded.recorder.lost == {LOST: lost}
+    gap = Happened("not recorded", f"{lost} events before {7:017d}-000001.flight")
+    assert gap in recordings.replay()
+    assert len(events_in(tmp_path)) == MAX_QUEUED + 503 - lost
+
+
+def test_a_folder_that_cannot_be_written_is_told_once_and_tried_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "flight"
+    folder.write_text("a file stands in the way")
+    monkeypatch.setattr(flight_recorder, "RETRY_S", 0.0)
+    recorded = RecordedCoordinator(STARTED, Ring(folder, 7, 60_000))
+    with caplog.at_level(logging.WARNING):
+        for now_ns in range(20):
+            recorded.handle(TimePassed(), now_ns)
+    assert recorded.begun, "the coordinator does its work"
+    assert len(caplog.records) == 1
+    assert "cannot write" in caplog.text
+    assert recorded.recorder.lost == {LOST: 20}
+    folder.unlink()
+    recorded.handle(TimePassed(), 21)
+    recorded.handle(TimePassed(), 22)
+    assert recorded.recorder.lost[LOST] <= 21
+    assert len(events_in(folder)) + recorded.recorder.lost[LOST] == 22
+
+
+def test_a_disk_that_gets_full_is_told_and_localization_goes_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """/dev/full takes nothing."""
+    ring = Ring(Path("/dev/full"), 7, 60_000)
+    recorded = RecordedCoordinator(STARTED, ring)
+    with caplog.at_level(logging.WARNING):
+        recorded.handle(TimePassed(), 0)
+    assert recorded.recorder.lost == {LOST: 1}
+    assert len(caplog.records) == 1
+
+
+def test_a_full_disk_is_not_filled_with_empty_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class FullDisk(FileIO):
+        def write(self, _: object) -> int:
+            raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr(flight_recorder, "RETRY_S", 0.0)
+    monkeypatch.setattr(ring_module, "FileIO", FullDisk)
+    recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000))
+    for now_ns in range(10):
+        recorded.handle(TimePassed(), now_ns)
+    assert recorded.recorder.lost == {LOST: 10}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_its_thread_writes_while_the_loop_goes_on_and_all_on_the_way_out(tmp_path: Path) -> None:
+    recorder = FlightRecorder(STARTED.coordinator(), STARTED, Ring(tmp_path, 7, 60_000))
+    deadline_s = time.monotonic() + 10.0
+    with recorder.running():
+        recorder.handle(TimePassed(), 0)
+        while not events_in(tmp_path):
+            assert time.monotonic() < deadline_s
+        for now_ns in range(100):
+            recorder.handle(TimePassed(), now_ns)
+    assert len(events_in(tmp_path)) == 101
+
+
+def test_without_a_folder_nothing_is_kept() -> None:
+    recorder = FlightRecorder(STARTED.coordinator(), STARTED, None)
+    with recorder.running():
+        recorder.handle(TimePassed(), 0)
+    assert recorder.lost == {}
+
+
+def test_particles_and_beams_are_left_out_and_nothing_else() -> None:
+    where = (1.0, 2.0, 3.0)
+    report = tracked("c0", 3, 0.1, where, snapshot=cloud_at(where, 3))
+    small = without_bulk(ReportArrived("w", report))
+    assert isinstance(small, ReportArrived)
+    assert isinstance(small.report, TrackReport)
+    assert small.report.snapshot is not None
+    assert small.report.snapshot.map_from_robot.array().shape == (0, 3)
+    assert small.report.snapshot.step == 3
+    assert small.report.mean == report.mean
+    found = without_bulk(ReportArrived("w", searched("s0.0", 3, {where: 0.5})))
+    assert isinstance(found, ReportArrived)
+    assert not isinstance(found.report, TrackReport)
+    (kept,) = found.report.places
+    assert kept.sample.log_weights.array().shape == (0,)
+    assert kept.share == place(0.5, where, 3).share
+    past = without_bulk(HistoryArrived((scan(1), scan(2))))
+    assert isinstance(past, HistoryArrived)
+    assert [one.step for one in past.scans] == [1, 2]
+    assert all(one.ranges.array().shape == (0,) for one in past.scans)

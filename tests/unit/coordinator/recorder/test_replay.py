@@ -1,0 +1,133 @@
+"""What was recorded and is replayed is the same, bit for bit, whatever happened."""
+
+import tempfile
+from pathlib import Path
+
+import hypothesis
+import pytest
+from hypothesis import strategies as st
+
+from coordinator.recorder.replay import CoordinatorActs, Happened, replayed
+from coordinator.recorder.ring import files_in
+from particle_filter.sensor_model import SensorModel
+from protocol.answers import Belief, Relocalize, SetPose
+from tests.unit.coordinator.living import Living, symmetric_room
+from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, as_bytes, beliefs
+
+SMALL_FILES = 150_000
+"""Of a ring whose files hold a few steps each."""
+
+ACTIONS = st.one_of(
+    st.just(("drive", 0)),
+    st.just(("drive", 0)),
+    st.just(("drive", 0)),
+    st.tuples(st.just("lose worker"), st.integers(0, 2)),
+    st.tuples(st.just("add worker"), st.integers(0, 2)),
+    st.tuples(st.just("wait"), st.integers(1, 3)),
+    st.tuples(st.just("set pose"), st.integers(1, 4)),
+    st.just(("relocalize", 0)),
+    st.tuples(st.just("die"), st.integers(0, 12)),
+)
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+def live(living: Living, actions: list[tuple[str, int]]) -> None:
+    """Drive, and let happen what shall; a coordinator that died is there again a step later."""
+    step = 0
+    for number, (action, value) in enumerate(actions):
+        name = f"w{value}"
+        if action == "drive":
+            living.drive(step)
+            step += 1
+            if living.coordinator is None:
+                living.revive()
+        elif action == "lose worker" and name in living.workers:
+            living.kill_worker(name)
+        elif action == "add worker" and name not in living.workers:
+            living.start_worker(name)
+        elif action == "wait":
+            living.wait(value)
+        elif action == "set pose":
+            pose = (float(value), 2.0, 0.5)
+            living.command(SetPose(sender="c", command_id=str(number), map_from_robot=pose))
+        elif action == "relocalize":
+            living.command(Relocalize(sender="c", command_id=str(number)))
+        elif action == "die":
+            living.dies_in = value
+
+
+def heard(living: Living) -> set[bytes]:
+    return set(as_bytes([belief for told in living.beliefs.values() for belief in told]))
+
+
+@hypothesis.settings(deadline=None, max_examples=10)
+@hypothesis.given(st.lists(ACTIONS, min_size=5, max_size=40))
+def test_whatever_happens_the_replay_believes_what_was_believed(
+    model: SensorModel, actions: list[tuple[str, int]]
+) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = Recordings(Path(folder))
+        living = Living(model, made=recordings.make)
+        live(living, [*[("drive", 0)] * 8, *actions])
+        happenings = recordings.replay()
+    # A coordinator that died between two instructions had decided what nobody heard.
+    assert heard(living) <= set(as_bytes(beliefs(happenings)))
+
+
+@hypothesis.settings(deadline=None, max_examples=6)
+@hypothesis.given(st.lists(ACTIONS, min_size=5, max_size=30))
+def test_every_file_alone_is_replayed_to_the_same_beliefs(
+    model: SensorModel, actions: list[tuple[str, int]]
+) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        recordings = Recordings(folder, max_bytes=SMALL_FILES)
+        living = Living(model, made=recordings.make)
+        live(living, [*[("drive", 0)] * 12, *actions, *[("drive", 0)] * 6])
+        whole = as_bytes(beliefs(recordings.replay()))
+        alone: list[Belief] = []
+        for file in files_in(folder):
+            with tempfile.TemporaryDirectory() as other:
+                (Path(other) / file.name).write_bytes(file.read_bytes())
+                alone += beliefs([happening for _, happening in replayed(Path(other), VERSION)])
+        assert as_bytes(alone) == whole
+        assert len(files_in(folder)) > 2
+
+
+def test_each_coordinator_says_where_it_took_over(model: SensorModel, tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path)
+    living = Living(model, made=recordings.make)
+    live(living, [("drive", 0)] * 12)
+    living.kill_worker("w1")
+    living.revive()
+    living.drive(12)
+    happenings = recordings.replay()
+    acts = [happening for happening in happenings if isinstance(happening, CoordinatorActs)]
+    assert acts == [
+        CoordinatorActs("coordinator", 1, None),
+        CoordinatorActs("coordinator", 2, 11),
+    ]
+    assert Happened("worker left", "w1") in happenings
+    assert [h.about for h in happenings if h == Happened("worker joined", "w2")] == ["w2"] * 2
+
+
+def test_a_ring_that_went_round_is_replayed_from_its_oldest_file(
+    model: SensorModel, tmp_path: Path
+) -> None:
+    recordings = Recordings(tmp_path, max_bytes=50_000)
+    living = Living(model, made=recordings.make)
+    live(living, [("drive", 0)] * 40)
+    happenings = recordings.replay()
+    first = files_in(tmp_path)[0]
+    assert not first.name.endswith("-000000.flight")
+    assert sum(file.stat().st_size for file in files_in(tmp_path)) < 55_000
+    assert isinstance(happenings[0], Happened)
+    assert happenings[0].kind == "not recorded"
+    told = beliefs(happenings)
+    steps = [belief.step for belief in told]
+    assert steps == list(range(steps[0], 40))
+    assert as_bytes(told) == as_bytes([living.beliefs[step][0] for step in steps])
