@@ -29,7 +29,7 @@ from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
 from coordinator.outgoing import Outgoing
 from coordinator.pose.last_pose import LastPose
-from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.pose_keeper import PoseKeeper
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.stop import StopFlag
@@ -243,15 +243,6 @@ class CoordinatorLoop:
 
     def _keep(self, belief: Belief) -> None:
         """Remember where the robot is, where that is sure."""
-        if belief.state != "localized":
-            return
-        best = belief.hypotheses[0]
-        pose = LastPose(
-            map_digest=self._coordinator.map_digest,
-            stamp_ns=belief.stamp_ns,
-            odom_from_robot=belief.odom_from_robot,
-            map_from_robot=best.mean,
-            covariance=best.covariance,
-            probability=best.probability,
-        )
-        self._keeper.offer(pose)
+        pose = LastPose.of(belief, self._coordinator.map_digest)
+        if pose is not None:
+            self._keeper.offer(pose)

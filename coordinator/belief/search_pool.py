@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from coordinator.belief.cluster_set import Candidate
-from coordinator.checkpoint import PlaceState, SearchState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
@@ -15,6 +15,24 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+
+
+class PlaceState(msgspec.Struct, frozen=True, array_like=True):
+    """A place that a search holds possible, without its particles."""
+
+    share: float
+    mean: PoseTuple
+    covariance: Covariance
+
+
+class SearchState(msgspec.Struct, frozen=True):
+    """A search under way."""
+
+    search: int
+    first_step: int
+    pooled_step: int
+    """Of the places; -1 before there are any."""
+    places: tuple[PlaceState, ...]
 
 
 NOBODY = Particles(

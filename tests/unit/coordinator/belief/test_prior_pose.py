@@ -4,8 +4,7 @@ import pytest
 
 from coordinator.belief.cluster_set import Candidate
 from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.prior_pose import with_prior_pose
-from coordinator.checkpoint import PriorPose
+from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.work import TrackJob

@@ -1,5 +1,5 @@
+from coordinator.failover.failure_detector import SETTLE_NS, FailureDetector
 from coordinator.failover.self_fencing import LISTEN_NS, PAUSE_NS, SelfFencing
-from coordinator.failover.standby import SETTLE_NS, FailureDetector
 from coordinator.instructions import FetchScans, SendOrder
 from protocol.work import WorkOrder
 

@@ -4,9 +4,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from coordinator.pose import last_pose
+from coordinator import last_pose_files
 from coordinator.pose.last_pose import LastPose
-from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.pose_keeper import PoseKeeper
 from tests.unit.coordinator.reports import NO_SPREAD, scan
 
 POSE = LastPose(
@@ -20,51 +20,51 @@ POSE = LastPose(
 
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
-    last_pose.write(tmp_path / "new", "robot", POSE)
-    assert last_pose.read_all(tmp_path / "new", "robot") == {POSE.map_digest: POSE}
+    last_pose_files.write(tmp_path / "new", "robot", POSE)
+    assert last_pose_files.read_all(tmp_path / "new", "robot") == {POSE.map_digest: POSE}
     assert len(list((tmp_path / "new").iterdir())) == 1, "no part of a file is left"
 
 
 def test_a_robot_reads_its_own_poses_only_and_keeps_one_for_each_map(tmp_path: Path) -> None:
     other = msgspec.structs.replace(POSE, map_digest="ffff" * 5)
     for robot, pose in (("a", POSE), ("a", other), ("a/b", POSE)):
-        last_pose.write(tmp_path, robot, pose)
-    assert set(last_pose.read_all(tmp_path, "a")) == {POSE.map_digest, other.map_digest}
-    assert set(last_pose.read_all(tmp_path, "a/b")) == {POSE.map_digest}
-    assert last_pose.read_all(tmp_path, "c") == {}
+        last_pose_files.write(tmp_path, robot, pose)
+    assert set(last_pose_files.read_all(tmp_path, "a")) == {POSE.map_digest, other.map_digest}
+    assert set(last_pose_files.read_all(tmp_path, "a/b")) == {POSE.map_digest}
+    assert last_pose_files.read_all(tmp_path, "c") == {}
 
 
 def test_a_folder_that_is_not_there_holds_no_pose(tmp_path: Path) -> None:
-    assert last_pose.read_all(tmp_path / "none", "robot") == {}
+    assert last_pose_files.read_all(tmp_path / "none", "robot") == {}
 
 
 @pytest.mark.parametrize("cut_at", [0, 1, 40, 200, -2])
 def test_a_file_cut_off_is_named_and_ignored(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, cut_at: int
 ) -> None:
-    last_pose.write(tmp_path, "robot", POSE)
-    file = last_pose.file_of(tmp_path, "robot", POSE.map_digest)
+    last_pose_files.write(tmp_path, "robot", POSE)
+    file = last_pose_files.file_of(tmp_path, "robot", POSE.map_digest)
     file.write_bytes(file.read_bytes()[:cut_at])
-    assert last_pose.read_all(tmp_path, "robot") == {}
+    assert last_pose_files.read_all(tmp_path, "robot") == {}
     assert str(file) in caplog.text
 
 
 def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
-    last_pose.write(tmp_path, "robot", POSE)
-    file = last_pose.file_of(tmp_path, "robot", POSE.map_digest)
+    last_pose_files.write(tmp_path, "robot", POSE)
+    file = last_pose_files.file_of(tmp_path, "robot", POSE.map_digest)
     whole = file.read_bytes()
     for at in range(len(whole)):
         broken = bytearray(whole)
         broken[at] ^= 1 << (at % 8)
         file.write_bytes(broken)
-        assert last_pose.read_all(tmp_path, "robot").get(POSE.map_digest, POSE) == POSE
+        assert last_pose_files.read_all(tmp_path, "robot").get(POSE.map_digest, POSE) == POSE
 
 
 def test_a_broken_file_gives_way_to_the_next_pose(tmp_path: Path) -> None:
-    last_pose.file_of(tmp_path, "robot", POSE.map_digest).write_bytes(b"\x00" * 30_000)
-    assert last_pose.read_all(tmp_path, "robot") == {}
-    last_pose.write(tmp_path, "robot", POSE)
-    assert last_pose.read_all(tmp_path, "robot") == {POSE.map_digest: POSE}
+    last_pose_files.file_of(tmp_path, "robot", POSE.map_digest).write_bytes(b"\x00" * 30_000)
+    assert last_pose_files.read_all(tmp_path, "robot") == {}
+    last_pose_files.write(tmp_path, "robot", POSE)
+    assert last_pose_files.read_all(tmp_path, "robot") == {POSE.map_digest: POSE}
 
 
 def test_the_keeper_writes_the_first_pose_at_once_and_the_newest_at_the_end(
@@ -74,7 +74,7 @@ def test_the_keeper_writes_the_first_pose_at_once_and_the_newest_at_the_end(
     with keeper.running():
         for stamp_ns in range(5):
             keeper.offer(msgspec.structs.replace(POSE, stamp_ns=stamp_ns))
-    assert last_pose.read_all(tmp_path, "robot")[POSE.map_digest].stamp_ns == 4
+    assert last_pose_files.read_all(tmp_path, "robot")[POSE.map_digest].stamp_ns == 4
 
 
 def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
