@@ -1,7 +1,7 @@
 """The coordinator's decisions: told what happened, answers what to send.
 
-No network, no clock: events carry `now_ns`, instructions are plain objects. So a whole failure
-story is a unit test.
+No network, no clock: events and the time come in, instructions go out, all of them plain objects.
+So a failure of a worker or a network is replayed in a unit test.
 """
 
 from collections.abc import Mapping, Sequence

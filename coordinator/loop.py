@@ -191,7 +191,7 @@ class CoordinatorLoop:
             return []
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
-            self._fencing.arise(now_ns)
+            self._fencing.listen(now_ns)
             return self._coordinator.handle(LinkBack(), now_ns)
         return self._coordinator.handle(LinkLost(), now_ns)
 
@@ -201,7 +201,7 @@ class CoordinatorLoop:
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
-        if self._fencing.lasts(now_ns):
+        if self._fencing.is_listening(now_ns):
             asked.refuse("another coordinator may have taken over; ask again")
             return []
         match asked.key:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from coordinator.answers import Answers
 from coordinator.belief.prior_pose import PriorPose
-from coordinator.failover.state_recovery import PATIENCE_NS, StateRecovery, Told
+from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told
 from coordinator.failover.term import Term
 from coordinator.instructions import FetchScans, Instruction
 from coordinator.pose.last_pose import LastPose
@@ -53,7 +53,7 @@ class TakeOver:
         is_asked = is_missed or not (self._term.begun and self._state.founded)
         if is_asked:
             self._recovery.expect(worker)
-        self._state.on_worker_joined(worker, now_ns + PATIENCE_NS if is_asked else 0)
+        self._state.on_worker_joined(worker, now_ns + ORDERS_AFTER_NS if is_asked else 0)
 
     def on_worker_left(self, worker: str) -> None:
         """A worker is gone."""
@@ -131,7 +131,7 @@ class TakeOver:
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Where the robot was at the end of an earlier life, as one place that is possible."""
         last, probability = self._last_poses.get(scan.map_digest), self._last_pose_probability
-        return last.offered_at(scan, probability) if last and probability > 0.0 else None
+        return last.as_prior_at(scan, probability) if last and probability > 0.0 else None
 
     def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
         """Carry on from another's state; nothing is done if it cannot be used.

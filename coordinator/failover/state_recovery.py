@@ -12,7 +12,7 @@ from protocol.work import Assignment, Checkpoint, Report, TakeOver, WorkerState
 
 ASK_AGAIN_NS = 200_000_000
 """A worker whose token is there may not serve the question yet."""
-PATIENCE_NS = 2_000_000_000
+ORDERS_AFTER_NS = 2_000_000_000
 """A worker that does not say what it does gets orders all the same after so long."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
 """So long a beginner waits for the last worker, with a checkpoint in hand and without."""

@@ -43,7 +43,7 @@ class LastPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             probability=best.probability,
         )
 
-    def offered_at(self, scan: Scan, probability: float) -> PriorPose:
+    def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
         """The place as it would be at a scan, wide enough for what happened in between.
 
         The odometry since is counted if it goes on; where it has started anew, the robot stands

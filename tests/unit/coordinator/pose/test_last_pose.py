@@ -7,6 +7,7 @@ import pytest
 from coordinator import last_pose_files
 from coordinator.pose.last_pose import LastPose
 from coordinator.pose_keeper import PoseKeeper
+from protocol.answers import Belief, Hypothesis, State
 from tests.unit.coordinator.reports import NO_SPREAD, scan
 
 POSE = LastPose(
@@ -89,13 +90,27 @@ def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
     assert caplog.text.count("cannot be kept") == 1
 
 
+@pytest.mark.parametrize("state", ["localized", "ambiguous", "lost"])
+def test_a_belief_is_kept_only_where_it_is_sure(state: State) -> None:
+    best = Hypothesis(
+        cluster=3, probability=0.97, log_probability=math.log(0.97), mean=POSE.map_from_robot,
+        covariance=NO_SPREAD, effective_sample_size=60.0, age_steps=9,
+    )  # fmt: skip
+    belief = Belief(
+        sender="c", step=9, stamp_ns=7, odom_from_robot=(3.0, 0.0, 0.0), state=state,
+        hypotheses=(best,), searching=False, missing=(),
+    )  # fmt: skip
+    kept = LastPose.of(belief, POSE.map_digest)
+    assert kept == (POSE if state == "localized" else None)
+
+
 def test_odometry_that_goes_on_carries_the_place_on() -> None:
-    offer = POSE.offered_at(scan(9, x_m=4.0), 0.1)
-    assert offer.map_from_robot == pytest.approx((10.0, 6.0, math.pi / 2))
-    assert offer.odom_from_robot == (4.0, 0.0, 0.0)
-    assert offer.covariance[0] > POSE.covariance[0]
+    prior = POSE.as_prior_at(scan(9, x_m=4.0), 0.1)
+    assert prior.map_from_robot == pytest.approx((10.0, 6.0, math.pi / 2))
+    assert prior.odom_from_robot == (4.0, 0.0, 0.0)
+    assert prior.covariance[0] > POSE.covariance[0]
 
 
 def test_odometry_that_starts_anew_leaves_the_robot_where_it_stood() -> None:
-    offer = POSE.offered_at(scan(0, x_m=0.1), 0.1)
-    assert offer.map_from_robot == pytest.approx(POSE.map_from_robot)
+    prior = POSE.as_prior_at(scan(0, x_m=0.1), 0.1)
+    assert prior.map_from_robot == pytest.approx(POSE.map_from_robot)
