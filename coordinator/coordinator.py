@@ -226,14 +226,16 @@ class Coordinator:
         """What has been decided, where others need to know it now, or to know that we live."""
         if not needed:
             return self._checkpoints.sign_of_life(now_ns)
-        founded, state = self._state.founded, self._state.hand_on(now_ns)
+        state = self._state.hand_on(now_ns)
         applied = state.collector.applied
-        step = applied.step if applied else -1
-        return [
-            self._checkpoints.next(
-                to_bytes(state), term=self._term.number, step=step, founded=founded, now_ns=now_ns
-            )
-        ]
+        checkpoint = self._checkpoints.next(
+            to_bytes(state),
+            term=self._term.number,
+            step=applied.step if applied else -1,
+            founded=self._state.founded,
+            now_ns=now_ns,
+        )
+        return [checkpoint]
 
     # --- answers
 
