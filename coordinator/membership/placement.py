@@ -86,25 +86,19 @@ class Placement:
         """Place what has no worker, even out, and tell every worker what is news to it."""
         self.jobs.miss_no_longer(now_ns)
         ready = self.delivery.ready(now_ns)
-        resting = self._resting(now_ns)
-        able = [name for name in ready if name not in resting] or ready
+        paused = self._stragglers.paused
+        able = [name for name in ready if name not in paused or self._may_work(name, now_ns)]
         jobs = self.jobs.by_worker()
-        if moves := balanced(jobs, able, self.jobs.may_move):
+        if moves := balanced(jobs, able or ready, self.jobs.may_move):
             self.jobs.carry_out(moves, term, now_ns)
             jobs = self.jobs.by_worker()
         return self.delivery.orders(
             ready, jobs, self.jobs.assignment, term=term, map_digest=map_digest, now_ns=now_ns
         )
 
-    def _resting(self, now_ns: int) -> set[str]:
-        """Workers that were too slow, and may not have jobs again yet."""
-        return {
-            worker
-            for worker in self._stragglers.paused
-            if not self._stragglers.may_work(
-                worker, now_ns, answers=self.delivery.has_answered(worker)
-            )
-        }
+    def _may_work(self, worker: str, now_ns: int) -> bool:
+        answers = self.delivery.has_answered(worker)
+        return self._stragglers.may_work(worker, now_ns, answers=answers)
 
     # --- from one coordinator to the next
 

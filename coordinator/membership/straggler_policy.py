@@ -63,9 +63,9 @@ class StragglerPolicy:
         return given_up
 
     @property
-    def paused(self) -> list[str]:
+    def paused(self) -> set[str]:
         """Workers that were given up, until `may_work` says that they are back."""
-        return [worker for worker, record in self._records.items() if record.paused]
+        return {worker for worker, record in self._records.items() if record.paused}
 
     def waits_for(self, worker: str) -> bool:
         """Whether a step is held up for a worker."""

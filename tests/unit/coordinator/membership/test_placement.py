@@ -1,5 +1,6 @@
 from coordinator.membership.order_delivery import RESEND_AFTER_NS
 from coordinator.membership.placement import Placement
+from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
 from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at
@@ -147,3 +148,20 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
     assert begun(again) == {"a": ["c0"]}
     follow(made, again)
     assert due(made, 9 * SECOND) == []
+
+
+def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
+    before = placement("absent")
+    before.jobs.begin({"c0": track(0)})
+    follow(before, due(before, 0))
+    made = placement("b")
+    made.restore(before.state(), track_again, 0)
+    made.jobs.begin({"c1": track(1)})
+    follow(made, due(made, 0))
+    for step in range(GIVEN_UP_AFTER):
+        made.step_decided(["c0", "c1"], ["c0"], (9 + step) * SECOND)
+    assert begun(due(made, 20 * SECOND)) == {"b": ["c0"]}
+
+
+def track_again(_job_id: str) -> TrackJob:
+    return track(0)
