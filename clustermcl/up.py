@@ -6,7 +6,7 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
-from coordinator.pose.last_pose import default_state_folder
+from coordinator.last_pose_files import default_state_folder
 from grid_maps.load import load_map
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source

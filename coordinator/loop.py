@@ -29,7 +29,7 @@ from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
 from coordinator.outgoing import Outgoing
 from coordinator.pose.last_pose import LastPose
-from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
@@ -204,7 +204,7 @@ class CoordinatorLoop:
             return []
         _log.warning("the link to the router %s", "is back" if event.up else "is lost")
         if event.up:
-            self._fencing.arise(now_ns)
+            self._fencing.listen(now_ns)
             return self._recorder.handle(LinkBack(), now_ns)
         return self._recorder.handle(LinkLost(), now_ns)
 
@@ -214,7 +214,7 @@ class CoordinatorLoop:
 
     def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
         self._health.happened("questions")
-        if self._fencing.lasts(now_ns):
+        if self._fencing.is_listening(now_ns):
             asked.refuse("another coordinator may have taken over; ask again")
             return []
         match asked.key:
@@ -258,15 +258,8 @@ class CoordinatorLoop:
 
     def _keep(self, belief: Belief) -> None:
         """Remember where the robot is, where that is sure."""
-        if belief.state != "localized" or not self._coordinator.pose_outlives_us:
+        if not self._coordinator.pose_outlives_us:
             return
-        best = belief.hypotheses[0]
-        pose = LastPose(
-            map_digest=self._coordinator.map_digest,
-            stamp_ns=belief.stamp_ns,
-            odom_from_robot=belief.odom_from_robot,
-            map_from_robot=best.mean,
-            covariance=best.covariance,
-            probability=best.probability,
-        )
-        self._keeper.offer(pose)
+        pose = LastPose.of(belief, self._coordinator.map_digest)
+        if pose is not None:
+            self._keeper.offer(pose)

@@ -9,13 +9,13 @@ from urllib.parse import quote
 
 import zenoh
 
-from coordinator.failover.standby import StandbyLoop
+from coordinator.last_pose_files import default_state_folder, read_all
 from coordinator.loop import CoordinatorLoop
-from coordinator.pose.last_pose import default_state_folder, read_all
-from coordinator.pose.pose_keeper import PoseKeeper
+from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
+from coordinator.standby import StandbyLoop
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings

@@ -5,13 +5,14 @@ Everything here that decides can be handed on to another coordinator, and be tak
 
 from collections import Counter
 
-import msgspec
 import numpy as np
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
-from coordinator.checkpoint import STATE_VERSION, CheckpointState, PriorPose, from_bytes
+from coordinator.belief.prior_pose import PriorPose
+from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes
+from coordinator.commands import Commands
 from coordinator.event_log import EventLog
 from coordinator.membership.placement import Placement
 from coordinator.pose.pose_tracker import PoseTracker
@@ -21,12 +22,9 @@ from particle_filter.poses import between
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
-from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
+from protocol.answers import Relocalize, SetPose
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Report, TrackJob, TrackReport
-
-HANDED_ON_COMMANDS = 20
 
 
 class CoordinatorState:
@@ -44,120 +42,175 @@ class CoordinatorState:
         self.collector = StepCollector(settings)
         self.pose = PoseTracker(sender, settings.stale_after_s)
         self.event_log = EventLog()
+        self._is_folder_named = bool(settings.state_folder)
+        self.commands = Commands()
         self.outcome: Outcome | None = None
-        self.applied_scan: Scan | None = None
         self.counters: Counter[str] = Counter()
-        self.commands_done: dict[str, str] = {}
-        """The last commands' ids to the reason why they were refused."""
-        self.steps_applied = self.reports_missing = self.set_poses = 0
-        self.changed = False
+        self.steps_applied = self.reports_missing = 0
+        self._map_digest = ""
+        self._founded = False
+        self._changed = True
+
+    @property
+    def map_digest(self) -> str:
+        """Of the map in which the robot is looked for; empty before the first scan."""
+        return self._map_digest
+
+    @property
+    def founded(self) -> bool:
+        """Whether the belief has had clusters, or a person has spoken."""
+        return self._founded
+
+    @property
+    def changed(self) -> bool:
         """Whether others have to be told before anything that is decided leaves this process."""
+        return self._changed
+
+    @property
+    def pose_outlives_us(self) -> bool:
+        """Whether the last pose is of use to another life of ours, and that of an earlier one here.
+
+        A recording or a simulation begins where it begins, unless a person names a folder for it.
+        """
+        return self.pose.live or self._is_folder_named
+
+    # --- what happens
+
+    def on_map(self, digest: str) -> bool:
+        """A scan came with the digest of its map, the first one decides; False for another map."""
+        self._map_digest = self._map_digest or digest
+        if digest != self._map_digest:
+            self.counters["scan of another map"] += 1
+        return digest == self._map_digest
+
+    def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
+        """A worker is there; it gets no orders for a while, and has heard no checkpoint yet."""
+        self.placement.joined(worker, silent_until_ns)
+        self._changed = True
+
+    def on_worker_left(self, worker: str) -> None:
+        """A worker is gone."""
+        self.placement.left(worker)
+        self._changed = True
 
     def on_report(self, report: Report, worker: str) -> None:
         """A worker's job took a step; of a job that another worker has, it has nothing to say."""
-        if self.placement.is_of_another(report.job_id, report.epoch, worker):
+        jobs = self.placement.jobs
+        if jobs.is_of_another(report.job_id, report.epoch, worker):
             self.counters["report of another worker's job"] += 1
             return
-        if not self.placement.is_current(report.job_id, report.epoch):
+        if not jobs.is_current(report.job_id, report.epoch):
             self.counters["report of an old epoch"] += 1
             return
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
-        in_time = self.collector.take_report(report)
+        in_time = self.collector.on_report(report)
         self.placement.reported(report.job_id, snapshot, in_time=in_time)
         if not in_time:
             self.counters["report late"] += 1
 
-    def apply(self, ready: ReadyStep, now_ns: int) -> None:
-        """Decide a step."""
-        expected = self.ensemble.expected
-        outcome = self.ensemble.advance(
-            ready.scan.step, ready.reports, self._moved_to(ready.scan.odom_from_robot)
-        )
-        self.placement.step_decided(expected, outcome.missing, now_ns)
-        self.applied_scan = ready.scan
-        self.steps_applied += 1
-        self.reports_missing += len(outcome.missing)
-        self.follow(outcome, ready.scan)
-
-    def _moved_to(self, odom_from_robot: PoseTuple) -> Pose | None:
-        """How the robot moved since the step that was applied last."""
-        if self.applied_scan is None:
-            return None
-        return between(np.array(self.applied_scan.odom_from_robot), np.array(odom_from_robot))
-
-    def follow(self, outcome: Outcome, scan: Scan) -> None:
-        """Hand out the jobs of an outcome."""
-        self.outcome, self.changed = outcome, True
-        self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
-        self.placement.end(outcome.end)
-        self.placement.begin(outcome.begin)
-        self.pose.believed(outcome, scan.odom_from_robot)
-
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
         """Search for the first time."""
         self.collector.begin_after(first_step - 1)
-        self.placement.begin(self.ensemble.begin_at(first_step, prior_pose))
-        self.changed = True
+        self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
+        self._changed = True
+
+    def ready(self, now_ns: int) -> ReadyStep | None:
+        """The next step, if nothing is to be waited for any longer; then it must be applied."""
+        if self.collector.oldest_scan is None:
+            return None
+        expected = self.placement.waited_for(self.ensemble.expected)
+        return self.collector.ready(expected, self.placement.jobs.placed_ns, now_ns)
+
+    def apply(self, ready: ReadyStep, now_ns: int) -> None:
+        """Decide a step."""
+        expected = self.ensemble.expected
+        outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
+        self.placement.step_decided(expected, outcome.missing, now_ns)
+        self.steps_applied += 1
+        self.reports_missing += len(outcome.missing)
+        self._follow(outcome, ready.scan)
+
+    def carry_out(self, command: SetPose | Relocalize) -> bool:
+        """Do what is commanded; False if it is refused."""
+        applied = self.collector.applied
+        outcome = self.commands.carry_out(command, self.ensemble, applied)
+        if outcome is None or applied is None:
+            return False
+        self._founded = True
+        self._follow(outcome, applied)
+        return True
 
     def count_anew(self, scan: Scan) -> None:
         """The bridge has forgotten the steps so far, and with them where odometry was."""
         self.counters["steps counted anew"] += 1
         self.collector.restart(scan.step - 1)
-        self.follow(self.ensemble.relocalize(scan.step - 1, "steps restarted"), scan)
-        self.applied_scan = None
+        self._follow(self.ensemble.relocalize(scan.step - 1, "steps restarted"), scan)
 
-    # --- handed on
+    def _follow(self, outcome: Outcome, scan: Scan) -> None:
+        """Hand out the jobs of an outcome."""
+        self.outcome, self._changed = outcome, True
+        self._founded |= len(self.ensemble.clusters) > 0
+        self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
+        self.placement.jobs.end(outcome.end)
+        self.placement.jobs.begin(outcome.begin)
+        self.pose.believed(outcome, scan.odom_from_robot)
 
-    def state(self, now_ns: int) -> CheckpointState:
-        """All that decides, but for particles that workers hold."""
+    # --- from one coordinator to the next
+
+    def hand_on(self, now_ns: int) -> CheckpointState:
+        """All that decides, but for particles that workers hold; it counts as told to others."""
+        self._changed = False
         return CheckpointState(
             version=STATE_VERSION,
-            map_digest=self.placement.map_digest,
+            map_digest=self._map_digest,
             ensemble=self.ensemble.state(),
             jobs=self.placement.state(),
-            applied=_without_beams(self.applied_scan),
+            collector=self.collector.state(),
+            commands=self.commands.state(),
             missing=self.outcome.missing if self.outcome else (),
             age_s=self.pose.age_s(now_ns),
             steps_applied=self.steps_applied,
-            steps_lost=self.collector.steps_lost,
             reports_missing=self.reports_missing,
-            set_poses=self.set_poses,
             counters=dict(self.counters),
-            commands_done=dict(list(self.commands_done.items())[-HANDED_ON_COMMANDS:]),
         )
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
-        """Take over another's state; returns the step that follows, None if they are of no use."""
+        """Carry on from another's state.
+
+        Returns:
+            The step that follows; None if the state is of no use, and nothing was changed.
+        """
         try:
             state = from_bytes(checkpoint.state)
         except ValueError:
             self.counters["checkpoint that cannot be read"] += 1
             return None
-        search, applied, newest = state.ensemble.search, state.applied, self.collector.newest_scan
+        search, applied = state.ensemble.search, state.collector.applied
+        newest = self.collector.newest_scan
         if not state.ensemble.searches:
             return None
-        if self.placement.map_digest not in ("", state.map_digest):
+        if self._map_digest not in ("", state.map_digest):
             self.counters["checkpoint of another map"] += 1
             return None
         if newest and applied and newest.step < applied.step:
             self.counters["checkpoint of another count of steps"] += 1
             return None
         self._restore(state, now_ns)
+        self._founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
         return search.first_step if search else 0
 
     def _restore(self, state: CheckpointState, now_ns: int) -> None:
+        self._map_digest = state.map_digest
         self.ensemble.restore(state.ensemble)
-        self.placement.map_digest = state.map_digest
         self.placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state), now_ns)
-        self.applied_scan = applied = state.applied
-        self.collector.resume(applied.step if applied else None, state.steps_lost)
-        self.steps_applied, self.set_poses = state.steps_applied, state.set_poses
-        self.reports_missing = state.reports_missing
+        self.collector.restore(state.collector)
+        self.commands.restore(state.commands)
+        self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
         self.counters.update(state.counters)
-        self.commands_done |= state.commands_done
-        self.changed = True
+        self._changed = True
+        applied = state.collector.applied
         if applied is not None:
             self.pose.resume(
                 applied.stamp_ns,
@@ -171,7 +224,8 @@ class CoordinatorState:
 
     def _rebuilt(self, job_id: str, state: CheckpointState) -> TrackJob:
         """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
-        assert state.applied is not None  # `from_bytes` has looked
+        applied = state.collector.applied
+        assert applied is not None  # `from_bytes` has looked
         cluster = next(c for c in state.ensemble.clusters if c.job_id == job_id)
         again = candidate(
             1.0,
@@ -180,12 +234,14 @@ class CoordinatorState:
             seed=self._seed,
             purpose=Purpose.REBUILT,
             entity=cluster.cluster,
-            step=state.applied.step,
-            odom_from_robot=state.applied.odom_from_robot,
+            step=applied.step,
+            odom_from_robot=applied.odom_from_robot,
         )
         return TrackJob(cluster=cluster.cluster, start=again.sample, exact=False)
 
 
-def _without_beams(scan: Scan | None) -> Scan | None:
-    empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-    return scan and msgspec.structs.replace(scan, ranges=empty)
+def _moved(ready: ReadyStep) -> Pose | None:
+    """How the robot moved since the step that was applied last; None: there was none."""
+    if ready.before is None:
+        return None
+    return between(np.array(ready.before.odom_from_robot), np.array(ready.scan.odom_from_robot))

@@ -3,8 +3,11 @@
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from coordinator.membership.placement import HAND_OVER_NS
+import msgspec
+
+from coordinator.membership.jobs import HAND_OVER_NS
 from process_runtime.settings import CoordinatorSettings
+from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
 from protocol.work import Report, SearchReport
 
@@ -28,7 +31,17 @@ class ReadyStep:
     """A step that can be applied."""
 
     scan: Scan
+    before: Scan | None
+    """The scan of the step that was applied last."""
     reports: tuple[Report, ...]
+
+
+class StepCollectorState(msgspec.Struct, frozen=True):
+    """Which steps are over, as it is handed on."""
+
+    applied: Scan | None
+    """The scan of the last applied step, without its beams."""
+    steps_lost: int
 
 
 class StepCollector:
@@ -38,27 +51,30 @@ class StepCollector:
         self._settings = settings
         self._open: dict[int, OpenStep] = {}
         self._late: list[SearchReport] = []
-        self.applied: int | None = None
-        self.steps_lost = 0
+        self._applied: Scan | None = None
+        self._steps_lost = 0
         self._base: int | None = None
 
     def begin_after(self, step: int) -> None:
         """The bridge had sent steps up to this one when the coordinator came."""
-        if self.applied is None:
+        if self._applied is None:
             self._base = step
-
-    def resume(self, applied: int | None, steps_lost: int) -> None:
-        """Another coordinator has applied the steps up to `applied`."""
-        self.applied, self.steps_lost = applied, steps_lost
-        self._late.clear()
-        for step in [step for step in self._open if applied is not None and step <= applied]:
-            del self._open[step]
 
     def restart(self, before: int) -> None:
         """Steps are counted anew: the next one follows `before`."""
         self._open.clear()
         self._late.clear()
-        self.applied, self._base = None, before
+        self._applied, self._base = None, before
+
+    @property
+    def applied(self) -> Scan | None:
+        """The scan of the last applied step; None: there was none in this count of steps."""
+        return self._applied
+
+    @property
+    def steps_lost(self) -> int:
+        """Steps that were left out because their scans never came."""
+        return self._steps_lost
 
     @property
     def oldest_scan(self) -> Scan | None:
@@ -72,7 +88,7 @@ class StepCollector:
         waiting = [opened.scan for opened in self._open.values() if opened.scan]
         return max(waiting, key=lambda scan: scan.step, default=None)
 
-    def take_scan(self, scan: Scan, now_ns: int) -> bool:
+    def on_scan(self, scan: Scan, now_ns: int) -> bool:
         """A scan arrived; False for one that is not news."""
         if self.before is not None and scan.step <= self.before:
             return False
@@ -95,9 +111,9 @@ class StepCollector:
         for opened in self._open.values():
             opened.arrived_ns = now_ns
 
-    def take_report(self, report: Report) -> bool:
+    def on_report(self, report: Report) -> bool:
         """A report arrived; False when its step is over and it can tell nothing any more."""
-        if self.applied is not None and report.step <= self.applied:
+        if self._applied is not None and report.step <= self._applied.step:
             if isinstance(report, SearchReport):
                 self._late.append(report)  # a search tells the same a step later
                 return True
@@ -115,7 +131,7 @@ class StepCollector:
         Args:
             expected: jobs whose report it waits for.
             placed_ns: when a job was given to its worker; a fresh one is waited for longer.
-            now_ns: by the same clock as `take_scan`.
+            now_ns: by the same clock as `on_scan`.
         """
         step = min((s for s, opened in self._open.items() if opened.scan), default=None)
         if step is None:
@@ -132,7 +148,7 @@ class StepCollector:
     @property
     def before(self) -> int | None:
         """The step after which the next one should be; None: any may be the first."""
-        return self._base if self.applied is None else self.applied
+        return self._base if self._applied is None else self._applied.step
 
     def _deadline(
         self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
@@ -149,7 +165,23 @@ class StepCollector:
         for older in [other for other in self._open if other < step]:
             del self._open[older]
         if self.before is not None:
-            self.steps_lost += step - self.before - 1
-        self.applied = step
+            self._steps_lost += step - self.before - 1
+        before, self._applied = self._applied, opened.scan
         late, self._late = self._late, []
-        return ReadyStep(opened.scan, (*late, *opened.reports.values()))
+        return ReadyStep(opened.scan, before, (*late, *opened.reports.values()))
+
+    # --- from one coordinator to the next
+
+    def state(self) -> StepCollectorState:
+        """Which steps are over, to be handed on."""
+        empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
+        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty)
+        return StepCollectorState(applied, self._steps_lost)
+
+    def restore(self, state: StepCollectorState) -> None:
+        """Another coordinator has applied the steps so far; what waits of them is left out."""
+        self._applied, self._steps_lost = state.applied, state.steps_lost
+        self._late.clear()
+        over = -1 if state.applied is None else state.applied.step
+        for step in [step for step in self._open if step <= over]:
+            del self._open[step]

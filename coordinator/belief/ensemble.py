@@ -8,15 +8,15 @@ decides takes effect at a step number, never on arrival.
 import math
 from collections.abc import Iterable, Sequence
 
+import msgspec
 from msgspec.structs import replace
 
 from coordinator.belief.admission import newcomers, terms
 from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
-from coordinator.belief.fit_monitor import FitMonitor
+from coordinator.belief.fit_monitor import FitMonitor, FitState
 from coordinator.belief.outcome import Job, Outcome, hypothesis_of, places_of
-from coordinator.belief.prior_pose import with_prior_pose
-from coordinator.belief.search_pool import Pool, SearchPool
-from coordinator.checkpoint import EnsembleState, PriorPose
+from coordinator.belief.prior_pose import PriorPose, with_prior_pose
+from coordinator.belief.search_pool import Pool, SearchPool, SearchState
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
@@ -26,6 +26,19 @@ from protocol.work import Place, Report, SearchJob, SearchReport, TrackJob, Trac
 
 KEPT_MEANS = 100
 """Steps that a search may lie behind the clusters it is compared with."""
+
+
+class EnsembleState(msgspec.Struct, frozen=True):
+    """The belief and the search for new places."""
+
+    clusters: tuple[Cluster, ...]
+    """In the order in which they are summed."""
+    next_cluster: int
+    fit: FitState
+    search: SearchState | None
+    searches: int
+    next_search_step: int
+    prior_pose: PriorPose | None = None
 
 
 class Ensemble:

@@ -2,8 +2,17 @@
 
 import math
 
-from coordinator.checkpoint import FitState
+import msgspec
+
 from particle_filter.settings import BeliefSettings
+
+
+class FitState(msgspec.Struct, frozen=True):
+    """What tracking is used to."""
+
+    usual: float
+    recent: float
+    lost: bool
 
 
 class FitMonitor:

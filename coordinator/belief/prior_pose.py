@@ -3,19 +3,29 @@
 import math
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Newcomer
 from coordinator.belief.given_places import candidate
-from coordinator.checkpoint import PriorPose
 from particle_filter.overlaps import is_near
 from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
-from protocol.message import PoseTuple
+from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.work import Place
+
+
+class PriorPose(msgspec.Struct, frozen=True):
+    """A place that is possible from earlier knowledge, until the first search has ended."""
+
+    step: int
+    odom_from_robot: PoseTuple
+    map_from_robot: PoseTuple
+    covariance: Covariance
+    probability: float
 
 
 def with_prior_pose(

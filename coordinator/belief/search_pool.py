@@ -3,9 +3,9 @@
 import math
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
-from coordinator.checkpoint import SearchState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.answers import Hypothesis
@@ -14,6 +14,15 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+
+
+class SearchState(msgspec.Struct, frozen=True):
+    """A search under way."""
+
+    search: int
+    first_step: int
+    possible: tuple[Hypothesis, ...]
+    """What is told of it; empty where there are clusters, which are told instead."""
 
 
 @dataclass(frozen=True)

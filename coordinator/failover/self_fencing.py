@@ -1,4 +1,4 @@
-"""Whether this coordinator may still act: after a pause it listens before it speaks.
+"""Whether this coordinator may still act: after a pause it listens before it sends anything.
 
 A process that was stopped, or cut off, does not know how long it was away. Another coordinator
 may act by now, and says so at least twice a second.
@@ -23,14 +23,14 @@ class SelfFencing:
     def turn(self, now_ns: int) -> None:
         """The loop turns."""
         if now_ns - self._last_turn_ns > PAUSE_NS:
-            self.arise(now_ns)
+            self.listen(now_ns)
         self._last_turn_ns = now_ns
 
-    def arise(self, now_ns: int) -> None:
-        """Something has happened that may have made another coordinator take over."""
+    def listen(self, now_ns: int) -> None:
+        """Send nothing for a moment: another coordinator may have taken over meanwhile."""
         self._until_ns = now_ns + LISTEN_NS
 
-    def lasts(self, now_ns: int) -> bool:
+    def is_listening(self, now_ns: int) -> bool:
         """Whether to listen on."""
         return now_ns < self._until_ns
 
@@ -42,7 +42,7 @@ class SelfFencing:
         """
         held = [*self._held, *instructions]
         self._held = []
-        if not self.lasts(now_ns):
+        if not self.is_listening(now_ns):
             return held
         self._held = [do for do in held if not isinstance(do, FetchScans)]
         return [do for do in held if isinstance(do, FetchScans)]

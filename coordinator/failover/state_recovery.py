@@ -1,17 +1,18 @@
 """What a new coordinator asks before it acts: the workers tell what the last one had decided."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
 import msgspec
 
+from coordinator.instructions import AskState
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
-from protocol.work import Assignment, Checkpoint, Report, WorkerState
+from protocol.work import Assignment, Checkpoint, Report, TakeOver, WorkerState
 
 ASK_AGAIN_NS = 200_000_000
 """A worker whose token is there may not serve the question yet."""
-PATIENCE_NS = 2_000_000_000
+ORDERS_AFTER_NS = 2_000_000_000
 """A worker that does not say what it does gets orders all the same after so long."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
 """So long a beginner waits for the last worker, with a checkpoint in hand and without."""
@@ -54,40 +55,51 @@ def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
 class StateRecovery:
     """Who has to be asked, who has answered, and what is the newest checkpoint."""
 
-    def __init__(self, known: Checkpoint | None, now_ns: int) -> None:
+    def __init__(self, sender: str, known: Checkpoint | None, now_ns: int) -> None:
+        self._sender = sender
         self._began_ns = now_ns
         self._asked_ns: dict[str, int | None] = {}
-        self.told: dict[str, Told] = {}
-        self.newest = known
+        self._told: dict[str, Told] = {}
+        self._newest = known
+
+    @property
+    def told(self) -> Mapping[str, Told]:
+        """The answers of the workers that are there."""
+        return self._told
+
+    @property
+    def newest(self) -> Checkpoint | None:
+        """The newest checkpoint of another coordinator."""
+        return self._newest
 
     def expect(self, worker: str) -> None:
         """A worker is there and has to be asked."""
         self._asked_ns[worker] = None
-        self.told.pop(worker, None)
+        self._told.pop(worker, None)
 
     def forget(self, worker: str) -> None:
         """A worker is gone."""
         self._asked_ns.pop(worker, None)
-        self.told.pop(worker, None)
+        self._told.pop(worker, None)
 
     def hear(self, checkpoint: Checkpoint | None) -> None:
         """A checkpoint is known, from a worker or from another coordinator."""
-        if checkpoint and (self.newest is None or checkpoint.rank > self.newest.rank):
-            self.newest = checkpoint
+        if checkpoint and (self._newest is None or checkpoint.rank > self._newest.rank):
+            self._newest = checkpoint
 
     def answered(self, worker: str, told: Told) -> None:
         """A worker has answered."""
         self._asked_ns.pop(worker, None)
-        self.told[worker] = told
+        self._told[worker] = told
         self.hear(told.checkpoint)
 
     def ask_all_again(self) -> None:
         """All must be asked anew: the term was too low."""
-        for worker in (*self._asked_ns, *self.told):
+        for worker in (*self._asked_ns, *self._told):
             self._asked_ns[worker] = None
 
-    def due(self, now_ns: int) -> list[str]:
-        """Whom to ask now."""
+    def questions(self, term: int, now_ns: int) -> list[AskState]:
+        """Whom to ask now, in the name of a term."""
         due = [
             worker
             for worker, asked_ns in sorted(self._asked_ns.items())
@@ -95,9 +107,9 @@ class StateRecovery:
         ]
         for worker in due:
             self._asked_ns[worker] = now_ns
-        return due
+        return [AskState(worker, TakeOver(sender=self._sender, term=term)) for worker in due]
 
     def is_over(self, now_ns: int) -> bool:
         """Whether to wait for no more workers before beginning."""
         waited_ns = now_ns - self._began_ns
-        return not self._asked_ns or waited_ns >= (KNOWN_NS if self.newest else UNKNOWN_NS)
+        return not self._asked_ns or waited_ns >= (KNOWN_NS if self._newest else UNKNOWN_NS)

@@ -8,9 +8,8 @@ longer, and a vanished token counts only when the link has stood for a moment af
 from typing import TypeAlias
 
 from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
+from coordinator.failover.failure_detector import SETTLE_NS
 
-SETTLE_NS = 100_000_000
-"""Zenoh reports tokens as vanished up to some milliseconds before the link they came by."""
 GRACE_NS = 2_000_000_000
 """After the link is back: twice the longest pause between two tries to connect."""
 

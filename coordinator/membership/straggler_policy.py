@@ -62,6 +62,11 @@ class StragglerPolicy:
                 self._pause(record, now_ns)
         return given_up
 
+    @property
+    def paused(self) -> set[str]:
+        """Workers that were given up, until `may_work` says that they are back."""
+        return {worker for worker, record in self._records.items() if record.paused}
+
     def waits_for(self, worker: str) -> bool:
         """Whether a step is held up for a worker."""
         record = self._records.get(worker)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import msgspec
 from msgspec.structs import replace
 
-from coordinator.checkpoint import JobState, from_bytes, to_bytes
+from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
 from coordinator.events import (
     CheckpointHeard,
@@ -20,6 +20,7 @@ from coordinator.events import (
     WorkerToldState,
 )
 from coordinator.failover.state_recovery import Told
+from coordinator.membership.jobs import JobState
 from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.pose.last_pose import LastPose, file_of, read_all, write
+from coordinator.last_pose_files import file_of, read_all, write
+from coordinator.pose.last_pose import LastPose
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations

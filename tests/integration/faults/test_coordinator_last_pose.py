@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from coordinator.pose import last_pose
+from coordinator import last_pose_files
 from coordinator.pose.last_pose import LastPose
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from tests.integration.faults.system import SMALL, System, system
@@ -26,7 +26,7 @@ def kept_in(folder: Path) -> Settings:
 
 
 def kept(folder: Path) -> LastPose | None:
-    return next(iter(last_pose.read_all(folder, "robot").values()), None)
+    return next(iter(last_pose_files.read_all(folder, "robot").values()), None)
 
 
 def cut_the_power(tested: System) -> None:
@@ -65,8 +65,8 @@ def test_it_is_one_hypothesis_of_the_next_life_and_not_the_truth(tmp_path: Path)
     )
     other_map = msgspec.structs.replace(pose, map_digest="0" * 64, map_from_robot=(0.0, 0.0, 0.0))
     for one in (pose, other_map):
-        last_pose.write(tmp_path, "robot", one)
-    broken = last_pose.file_of(tmp_path, "robot", "1" * 64)
+        last_pose_files.write(tmp_path, "robot", one)
+    broken = last_pose_files.file_of(tmp_path, "robot", "1" * 64)
     broken.write_bytes(b"{")
     with system(kept_in(tmp_path), "--steps", "40") as tested:
         wait_until(lambda: any(b.state != "searching" for b in tested.beliefs), 90.0)

@@ -8,6 +8,7 @@ from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
 from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
+from coordinator.step_collector import StepCollectorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.work import Checkpoint
@@ -52,7 +53,7 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (to_bytes(state)[:-3], "not a coordinator's state"),
         (changed(state, version=STATE_VERSION + 1), f"expected {STATE_VERSION}"),
         (changed(state, ensemble=lost), "no cluster"),
-        (changed(state, applied=None), "no cluster"),
+        (changed(state, collector=StepCollectorState(applied=None, steps_lost=0)), "no cluster"),
         (changed(state, ensemble=poisoned), "probability"),
     ):
         with pytest.raises(ValueError, match=words):

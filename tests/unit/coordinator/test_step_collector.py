@@ -16,10 +16,10 @@ def never_placed(_job_id: str) -> int:
 
 def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
     made = collector()
-    made.take_scan(scan(0), 0)
-    made.take_report(tracked("c0", 0, 1.0, HERE))
+    made.on_scan(scan(0), 0)
+    made.on_report(tracked("c0", 0, 1.0, HERE))
     assert made.ready(["c0", "c1"], never_placed, 1) is None
-    made.take_report(tracked("c1", 0, 1.0, HERE))
+    made.on_report(tracked("c1", 0, 1.0, HERE))
     ready = made.ready(["c0", "c1"], never_placed, 1)
     assert ready is not None
     assert {report.job_id for report in ready.reports} == {"c0", "c1"}
@@ -27,7 +27,7 @@ def test_a_step_is_ready_once_all_expected_reports_are_in() -> None:
 
 def test_after_its_deadline_a_step_goes_on_without_those_who_are_missing() -> None:
     made = collector()
-    made.take_scan(scan(0), 0)
+    made.on_scan(scan(0), 0)
     assert made.ready(["c0"], never_placed, DEADLINE_NS - 1) is None
     ready = made.ready(["c0"], never_placed, DEADLINE_NS)
     assert ready is not None
@@ -36,13 +36,13 @@ def test_after_its_deadline_a_step_goes_on_without_those_who_are_missing() -> No
 
 def test_a_paced_step_waits_long() -> None:
     made = collector()
-    made.take_scan(scan(0, paced=True), 0)
+    made.on_scan(scan(0, paced=True), 0)
     assert made.ready(["c0"], never_placed, 19_000_000_000) is None
 
 
 def test_a_job_that_has_just_changed_hands_is_waited_for() -> None:
     made = collector()
-    made.take_scan(scan(0), 0)
+    made.on_scan(scan(0), 0)
     placed = DEADLINE_NS - 1
 
     def placed_ns(_job_id: str) -> int:
@@ -55,32 +55,32 @@ def test_a_job_that_has_just_changed_hands_is_waited_for() -> None:
 def test_steps_come_in_their_order_and_each_once() -> None:
     made = collector()
     for step in (1, 0, 1):
-        made.take_scan(scan(step), 0)
+        made.on_scan(scan(step), 0)
     steps = []
     while (ready := made.ready([], never_placed, 0)) is not None:
         steps.append(ready.scan.step)
     assert steps == [0, 1]
-    assert not made.take_scan(scan(1), 0), "an applied step is never applied again"
+    assert not made.on_scan(scan(1), 0), "an applied step is never applied again"
     assert made.ready([], never_placed, 0) is None
 
 
 def test_a_scan_that_never_came_is_counted_as_lost() -> None:
     made = collector()
     for step in (0, 3):
-        made.take_scan(scan(step), 0)
+        made.on_scan(scan(step), 0)
         made.ready([], never_placed, FETCH_NS)
     assert made.steps_lost == 2
 
 
 def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
     made = collector()
-    made.take_scan(scan(0), 0)
+    made.on_scan(scan(0), 0)
     made.ready([], never_placed, 0)
-    made.take_scan(scan(3), 0)
+    made.on_scan(scan(3), 0)
     assert made.lost_before(scan(3)) == (1, 2)
     assert made.ready([], never_placed, FETCH_NS - 1) is None
-    made.take_scan(scan(1), 0)
-    made.take_scan(scan(2), 0)
+    made.on_scan(scan(1), 0)
+    made.on_scan(scan(2), 0)
     applied = [made.ready([], never_placed, 1) for _ in range(3)]
     assert [ready.scan.step for ready in applied if ready] == [1, 2, 3]
     assert made.steps_lost == 0
@@ -89,17 +89,17 @@ def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
 def test_nothing_is_lost_before_the_first_scan_or_one_that_follows() -> None:
     made = collector()
     assert made.lost_before(scan(7)) is None
-    made.take_scan(scan(7), 0)
+    made.on_scan(scan(7), 0)
     assert made.lost_before(scan(8)) is None
 
 
 def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> None:
     made = collector()
-    made.take_scan(scan(0), 0)
+    made.on_scan(scan(0), 0)
     made.ready([], never_placed, 0)
-    assert not made.take_report(tracked("c0", 0, 1.0, HERE))
-    assert made.take_report(searched("s0.0", 0, {HERE: 1.0}))
-    made.take_scan(scan(1), 0)
+    assert not made.on_report(tracked("c0", 0, 1.0, HERE))
+    assert made.on_report(searched("s0.0", 0, {HERE: 1.0}))
+    made.on_scan(scan(1), 0)
     ready = made.ready([], never_placed, 0)
     assert ready is not None
     assert [report.job_id for report in ready.reports] == ["s0.0"]

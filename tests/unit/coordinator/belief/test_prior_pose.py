@@ -4,8 +4,7 @@ import pytest
 
 from coordinator.belief.cluster_set import Newcomer
 from coordinator.belief.ensemble import Ensemble
-from coordinator.belief.prior_pose import with_prior_pose
-from coordinator.checkpoint import PriorPose
+from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.job_events import Began
 from protocol.message import PoseTuple

@@ -1,7 +1,6 @@
+from coordinator.failover.failure_detector import SETTLE_NS, FailureDetector
 from coordinator.failover.self_fencing import LISTEN_NS, PAUSE_NS, SelfFencing
-from coordinator.failover.standby import FailureDetector
 from coordinator.instructions import FetchScans, SendOrder
-from coordinator.membership.membership import SETTLE_NS
 from protocol.work import WorkOrder
 
 SECOND = 1_000_000_000
@@ -59,14 +58,14 @@ def test_after_a_pause_nothing_is_done_until_it_is_certain_who_acts() -> None:
     woken_ns = 3 * PAUSE_NS
     fencing.turn(woken_ns)
     assert fencing.cleared([first], woken_ns) == []
-    assert fencing.lasts(woken_ns + LISTEN_NS - 1)
+    assert fencing.is_listening(woken_ns + LISTEN_NS - 1)
     assert fencing.cleared([second], woken_ns + LISTEN_NS) == [first, second]
 
 
-def test_lost_scans_are_asked_for_even_in_doubt() -> None:
+def test_lost_scans_are_asked_for_even_while_it_listens() -> None:
     """They are waited for no longer than the listening lasts, and a question harms nobody."""
     fencing = SelfFencing(0)
-    fencing.arise(0)
+    fencing.listen(0)
     first, fetch = SendOrder("w", order()), FetchScans(1, 2)
     assert fencing.cleared([first, fetch], 1) == [fetch]
     assert fencing.cleared([], LISTEN_NS) == [first]

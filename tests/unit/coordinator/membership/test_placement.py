@@ -1,4 +1,6 @@
-from coordinator.membership.placement import RESEND_AFTER_NS, Placement
+from coordinator.membership.order_delivery import RESEND_AFTER_NS
+from coordinator.membership.placement import Placement
+from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
 from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at
@@ -17,6 +19,10 @@ def placement(*workers: str) -> Placement:
     return made
 
 
+def due(made: Placement, now_ns: int) -> list[tuple[str, WorkOrder]]:
+    return made.orders(term=0, map_digest="map", now_ns=now_ns)
+
+
 def begun(orders: list[tuple[str, WorkOrder]]) -> dict[str, list[str]]:
     return {name: [a.job_id for a in order.begin] for name, order in orders if order.begin}
 
@@ -28,117 +34,134 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
         answer = OrderAnswer(
             sender=name, order=order.order, incarnation=1, jobs=tuple((j, e, 0) for j, e in jobs)
         )
-        made.answered(name, answer)
+        made.delivery.answered(name, answer)
 
 
 def test_jobs_are_spread_evenly() -> None:
     made = placement("a", "b")
-    made.begin({f"c{n}": track(n) for n in range(4)})
-    assert begun(made.orders(0)) == {"a": ["c0", "c2"], "b": ["c1", "c3"]}
+    made.jobs.begin({f"c{n}": track(n) for n in range(4)})
+    assert begun(due(made, 0)) == {"a": ["c0", "c2"], "b": ["c1", "c3"]}
 
 
 def test_an_order_that_was_answered_is_not_repeated() -> None:
     made = placement("a")
-    made.begin({"c0": track(0)})
-    follow(made, made.orders(0))
-    assert made.orders(10 * SECOND) == []
+    made.jobs.begin({"c0": track(0)})
+    follow(made, due(made, 0))
+    assert due(made, 10 * SECOND) == []
 
 
 def test_an_order_without_answer_is_repeated_with_the_same_epoch() -> None:
     made = placement("a")
-    made.begin({"c0": track(0)})
-    first = made.orders(0)[-1][1]
-    assert made.orders(RESEND_AFTER_NS - 1) == []
-    again = made.orders(RESEND_AFTER_NS)[0][1]
+    made.jobs.begin({"c0": track(0)})
+    first = due(made, 0)[-1][1]
+    assert due(made, RESEND_AFTER_NS - 1) == []
+    again = due(made, RESEND_AFTER_NS)[0][1]
     assert again.begin == first.begin
     assert again.order > first.order
 
 
 def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot() -> None:
     made = placement("a", "b")
-    made.begin({"c0": track(0)})
-    orders = made.orders(0)
+    made.jobs.begin({"c0": track(0)})
+    orders = due(made, 0)
     follow(made, orders)
     epoch = orders[0][1].begin[0].epoch
     made.reported("c0", cloud_at((1.0, 2.0, 0.0), step=10), in_time=True)
     made.left("a")
-    ((name, order),) = made.orders(SECOND)
+    ((name, order),) = due(made, SECOND)
     assert name == "b"
     (assignment,) = order.begin
     assert assignment.epoch > epoch
     assert isinstance(assignment.job, TrackJob)
     assert assignment.job.exact
     assert assignment.job.start.step == 10
-    assert not made.is_current("c0", epoch), "a resurrected worker has no vote"
+    assert not made.jobs.is_current("c0", epoch), "a resurrected worker has no vote"
 
 
 def test_without_a_worker_jobs_are_kept_until_one_appears() -> None:
     made = placement()
-    made.begin({"c0": track(0)})
-    assert made.orders(0) == []
+    made.jobs.begin({"c0": track(0)})
+    assert due(made, 0) == []
     made.joined("late")
-    assert begun(made.orders(SECOND)) == {"late": ["c0"]}
+    assert begun(due(made, SECOND)) == {"late": ["c0"]}
 
 
 def test_a_worker_that_starts_anew_gets_its_jobs_again() -> None:
     made = placement("a")
-    made.begin({"c0": track(0)})
-    follow(made, made.orders(0))
+    made.jobs.begin({"c0": track(0)})
+    follow(made, due(made, 0))
     made.joined("a")
-    assert begun(made.orders(SECOND)) == {"a": ["c0"]}
+    assert begun(due(made, SECOND)) == {"a": ["c0"]}
 
 
 def test_a_newcomer_takes_jobs_from_workers_that_have_two_more() -> None:
     made = placement("a")
-    made.begin({f"c{n}": track(n) for n in range(3)})
-    follow(made, made.orders(0))
+    made.jobs.begin({f"c{n}": track(n) for n in range(3)})
+    follow(made, due(made, 0))
     made.joined("b")
-    orders = dict(made.orders(SECOND))
+    orders = dict(due(made, SECOND))
     assert [a.job_id for a in orders["b"].begin] == ["c0"]
     assert [job for job, _ in orders["a"].keep] == ["c1", "c2"]
 
 
 def test_a_search_that_has_reported_stays_where_it_is() -> None:
     made = placement("a")
-    made.begin({f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(3)})
-    follow(made, made.orders(0))
+    made.jobs.begin({f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(3)})
+    follow(made, due(made, 0))
     for n in range(3):
         made.reported(f"s0.{n}", None, in_time=True)
     made.joined("b")
-    assert begun(made.orders(SECOND)) == {}
+    assert begun(due(made, SECOND)) == {}
 
 
 def test_ended_jobs_are_left_out_of_the_next_order() -> None:
     made = placement("a")
-    made.begin({"c0": track(0), "c1": track(1)})
-    follow(made, made.orders(0))
-    made.end(["c0"])
-    ((_, order),) = made.orders(SECOND)
+    made.jobs.begin({"c0": track(0), "c1": track(1)})
+    follow(made, due(made, 0))
+    made.jobs.end(["c0"])
+    ((_, order),) = due(made, SECOND)
     assert [job for job, _ in order.keep] == ["c1"]
     assert order.begin == ()
 
 
 def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
     made = placement("a", "b")
-    made.begin({"c0": track(0), "c1": track(1)})
-    follow(made, made.orders(0))
-    epochs = {job_id: made.is_current(job_id, epoch) for job_id, epoch in (("c0", 1), ("c1", 2))}
-    made.returned("a")
-    (name, order), *others = made.orders(SECOND)
+    made.jobs.begin({"c0": track(0), "c1": track(1)})
+    follow(made, due(made, 0))
+    current = [made.jobs.is_current(job_id, epoch) for job_id, epoch in (("c0", 1), ("c1", 2))]
+    made.delivery.returned("a")
+    (name, order), *others = due(made, SECOND)
     assert (name, order.keep, order.begin, others) == ("a", (("c0", 1),), (), [])
     follow(made, [(name, order)])
-    assert made.orders(9 * SECOND) == []
-    assert all(epochs.values())
+    assert due(made, 9 * SECOND) == []
+    assert all(current)
 
 
 def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
     made = placement("a")
-    made.begin({"c0": track(0)})
-    follow(made, made.orders(0))
-    made.returned("a")
-    (_, order), *_ = made.orders(SECOND)
-    made.answered("a", OrderAnswer(sender="a", order=order.order, incarnation=2, jobs=()))
-    again = made.orders(SECOND + RESEND_AFTER_NS)
+    made.jobs.begin({"c0": track(0)})
+    follow(made, due(made, 0))
+    made.delivery.returned("a")
+    (_, order), *_ = due(made, SECOND)
+    made.delivery.answered("a", OrderAnswer(sender="a", order=order.order, incarnation=2, jobs=()))
+    again = due(made, SECOND + RESEND_AFTER_NS)
     assert begun(again) == {"a": ["c0"]}
     follow(made, again)
-    assert made.orders(9 * SECOND) == []
+    assert due(made, 9 * SECOND) == []
+
+
+def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
+    before = placement("absent")
+    before.jobs.begin({"c0": track(0)})
+    follow(before, due(before, 0))
+    made = placement("b")
+    made.restore(before.state(), track_again, 0)
+    made.jobs.begin({"c1": track(1)})
+    follow(made, due(made, 0))
+    for step in range(GIVEN_UP_AFTER):
+        made.step_decided(["c0", "c1"], ["c0"], (9 + step) * SECOND)
+    assert begun(due(made, 20 * SECOND)) == {"b": ["c0"]}
+
+
+def track_again(_job_id: str) -> TrackJob:
+    return track(0)

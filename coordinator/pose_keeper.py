@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from coordinator.pose import last_pose
+from coordinator import last_pose_files
 from coordinator.pose.last_pose import LastPose
 
 _log = logging.getLogger(__name__)
@@ -52,7 +52,7 @@ class PoseKeeper:
             thread.join()
 
     def _run(self, folder: Path) -> None:
-        last_pose.remove_leftovers(folder, self._robot, time.time())
+        last_pose_files.remove_leftovers(folder, self._robot, time.time())
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._closed or self._newest is not None)
@@ -68,7 +68,7 @@ class PoseKeeper:
     def _write(self, folder: Path, pose: LastPose) -> None:
         """Write; a disk that cannot be written is told once, and tried again."""
         try:
-            last_pose.write(folder, self._robot, pose)
+            last_pose_files.write(folder, self._robot, pose)
             self._failed = False
         except OSError as error:
             if not self._failed:

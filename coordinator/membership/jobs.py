@@ -1,0 +1,195 @@
+"""Which worker has which job, and from where another could carry it on.
+
+A job has an epoch that rises each time it changes hands, so that a slow or resurrected worker
+cannot vote: its reports carry the old one.
+"""
+
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import dataclass
+
+import msgspec
+
+from coordinator.membership.balance import Move
+from protocol.work import Assignment, Particles, SearchJob, TrackJob
+
+MISSED_NS = 1_500_000_000
+"""More than the longest pause between two tries to connect, less than a new job is waited for."""
+HAND_OVER_NS = 2_000_000_000
+"""A job that has just been given to a worker is waited for so long."""
+
+
+class JobState(msgspec.Struct, frozen=True):
+    """One job and who has it, as it is handed on."""
+
+    job_id: str
+    epoch: int
+    worker: str | None
+    job: SearchJob | TrackJob | None
+    """None: a cluster whose particles its worker holds."""
+
+
+@dataclass
+class PlacedJob:
+    """A job, who does it, and from where another could carry on."""
+
+    job: TrackJob | SearchJob
+    epoch: int = 0
+    worker: str | None = None
+    placed_ns: int = 0
+    reported: bool = False
+    in_step: bool = False
+    """Its worker has reported a step in time: what has been handed over has arrived."""
+
+
+class Jobs:
+    """All jobs that are to be done; each has one worker, or waits for one."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[str, PlacedJob] = {}
+        self._newest_epoch = 0
+        self._missed_until_ns: dict[str, int] = {}
+        """Workers that have jobs by a checkpoint, but are not here yet."""
+
+    def get(self, job_id: str) -> PlacedJob | None:
+        """A job; None if it is over or never was."""
+        return self._jobs.get(job_id)
+
+    def assignment(self, job_id: str) -> Assignment:
+        """A job as it is given to its worker."""
+        job = self._jobs[job_id]
+        return Assignment(job_id=job_id, epoch=job.epoch, job=job.job)
+
+    def by_worker(self) -> dict[str | None, dict[str, int]]:
+        """Each worker's jobs and their epochs, in the order in which they began.
+
+        Those of None wait for a worker.
+        """
+        found: dict[str | None, dict[str, int]] = {}
+        for job_id, job in self._jobs.items():
+            found.setdefault(job.worker, {})[job_id] = job.epoch
+        return found
+
+    def searching(self) -> set[str | None]:
+        """Workers with a shard of a search."""
+        return {job.worker for job in self._jobs.values() if isinstance(job.job, SearchJob)}
+
+    # --- how they begin, change hands and end
+
+    def begin(self, jobs: Mapping[str, TrackJob | SearchJob]) -> None:
+        """New jobs, to be placed."""
+        self._jobs |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
+
+    def end(self, job_ids: Iterable[str]) -> None:
+        """Jobs that are over."""
+        for job_id in job_ids:
+            self._jobs.pop(job_id, None)
+
+    def may_move(self, job_id: str) -> bool:
+        """Whether a job may change hands while its worker is well; a search only before work."""
+        job = self._jobs[job_id]
+        return isinstance(job.job, TrackJob) or not job.reported
+
+    def carry_out(self, moves: Iterable[Move], term: int, now_ns: int) -> None:
+        """Give jobs to other workers; epochs stand above those of all terms before."""
+        for move in moves:
+            job = self._jobs[move.job_id]
+            self._newest_epoch = max(self._newest_epoch, term) + 1
+            job.epoch, job.worker, job.placed_ns = self._newest_epoch, move.worker, now_ns
+            job.in_step = False
+
+    def take_from(self, worker: str) -> None:
+        """A worker is gone or too slow: its jobs go to others, from their last state."""
+        for job in self._jobs.values():
+            if job.worker == worker:
+                job.worker = None
+
+    def reported(self, job_id: str, snapshot: Particles | None, *, in_time: bool) -> None:
+        """A job reported; a snapshot is where another worker would carry on."""
+        job = self._jobs[job_id]
+        job.reported = True
+        job.in_step |= in_time
+        if snapshot is not None and isinstance(job.job, TrackJob):
+            job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
+
+    # --- whose reports count, and how long they are waited for
+
+    def is_current(self, job_id: str, epoch: int) -> bool:
+        """Whether a report comes from the worker that has the job now."""
+        job = self._jobs.get(job_id)
+        return job is not None and job.epoch == epoch and job.worker is not None
+
+    def is_of_another(self, job_id: str, epoch: int, worker: str) -> bool:
+        """Whether a report claims a job's current epoch, but another worker has the job."""
+        job = self._jobs.get(job_id)
+        return job is not None and job.epoch == epoch and job.worker not in (None, worker)
+
+    def placed_ns(self, job_id: str) -> int:
+        """When the job was given to its worker; 0 when nobody has it, or it has arrived there."""
+        job = self._jobs.get(job_id)
+        return job.placed_ns if job is not None and job.worker and not job.in_step else 0
+
+    # --- from one coordinator to the next
+
+    def state(self, is_held: Callable[[str, PlacedJob], bool]) -> tuple[JobState, ...]:
+        """All jobs as they are handed on: with particles unless `is_held` by their worker."""
+        return tuple(
+            JobState(job_id, job.epoch, job.worker, None if is_held(job_id, job) else job.job)
+            for job_id, job in self._jobs.items()
+        )
+
+    def restore(
+        self,
+        jobs: Iterable[JobState],
+        rebuilt: Callable[[str], TrackJob],
+        present: Container[str],
+        now_ns: int,
+    ) -> None:
+        """Take over another's jobs; workers that are not here yet keep theirs for a while.
+
+        Args:
+            jobs: as `state` told.
+            rebuilt: makes a job of a cluster whose particles only its worker holds.
+            present: workers that are here.
+            now_ns: by the clock of all events.
+        """
+        self._jobs = {
+            job.job_id: PlacedJob(
+                job.job or rebuilt(job.job_id), job.epoch, job.worker, now_ns, reported=True
+            )
+            for job in jobs
+        }
+        self._missed_until_ns = {
+            job.worker: now_ns + MISSED_NS
+            for job in self._jobs.values()
+            if job.worker is not None and job.worker not in present
+        }
+
+    def misses(self, worker: str) -> bool:
+        """Whether a worker that is not here yet has jobs by a checkpoint."""
+        return worker in self._missed_until_ns
+
+    def came(self, worker: str) -> None:
+        """A worker is here, missed or not."""
+        self._missed_until_ns.pop(worker, None)
+
+    def miss_no_longer(self, now_ns: int) -> None:
+        """Workers that have not come in time lose the jobs that were kept for them."""
+        for worker in [w for w, until_ns in self._missed_until_ns.items() if until_ns <= now_ns]:
+            del self._missed_until_ns[worker]
+            self.take_from(worker)
+
+    def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
+        """A worker tells which jobs it has, and from where another could carry on.
+
+        Returns:
+            Those of them that it has now; the others are over, or another's by a newer epoch.
+        """
+        kept = []
+        for held in holds:
+            job = self._jobs.get(held.job_id)
+            if job is None or held.epoch < job.epoch:
+                continue
+            job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
+            job.job = held.job
+            kept.append(held)
+        return kept

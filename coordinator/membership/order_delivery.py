@@ -1,0 +1,147 @@
+"""What each worker has been told to do, and what it has confirmed.
+
+An order names all jobs of a worker, so the newest one makes up for all that were lost. It goes out
+when it would differ from the last one, and again until the worker has answered it.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import msgspec
+
+from coordinator.membership.jobs import PlacedJob
+from particle_filter.settings import FilterSettings
+from protocol.work import Assignment, OrderAnswer, WorkOrder
+
+RESEND_AFTER_NS = 500_000_000
+
+
+@dataclass
+class _Record:
+    """One live worker."""
+
+    order: int = 0
+    sent_ns: int = -RESEND_AFTER_NS
+    told: Mapping[str, int] | None = None
+    """Jobs and epochs of the last order; None: whatever they were, they are to be told anew."""
+    known: dict[str, int] = field(default_factory=dict)
+    """Jobs and epochs that the worker has confirmed."""
+    answered: bool = True
+    silent_until_ns: int = 0
+    """It is being asked what it does, and gets no order before."""
+
+
+class OrderDelivery:
+    """Told of live workers and their answers; says which orders are due."""
+
+    def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
+        self._sender = sender
+        self._settings: dict[str, object] = msgspec.to_builtins(settings)
+        self._snapshot_every_steps = snapshot_every_steps
+        self._workers: dict[str, _Record] = {}
+        self._orders = 0
+
+    @property
+    def workers(self) -> list[str]:
+        """Live workers, by name."""
+        return sorted(self._workers)
+
+    def __contains__(self, worker: object) -> bool:
+        return worker in self._workers
+
+    def ready(self, now_ns: int) -> list[str]:
+        """Workers that may get orders now, by name."""
+        return [
+            name
+            for name, record in sorted(self._workers.items())
+            if record.silent_until_ns <= now_ns
+        ]
+
+    def joined(self, worker: str, silent_until_ns: int) -> None:
+        """A worker appeared, and knows nothing; it gets no orders for a while."""
+        self._workers[worker] = _Record(silent_until_ns=silent_until_ns)
+
+    def left(self, worker: str) -> None:
+        """A worker is gone."""
+        self._workers.pop(worker, None)
+
+    def returned(self, worker: str) -> None:
+        """A worker that could not be reached is back: its next answer tells what it still does."""
+        self._workers[worker].told = None
+
+    def held(self, worker: str, jobs: Iterable[Assignment]) -> None:
+        """A worker has told which jobs it has: it is silent no longer."""
+        record = self._workers[worker]
+        record.told, record.silent_until_ns = None, 0
+        record.known |= {held.job_id: held.epoch for held in jobs}
+
+    def forget(self) -> None:
+        """Another's jobs were taken over: what was told and confirmed so far is worth nothing."""
+        for record in self._workers.values():
+            record.told, record.known = None, {}
+
+    def answered(self, worker: str, answer: OrderAnswer) -> None:
+        """A worker answered an order.
+
+        One started anew while nobody could see it answers without the jobs that it should keep.
+        """
+        record = self._workers.get(worker)
+        if record is None:
+            return
+        record.known = {job_id: epoch for job_id, epoch, _ in answer.jobs}
+        taken = answer.order == record.order and not answer.problem
+        kept = record.told is None or record.told.items() <= record.known.items()
+        record.answered = taken and kept
+
+    def has_answered(self, worker: str) -> bool:
+        """Whether a live worker has taken its last order."""
+        return self._workers[worker].answered
+
+    def is_held(self, job_id: str, job: PlacedJob) -> bool:
+        """Whether a job's worker has confirmed that it has it."""
+        record = self._workers.get(job.worker) if job.worker is not None else None
+        return record is not None and record.known.get(job_id) == job.epoch
+
+    def orders(
+        self,
+        workers: Iterable[str],
+        jobs: Mapping[str | None, Mapping[str, int]],
+        assignment: Callable[[str], Assignment],
+        *,
+        term: int,
+        map_digest: str,
+        now_ns: int,
+    ) -> list[tuple[str, WorkOrder]]:
+        """The orders that are due.
+
+        Args:
+            workers: that may get orders now, as `ready` tells.
+            jobs: each worker's, and their epochs.
+            assignment: a job as its worker is to have it.
+            term: of this coordinator.
+            map_digest: of the map in which the robot is looked for.
+            now_ns: by the clock of all events.
+        """
+        due = []
+        for name in workers:
+            record, own = self._workers[name], jobs.get(name, {})
+            unanswered = not record.answered and now_ns - record.sent_ns >= RESEND_AFTER_NS
+            if record.told == own and not unanswered:
+                continue
+            self._orders += 1
+            record.order, record.sent_ns = self._orders, now_ns
+            record.told, record.answered = own, False
+            keep = tuple(sorted(own.items() & record.known.items()))
+            begin = sorted(own.items() - record.known.items())
+            order = WorkOrder(
+                sender=self._sender,
+                order=record.order,
+                term=term,
+                map_digest=map_digest,
+                filter_settings=self._settings,
+                snapshot_every_steps=self._snapshot_every_steps,
+                keep=keep,
+                begin=tuple(assignment(job_id) for job_id, _ in begin),
+            )
+            due.append((name, order))
+        return due

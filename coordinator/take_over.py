@@ -1,0 +1,153 @@
+"""How a coordinator begins: it asks the workers what another had decided, and carries on from it.
+
+Before it begins it decides nothing. Workers that appear later are asked too, where what they know
+may matter: a belief that has never had clusters is given up for one that has.
+"""
+
+from collections.abc import Mapping
+
+from coordinator.answers import Answers
+from coordinator.belief.prior_pose import PriorPose
+from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told
+from coordinator.failover.term import Term
+from coordinator.instructions import FetchScans, Instruction
+from coordinator.pose.last_pose import LastPose
+from coordinator.state import CoordinatorState
+from protocol.steps import Scan
+from protocol.work import Checkpoint, Report
+
+NEVER_LATER = 16
+"""More steps than this lost before the first scan that is heard, and nobody looks for them."""
+
+
+class TakeOver:
+    """Decides when this coordinator begins, and from what.
+
+    Args:
+        state: of this coordinator; empty so far.
+        term: of this coordinator; it begins here.
+        recovery: whom to ask.
+        answers: tell what is believed after another's state was taken over.
+        last_poses: where the robot was at the end of an earlier life, by the map's digest.
+        last_pose_probability: given to it when the first search ends; 0: it is not used.
+    """
+
+    def __init__(
+        self,
+        state: CoordinatorState,
+        term: Term,
+        recovery: StateRecovery,
+        answers: Answers,
+        last_poses: Mapping[str, LastPose],
+        last_pose_probability: float,
+    ) -> None:
+        self._state, self._term, self._recovery, self._answers = state, term, recovery, answers
+        self._last_poses, self._last_pose_probability = last_poses, last_pose_probability
+        self._early_reports: list[tuple[Report, str]] = []
+
+    # --- what is heard
+
+    def on_worker_joined(self, worker: str, now_ns: int) -> None:
+        """A worker is there; it is asked before it gets orders, unless it can know nothing new."""
+        is_missed = self._state.placement.jobs.misses(worker)
+        is_asked = is_missed or not (self._term.begun and self._state.founded)
+        if is_asked:
+            self._recovery.expect(worker)
+        self._state.on_worker_joined(worker, now_ns + ORDERS_AFTER_NS if is_asked else 0)
+
+    def on_worker_left(self, worker: str) -> None:
+        """A worker is gone."""
+        self._recovery.forget(worker)
+        self._state.on_worker_left(worker)
+
+    def on_worker_told(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
+        """A worker says what it does, and what the last coordinator had decided."""
+        self.on_term(told.term)
+        if told.term <= self._term.number:
+            self._recovery.answered(worker, told)
+        if not self._term.begun:
+            return []
+        newest, resumed = told.checkpoint, list[Instruction]()
+        if newest is not None and newest.founded and not self._state.founded:
+            resumed = self._resume(newest, now_ns)
+        if not resumed:
+            self._hear_out(worker, told, now_ns)
+        return resumed
+
+    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Another coordinator published its checkpoint."""
+        self.on_term(checkpoint.term)
+        if not self._term.begun:
+            self._recovery.hear(checkpoint)
+
+    def on_term(self, number: int) -> None:
+        """Somebody knows of a term; where this one had to be raised, all are asked anew."""
+        if self._term.hear(number):
+            self._recovery.ask_all_again()
+
+    def on_report(self, report: Report, worker: str) -> None:
+        """A worker's job took a step; before the beginning nobody knows whether it counts."""
+        if self._term.begun:
+            self._state.on_report(report, worker)
+        else:
+            self._early_reports.append((report, worker))
+
+    # --- what is done
+
+    def proceed(self, now_ns: int) -> list[Instruction]:
+        """Ask whom there is to ask, and begin when nobody is waited for any longer."""
+        instructions = list[Instruction](self._recovery.questions(self._term.number, now_ns))
+        if not self._term.begun and self._recovery.is_over(now_ns):
+            instructions += self._begin(now_ns)
+        return instructions
+
+    def _begin(self, now_ns: int) -> list[Instruction]:
+        """All has been heard: carry on from another's state, or begin anew."""
+        self._term.begin()
+        newest = self._recovery.newest
+        instructions = self._resume(newest, now_ns) if newest is not None else []
+        if not instructions:
+            for worker in self._recovery.told:
+                self._state.placement.held(worker, (), now_ns)
+            waiting = self._state.collector.oldest_scan
+            if waiting is not None:
+                self.begin_search(waiting)
+            else:
+                instructions.append(FetchScans(0, None))
+        for report, worker in self._early_reports:
+            self._state.on_report(report, worker)
+        self._early_reports.clear()
+        return instructions
+
+    def begin_search(self, scan: Scan) -> None:
+        """The first search begins with this scan, or those that were lost just before it."""
+        if self._state.ensemble.searches:
+            return
+        before = self._state.collector.before
+        lost = 0 if before is None else scan.step - before - 1
+        first = scan.step - (lost if lost <= NEVER_LATER else 0)
+        self._state.begin_search(first, self._prior_pose(scan))
+
+    def _prior_pose(self, scan: Scan) -> PriorPose | None:
+        """Where the robot was at the end of an earlier life, as one place that is possible."""
+        last = self._last_poses.get(scan.map_digest) if self._state.pose_outlives_us else None
+        probability = self._last_pose_probability
+        return last.as_prior_at(scan, probability) if last and probability > 0.0 else None
+
+    def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
+        """Carry on from another's state; nothing is done if it cannot be used.
+
+        The belief that was last is published again: the one before may not have come to it.
+        """
+        next_step = self._state.resume(checkpoint, now_ns)
+        if next_step is None:
+            return []
+        for worker, told in self._recovery.told.items():
+            self._hear_out(worker, told, now_ns)
+        return [FetchScans(next_step, None), *self._answers.publication(now_ns)]
+
+    def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
+        """Take what a worker holds, and what it has reported while nobody was there."""
+        self._state.placement.held(worker, told.holds, now_ns)
+        for report in told.reports:
+            self._state.on_report(report, worker)

@@ -1,0 +1,72 @@
+from coordinator.membership.balance import Move
+from coordinator.membership.jobs import MISSED_NS, Jobs
+from protocol.work import Assignment, SearchJob, TrackJob
+from tests.unit.coordinator.reports import cloud_at
+
+TRACK = TrackJob(cluster=0, start=cloud_at((0.0, 0.0, 0.0), 0), exact=False)
+SEARCH = SearchJob(search=0, shard=0, first_step=0)
+
+
+def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
+    made = Jobs()
+    made.begin(dict.fromkeys(job_ids, TRACK))
+    made.carry_out([Move(job_id, worker) for job_id in job_ids], term, now_ns=1)
+    return made
+
+
+def handed_on(jobs: Jobs, *present: str) -> Jobs:
+    """The jobs as the next coordinator has them."""
+    made = Jobs()
+    made.restore(jobs.state(lambda *_: False), lambda _: TRACK, present, now_ns=0)
+    return made
+
+
+def test_an_epoch_stands_above_those_of_all_terms_before() -> None:
+    made = jobs_of("a", "c0", term=70)
+    assert made.by_worker() == {"a": {"c0": 71}}
+    made.carry_out([Move("c0", "b")], 70, now_ns=2)
+    assert made.by_worker() == {"b": {"c0": 72}}
+    assert not made.is_current("c0", 71)
+    assert made.is_of_another("c0", 72, "a")
+
+
+def test_a_job_is_fresh_until_its_worker_has_reported_in_time() -> None:
+    made = jobs_of("a", "c0")
+    made.reported("c0", None, in_time=False)
+    assert made.placed_ns("c0") == 1
+    made.reported("c0", None, in_time=True)
+    assert made.placed_ns("c0") == 0
+
+
+def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> None:
+    made = Jobs()
+    made.begin({"s0.0": SEARCH, "c0": TRACK})
+    assert made.may_move("s0.0")
+    for job_id in ("s0.0", "c0"):
+        made.reported(job_id, None, in_time=True)
+    assert not made.may_move("s0.0")
+    assert made.may_move("c0")
+
+
+def test_jobs_of_one_who_is_missed_are_kept_for_a_while() -> None:
+    made = handed_on(jobs_of("a", "c0"), "b")
+    assert made.misses("a")
+    made.miss_no_longer(MISSED_NS - 1)
+    assert "a" in made.by_worker()
+    made.miss_no_longer(MISSED_NS)
+    assert set(made.by_worker()) == {None}
+
+
+def test_one_who_comes_in_time_keeps_its_jobs() -> None:
+    made = handed_on(jobs_of("a", "c0"))
+    made.came("a")
+    made.miss_no_longer(10 * MISSED_NS)
+    assert made.by_worker() == {"a": {"c0": 1}}
+
+
+def test_a_worker_keeps_what_it_holds_unless_it_is_over_or_given_away_since() -> None:
+    made = jobs_of("a", "c0", "c1")
+    held = [Assignment(job_id=i, epoch=e, job=TRACK) for i, e in (("c0", 9), ("c1", 1), ("c7", 9))]
+    kept = made.held("b", held, now_ns=2)
+    assert kept == held[:1], "c1 was given away with epoch 2, and nobody knows c7"
+    assert made.by_worker() == {"b": {"c0": 9}, "a": {"c1": 2}}
