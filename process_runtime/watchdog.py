@@ -45,6 +45,9 @@ class _Signs:
         self._due_s = 0.0
         self._words = b"READY=1\nWATCHDOG=1"
 
+    def __del__(self) -> None:
+        self._sender.close()
+
     def give(self) -> None:
         now_s = time.monotonic()
         if now_s < self._due_s:

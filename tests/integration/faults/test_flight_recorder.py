@@ -12,6 +12,7 @@ import msgspec
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
 from process_runtime.settings import RecorderSettings
+from process_runtime.sources import Simulated
 from protocol.answers import Belief
 from robot_simulator.source import simulated_world
 from soak_test.map_file import write_map
@@ -77,7 +78,7 @@ def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_
     heard = list(tested.beliefs)
     assert len({belief.term for belief in heard}) == 3
 
-    grid_map = simulated_world(f"sim:{WORLD}").map
+    grid_map = simulated_world(Simulated(WORLD)).map
     done = replay(folder, "--json", "--map", str(write_map(grid_map, tmp_path, "map")))
     assert (done.stderr, done.returncode) == ("", 0)
     lines = objects(done)
@@ -92,7 +93,7 @@ def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_
     assert while_it_ran.returncode == 0
     assert while_it_ran.stdout.splitlines()[-1].endswith("all are the recorded ones, bit for bit")
 
-    other = write_map(simulated_world("sim:office").map, tmp_path, "other")
+    other = write_map(simulated_world(Simulated("office")).map, tmp_path, "other")
     refused = replay(folder, "--map", str(other))
     assert refused.returncode == 2
     assert grid_map.digest in refused.stderr

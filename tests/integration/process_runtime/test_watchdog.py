@@ -6,6 +6,7 @@ import socket
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,9 @@ class Systemd:
         monkeypatch.setenv("NOTIFY_SOCKET", str(folder / "notify"))
         monkeypatch.setenv("WATCHDOG_USEC", "400000")
 
+    def close(self) -> None:
+        self._socket.close()
+
     def hears(self, within_s: float) -> bytes | None:
         self._socket.settimeout(within_s)
         try:
@@ -49,8 +53,9 @@ class Systemd:
 
 
 @pytest.fixture
-def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Systemd:
-    return Systemd(tmp_path, monkeypatch)
+def systemd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Systemd]:
+    with closing(Systemd(tmp_path, monkeypatch)) as listening:
+        yield listening
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,11 @@ def run_cycle(moment: Moment, cache: Path) -> Ended:
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,
-                env={**os.environ, "TMPDIR": str(own), "XDG_STATE_HOME": str(own)},
+                env={
+                    **os.environ,
+                    "TMPDIR": str(own),
+                    "XDG_STATE_HOME": str(Path(folder) / "state"),
+                },
                 start_new_session=True,
             )
         ended = _end(popen, moment)
