@@ -47,7 +47,7 @@ def _stamp_problem(stamp_ns: int) -> str | None:
 
 
 def pose_problem(pose: PoseTuple) -> str | None:
-    """Why a pose is none: not finite, or no place on Earth; None if it is one."""
+    """Why this cannot be a pose: not finite, or no place on Earth; None if it can."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
     return None if usable else NOT_FINITE
 

@@ -192,7 +192,7 @@ def _assignment_problem(given: Assignment) -> str | None:
 def _gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     variances = (covariance[0], covariance[4], covariance[8])
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
-        return "a covariance that is none"
+        return "a covariance with a negative variance, or an entry that is not finite"
     return pose_problem(mean)
 
 

@@ -130,7 +130,7 @@ class Fleet:
 
 
 def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
-    """Of a forked worker, which calls itself ``worker-3``; None of what is none, or ends now."""
+    """Of a forked worker, called ``worker-3``; None for others, and for one that is just ending."""
     try:
         parent = names.get(process.ppid(), "")
         # `Process.name` would lengthen it by the command line, which all workers share.

@@ -34,7 +34,7 @@ def told_by(payload: bytes) -> Told:
     """A worker's answer with all that is packed in it.
 
     Raises:
-        MalformedMessageError: the answer is none; what is malformed inside it is left out.
+        MalformedMessageError: it is no worker's answer; what is malformed inside one is left out.
     """
     state = decode(payload, WorkerState)
     checkpoints = _decoded((state.checkpoint,) if state.checkpoint else (), Checkpoint)
