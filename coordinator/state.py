@@ -21,7 +21,7 @@ from particle_filter.arrays import Pose
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Report, TrackJob, TrackReport
@@ -35,12 +35,13 @@ class CoordinatorState:
         sender: str,
         filter_settings: FilterSettings,
         settings: CoordinatorSettings,
+        bridge: BridgeSettings,
     ) -> None:
         self._seed = filter_settings.seed
         self.ensemble = Ensemble(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
-        self.pose = PoseTracker(sender, settings.stale_after_s)
+        self.pose = PoseTracker(sender, settings, filter_settings.motion, bridge)
         self.event_log = EventLog()
         self._is_folder_named = bool(settings.state_folder)
         self.commands = Commands()
@@ -124,10 +125,13 @@ class CoordinatorState:
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
         expected = self.ensemble.expected
+        weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
         self.placement.step_decided(expected, outcome.missing, now_ns)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
+        if not outcome.missing or set(weighing) - set(outcome.missing):
+            self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
