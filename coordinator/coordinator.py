@@ -151,7 +151,7 @@ class Coordinator:
     def _on_scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step's scan arrived."""
         state = self._state
-        if not state.on_map(scan.map_digest):
+        if not state.on_map(scan):
             return []
         if not state.collector.on_scan(scan, now_ns):
             state.counters["scan repeated or late"] += 1
