@@ -14,7 +14,7 @@ from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
 from particle_filter.beam_model import beam_log_likelihood
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.motion import _omnidirectional, move, move_with_noise
+from particle_filter.motion import along_across_turn, move, move_with_noise
 from particle_filter.normal_numbers import standard_normals
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.resampling import resample, resample_weights
@@ -157,7 +157,7 @@ def motion(count: int, compiler: bool) -> Iterator[Case]:
     before, after = np.zeros(3), np.array([0.2, 0.01, 0.05])
     rng = np.random.default_rng(1)
     noise = standard_normals(rng, 3, count)
-    numbers = np.array(_omnidirectional(after, settings))
+    numbers = np.array(along_across_turn(after, settings))
     moved = np.empty((count, 3))
     in_c = floor.call("drive", poses, count, noise, numbers, moved) if compiler else None
 

@@ -64,6 +64,7 @@ def pose_answer_object(answer: PoseAnswer) -> JsonObject:
         "probability": answer.probability,
         "stamp_ns": answer.stamp_ns,
         "age_s": answer.age_s,
+        "scan_age_s": answer.scan_age_s,
         "step": answer.step,
         "workers": answer.workers,
     }

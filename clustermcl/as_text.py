@@ -42,8 +42,7 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
             f"{answer.state} with probability {answer.probability:.2f}: "
             f"{pose_text(answer.map_from_robot)}  {spread_text(answer.covariance)}"
         )
-    if answer.freshness == "stale":
-        yield f"stale: the newest data is {answer.age_s:.1f} s old"
+    yield from _doubts(answer)
     if answer.workers == 0:
         yield "no worker is alive: the belief does not follow the robot"
 
@@ -55,20 +54,39 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
     yield from (_hypothesis_line(hypothesis) for hypothesis in answer.hypotheses)
-    if answer.pose.freshness == "stale":
-        yield f"stale: the newest data is {answer.pose.age_s:.1f} s old"
+    yield from _doubts(answer.pose)
+
+
+def _doubts(answer: PoseAnswer) -> Iterator[str]:
+    """Why the pose may not be where the robot is."""
+    match answer.freshness:
+        case "stale":
+            yield f"stale: the newest data is {answer.age_s:.1f} s old"
+        case "blind":
+            yield f"blind: odometry alone moves the pose, {_last_scan(answer.scan_age_s)}"
+
+
+def _last_scan(scan_age_s: float) -> str:
+    return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan came yet"
 
 
 def belief_line(belief: Belief) -> str:
     """One belief in one line."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
-    head = f"step {belief.step}: {belief.state}{search}"
+    blind = ", blind" if is_unweighed(belief) else ""
+    head = f"step {belief.step}: {belief.state}{search}{blind}"
     if not belief.hypotheses:
         return head
     best = belief.hypotheses[0]
     shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
     more = ", ..." if len(belief.hypotheses) > 6 else ""
     return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}"
+
+
+def is_unweighed(belief: Belief) -> bool:
+    """Whether no worker has weighed any of the places: odometry alone has moved them."""
+    jobs = {f"c{hypothesis.cluster}" for hypothesis in belief.hypotheses}
+    return bool(jobs) and jobs <= set(belief.missing)
 
 
 def event_line(numbered: NumberedEvent) -> str:
@@ -80,7 +98,8 @@ def status_lines(status: Status) -> Iterator[str]:
     """How the system is."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
-    yield f"state     {status.state}, {status.freshness}{age}"
+    scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "blind" else ""
+    yield f"state     {status.state}, {status.freshness}{age}{scan}"
     yield (
         f"steps     at {status.step}, {status.steps_applied} applied, {status.steps_lost} lost, "
         f"{status.reports_missing} reports missing"

@@ -12,7 +12,14 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from clustermcl.as_text import belief_line, event_line, pose_text, spread, spread_text
+from clustermcl.as_text import (
+    belief_line,
+    event_line,
+    is_unweighed,
+    pose_text,
+    spread,
+    spread_text,
+)
 from protocol.answers import Belief, Hypothesis
 from protocol.job_events import NumberedEvent
 from protocol.message import PoseTuple
@@ -90,7 +97,10 @@ class LineView(NoView):
 
     def believed(self, belief: Belief, truth: PoseTuple | None) -> None:  # noqa: ARG002 - the view's
         """Say what is news."""
-        news = (belief.state, len(belief.hypotheses), belief.step // _LINE_EVERY_STEPS)
+        news = (
+            *(belief.state, is_unweighed(belief), len(belief.hypotheses)),
+            belief.step // _LINE_EVERY_STEPS,
+        )
         self._say(news, belief_line(belief))
 
     def happened(self, event: NumberedEvent) -> None:
@@ -164,7 +174,8 @@ class LiveView:
         if belief is None:
             return Group(self._title, self._progress)
         search = "  (a search for other places runs)" if belief.searching else ""
-        lines = [f"step {belief.step}  [bold]{belief.state}[/bold]{search}"]
+        blind = "  (blind: no worker has weighed this step)" if is_unweighed(belief) else ""
+        lines = [f"step {belief.step}  [bold]{belief.state}[/bold]{search}{blind}"]
         if belief.hypotheses:
             best = belief.hypotheses[0]
             lines.append(f"pose   {pose_text(best.mean)}  {spread_text(best.covariance)}")

@@ -48,6 +48,7 @@ class Answers:
             state=pose.state,
             freshness=pose.freshness,
             age_s=pose.age_s,
+            scan_age_s=pose.scan_age_s,
             step=pose.step,
             steps_applied=self._state.steps_applied,
             steps_lost=self._state.collector.steps_lost,

@@ -25,7 +25,7 @@ from coordinator.pose.last_pose import LastPose
 from coordinator.state import CoordinatorState
 from coordinator.take_over import TakeOver
 from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
 from protocol.job_events import JobEvents
 from protocol.step_reset_detector import StepResetDetector
@@ -44,6 +44,7 @@ class Coordinator:
         version: str,
         now_ns: int,
         *,
+        bridge: BridgeSettings = BridgeSettings(),  # noqa: B008 - frozen
         term: int = 0,
         known: Checkpoint | None = None,
         last_poses: Mapping[str, LastPose] = MappingProxyType({}),
@@ -56,13 +57,14 @@ class Coordinator:
             settings: the coordinator's.
             version: of the software.
             now_ns: by the clock of all events.
+            bridge: the bridge's, for its gate.
             term: see `Term`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
             last_poses: where the robot was at the end of an earlier life, by the map's digest.
         """
         self._sender = sender
         self._term = Term(term, known)
-        self._state = CoordinatorState(sender, filter_settings, settings)
+        self._state = CoordinatorState(sender, filter_settings, settings, bridge)
         self._answers = Answers(sender, version, self._state, self._term, now_ns)
         self._take_over = TakeOver(
             self._state,
@@ -149,7 +151,7 @@ class Coordinator:
     def _on_scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step's scan arrived."""
         state = self._state
-        if not state.on_map(scan.map_digest):
+        if not state.on_map(scan):
             return []
         if not state.collector.on_scan(scan, now_ns):
             state.counters["scan repeated or late"] += 1

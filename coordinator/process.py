@@ -88,6 +88,7 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
         sender=invocation.process,
         filter_settings=filter_settings(settings),
         settings=settings.coordinator,
+        bridge=settings.bridge,
         version=version("clustermcl"),
         now_ns=time.monotonic_ns(),
         term=time.time_ns() // 1_000,

@@ -14,6 +14,7 @@ from coordinator.belief.prior_pose import PriorPose
 from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes
 from coordinator.commands import Commands
 from coordinator.event_log import EventLog
+from coordinator.map_change import MapChangeDetector
 from coordinator.membership.placement import Placement
 from coordinator.pose.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
@@ -21,8 +22,9 @@ from particle_filter.arrays import Pose
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
+from protocol.job_events import EndedCause
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Report, TrackJob, TrackReport
 
@@ -35,19 +37,20 @@ class CoordinatorState:
         sender: str,
         filter_settings: FilterSettings,
         settings: CoordinatorSettings,
+        bridge: BridgeSettings,
     ) -> None:
         self._seed = filter_settings.seed
         self.ensemble = Ensemble(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
-        self.pose = PoseTracker(sender, settings.stale_after_s)
+        self.pose = PoseTracker(sender, settings, filter_settings.motion, bridge)
         self.event_log = EventLog()
         self._is_folder_named = bool(settings.state_folder)
         self.commands = Commands()
         self.outcome: Outcome | None = None
         self.counters: Counter[str] = Counter()
         self.steps_applied = self.reports_missing = 0
-        self._map_digest = ""
+        self._map_digest, self._map_changes = "", MapChangeDetector()
         self._founded = False
         self._changed = True
 
@@ -76,12 +79,17 @@ class CoordinatorState:
 
     # --- what happens
 
-    def on_map(self, digest: str) -> bool:
-        """A scan came with the digest of its map, the first one decides; False for another map."""
-        self._map_digest = self._map_digest or digest
-        if digest != self._map_digest:
+    def on_map(self, scan: Scan) -> bool:
+        """A scan came with its map's digest, and the first one decides; False for another map.
+
+        Where the bridge has another map for certain, that one counts from this scan on.
+        """
+        self._map_digest = self._map_digest or scan.map_digest
+        if self._map_changes.is_another(scan, self._map_digest):
+            self._change_map(scan)
+        if scan.map_digest != self._map_digest:
             self.counters["scan of another map"] += 1
-        return digest == self._map_digest
+        return scan.map_digest == self._map_digest
 
     def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
         """A worker is there; it gets no orders for a while, and has heard no checkpoint yet."""
@@ -124,10 +132,13 @@ class CoordinatorState:
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
         expected = self.ensemble.expected
+        weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
         self.placement.step_decided(expected, outcome.missing, now_ns)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
+        if not outcome.missing or set(weighing) - set(outcome.missing):
+            self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
@@ -143,8 +154,19 @@ class CoordinatorState:
     def count_anew(self, scan: Scan) -> None:
         """The bridge has forgotten the steps so far, and with them where odometry was."""
         self.counters["steps counted anew"] += 1
+        self._begin_anew(scan, "steps restarted")
+
+    def _change_map(self, scan: Scan) -> None:
+        """The bridge has another map: no place in the old one means anything in it."""
+        self.counters["map changed"] += 1
+        self._map_digest = scan.map_digest
+        self._begin_anew(scan, "new map")
+
+    def _begin_anew(self, scan: Scan, cause: EndedCause) -> None:
+        """Forget all places; what was searched for is searched for from this scan on."""
         self.collector.restart(scan.step - 1)
-        self._follow(self.ensemble.relocalize(scan.step - 1, "steps restarted"), scan)
+        if self.ensemble.searches:
+            self._follow(self.ensemble.relocalize(scan.step - 1, cause), scan)
 
     def _follow(self, outcome: Outcome, scan: Scan) -> None:
         """Hand out the jobs of an outcome."""

@@ -57,12 +57,10 @@ def move_with_noise(
     poses, motion = plain(map_from_robot), between(odom_from_before, odom_from_after)
     noise = np.require(normals.T, np.float32, ["C", "A", "W"])
     if settings.model == "differential":
-        turn_drive_turn = _differential(motion, settings)
-        bearings = (
-            poses[:, 2] + turn_drive_turn[0] + turn_drive_turn[3] * noise[0].astype(np.float64)
-        )
-        return _turn_drive_turn(poses, turn_drive_turn, noise, _cos_sin(bearings))
-    drive = _omnidirectional(motion, settings)
+        parts = turn_drive_turn(motion, settings)
+        bearings = poses[:, 2] + parts[0] + parts[3] * noise[0].astype(np.float64)
+        return _turn_drive_turn(poses, parts, noise, _cos_sin(bearings))
+    drive = along_across_turn(motion, settings)
     return _drive_along_bearing(poses, drive, noise, _cos_sin(poses[:, 2] + drive[0]))
 
 
@@ -72,7 +70,7 @@ def _cos_sin(angles: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[
     return np.cos(single), np.sin(single)
 
 
-def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
+def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
     """Bearing, drive, turn; standard deviations along the drive, across it, of the turn."""
     drive, turn = hypot(motion[0], motion[1]), float(motion[2])
     drive_by_turn = settings.drive_noise_per_turn * turn
@@ -86,7 +84,7 @@ def _omnidirectional(motion: Pose, settings: MotionSettings) -> tuple[float, ...
     )
 
 
-def _differential(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
+def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
     """First turn, drive, second turn, and the standard deviation of each (table 5.6)."""
     drive = hypot(motion[0], motion[1])
     turn_1 = atan2(motion[1], motion[0]) if drive >= _NO_BEARING_BELOW_M else 0.0

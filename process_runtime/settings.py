@@ -86,6 +86,15 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     stale_after_s: Annotated[
         float, described("a pose whose newest data is older is called stale", "s", gt=0)
     ] = 1.0
+    blind_after_gates: Annotated[
+        float,
+        described(
+            "a pose is called blind when the robot has driven so many times the bridge's gate "
+            "since the last step",
+            "gates",
+            gt=1,
+        ),
+    ] = 5.0
     snapshot_every_steps: Annotated[
         int, described("a worker hands its state out every so many steps", "steps", gt=0)
     ] = 10

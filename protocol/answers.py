@@ -8,6 +8,10 @@ from protocol.health import Health
 from protocol.message import Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
+Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
+"""`fresh`: odometry and scans arrive. `blind`: odometry alone moves the pose, for the robot has
+driven on without a step, or no worker is left. `stale`: nothing new has arrived for a while.
+`none`: no scan has been seen yet; then there is no pose either."""
 
 
 class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -45,8 +49,7 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""
 
     state: State
-    freshness: Literal["fresh", "stale", "none"]
-    """`none`: no scan has been seen yet; then there is no pose either."""
+    freshness: Freshness
     stamp_ns: int
     """Robot's clock at the odometry that carried the pose forward."""
     age_s: float
@@ -60,6 +63,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Workers alive; 0 means the belief does not follow the robot's scans."""
     term: int = 0
     """The coordinator's term."""
+    scan_age_s: float = -1.0
+    """Since the newest scan arrived that a worker weighed, counted as `age_s`; -1: none was."""
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
@@ -74,7 +79,7 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
 
     version: str
     state: State
-    freshness: Literal["fresh", "stale", "none"]
+    freshness: Freshness
     age_s: float
     step: int
     steps_applied: int
@@ -93,6 +98,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """The coordinator's term."""
     processes: tuple[Health, ...] = ()
     """How each process is, the coordinator first; silent ones are left out after 30 s."""
+    scan_age_s: float = -1.0
+    """As in `PoseAnswer`."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):

@@ -8,7 +8,7 @@ from protocol.message import Message
 
 BeganCause: TypeAlias = Literal["first search", "restart", "prior pose", "given", "split"]
 """Found by the first search, or by a later one; known from earlier; given by a person; part of a
-cluster that has fallen apart. A further cause is a new version of the messages that have it."""
+cluster that has fallen apart. Readers of releases that do not know a cause refuse its messages."""
 
 EndedCause: TypeAlias = Literal[
     "merged",
@@ -17,12 +17,14 @@ EndedCause: TypeAlias = Literal[
     "split",
     "forgotten",
     "steps restarted",
+    "new map",
     "search over",
     "search stopped",
 ]
 """Merged into another cluster; below `belief.drop_below_probability`; pushed out by a newcomer;
 fallen apart into several; forgotten by command; the bridge counts its steps anew, so that nobody
-knows how the robot moved. A search has found what there is, or a command made it needless."""
+knows how the robot moved; the bridge was restarted with another map. A search has found what there
+is, or a command made it needless."""
 
 
 class Began(
@@ -108,6 +110,7 @@ _ENDED: dict[EndedCause, str] = {
     "pushed out": "was pushed out by",
     "split": "fell apart into",
     "forgotten": "was forgotten by command",
+    "new map": "was forgotten: the bridge has another map",
     "steps restarted": "was forgotten: the bridge counts its steps anew",
     "search over": "is over",
     "search stopped": "was stopped",

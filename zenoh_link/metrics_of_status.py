@@ -12,7 +12,7 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 
-from protocol.answers import State, Status
+from protocol.answers import Freshness, State, Status
 from protocol.health import Health
 
 _PROCESS = ("process", "role")
@@ -45,10 +45,12 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     info = {"version": status.version, "map_digest": status.map_digest}
     yield InfoMetricFamily("clustermcl", "Version of the coordinator, and the map.", info)
     yield _states("state", "What is known of the robot's place.", status.state, get_args(State))
-    freshness = ("fresh", "stale", "none")
+    freshness = get_args(Freshness)
     yield _states("pose_freshness", "Whether the pose is new.", status.freshness, freshness)
     if status.age_s >= 0.0:
         yield _gauge("pose_age_seconds", "Age of the data behind the pose.", status.age_s)
+    if status.scan_age_s >= 0.0:
+        yield _gauge("scan_age_seconds", "Age of the last scan weighed.", status.scan_age_s)
     yield _gauge("step", "Number of the newest step.", status.step)
     yield _counter("steps_applied", "Steps that changed the belief.", status.steps_applied)
     yield _counter("steps_lost", "Steps that never came or had no report.", status.steps_lost)

@@ -11,12 +11,13 @@ from msgspec.structs import replace
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
+from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
-from particle_filter.settings import BeliefSettings
+from particle_filter.settings import BeliefSettings, MotionSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import pose_tuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import Place, TrackReport
 
 LEAST_PROBABILITY = sys.float_info.min
@@ -106,17 +107,26 @@ class ClusterSet:
         )
         self._set(belief.mixed(posterior, self._rules.transition_probability))
 
-    def carry(self, job_ids: Collection[str], before_from_after: Pose) -> None:
+    def carry(
+        self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
+    ) -> None:
         """Move clusters that were not heard of by odometry: nobody else says where they are now.
 
         Args:
             job_ids: theirs.
             before_from_after: (3,) how the robot moved since the step before.
+            motion: how far odometry errs; they grow less certain by it.
         """
+        noise = motion_covariance(before_from_after, motion)
         for cluster in self.all():
             if cluster.job_id in job_ids:
-                mean = pose_tuple(compose(np.array(cluster.mean), before_from_after))
-                self._clusters[cluster.cluster] = replace(cluster, mean=mean)
+                mean, known = np.array(cluster.mean), covariance_matrix(cluster.covariance)
+                covariance = composed_covariance(mean, known, before_from_after, noise)
+                self._clusters[cluster.cluster] = replace(
+                    cluster,
+                    mean=pose_tuple(compose(mean, before_from_after)),
+                    covariance=covariance_tuple(covariance),
+                )
 
     def merge_overlaps(self) -> list[Ended]:
         """Join clusters at the same place: probabilities add, the most probable one stays."""

@@ -94,7 +94,7 @@ class Ensemble:
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         self.clusters.weigh(tracks)
         if missing and before_from_after is not None:
-            self.clusters.carry(missing, before_from_after)
+            self.clusters.carry(missing, before_from_after, self.settings.motion)
         self._note_means(step, tracks.values())
         self._fit.update(
             max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)

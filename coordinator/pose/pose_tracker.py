@@ -1,15 +1,21 @@
 """The pose between steps: the best cluster's, carried forward by the newest odometry."""
 
-import math
-
 import numpy as np
+from msgspec.structs import replace
 
 from coordinator.belief.outcome import Outcome
+from coordinator.pose.dead_reckoning import BlindDrive, DeadReckoning
 from coordinator.pose.lateness import Lateness
-from particle_filter.poses import between, compose
-from protocol.answers import Hypothesis, PoseAnswer
+from particle_filter.motion_covariance import composed_covariance
+from particle_filter.poses import compose
+from particle_filter.settings import MotionSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from protocol.answers import Freshness, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
+
+MAX_WAITING_SCANS = 1_000
+"""More scans than this have arrived and were not applied: those are not waited for."""
 
 
 class PoseTracker:
@@ -17,16 +23,29 @@ class PoseTracker:
 
     Args:
         sender: name of the process.
-        stale_after_s: older data is not called fresh.
+        settings: when a pose is stale or blind.
+        motion: how far odometry errs.
+        bridge: its gate is what makes a step.
     """
 
-    def __init__(self, sender: str, stale_after_s: float) -> None:
-        self._sender, self._stale_after_s = sender, stale_after_s
+    def __init__(
+        self,
+        sender: str,
+        settings: CoordinatorSettings,
+        motion: MotionSettings,
+        bridge: BridgeSettings,
+    ) -> None:
+        self._sender = sender
+        self._stale_after_s = settings.stale_after_s
+        self._blind_after_gates = settings.blind_after_gates
         self._outcome: Outcome | None = None
-        self._odom_at_step: PoseTuple = (0.0, 0.0, 0.0)
+        self._since_step, self._blind = DeadReckoning(motion, bridge), BlindDrive(bridge)
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
+        self._waiting_ns: dict[int, int] = {}
+        """When scans that were not applied yet have arrived, by their stamps."""
+        self._scan_ns: int | None = None
         self._by_scan = True
         self._lateness: Lateness | None = None
 
@@ -46,6 +65,8 @@ class PoseTracker:
         self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
         self._arrived_ns = now_ns - late_ns
         self._by_scan = False
+        self._since_step.on_odometry(odom_from_robot)
+        self._blind.on_odometry(odom_from_robot)
 
     def scan(
         self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int, *, live: bool = False
@@ -56,10 +77,24 @@ class PoseTracker:
         if self._by_scan or stamp_ns > self._stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
             self._by_scan = True
+        self._waiting_ns[stamp_ns] = self._taken_ns(stamp_ns, now_ns)
+        if len(self._waiting_ns) > MAX_WAITING_SCANS:
+            del self._waiting_ns[next(iter(self._waiting_ns))]
+
+    def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
+        """A scan was applied, and somebody had weighed it: the robot sees where it is."""
+        self._blind.begin_at(odom_from_robot)
+        self._blind.on_odometry(self._odom_now)
+        if stamp_ns in self._waiting_ns:
+            self._scan_ns = self._waiting_ns[stamp_ns]
+            while next(iter(self._waiting_ns)) != stamp_ns:
+                del self._waiting_ns[next(iter(self._waiting_ns))]
 
     def believed(self, outcome: Outcome, odom_from_robot: PoseTuple) -> None:
         """A step was applied; its hypotheses hold at the odometry of its scan."""
-        self._outcome, self._odom_at_step = outcome, odom_from_robot
+        self._outcome = outcome
+        self._since_step.begin_at(odom_from_robot)
+        self._since_step.on_odometry(self._odom_now)
 
     def resume(
         self,
@@ -73,26 +108,29 @@ class PoseTracker:
         """Another coordinator has heard this, and nobody knows how long ago: it is stale."""
         if live and not self.live:
             self._lateness = Lateness()
+        stale_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1
         if self._arrived_ns is None:
             self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
-            self._arrived_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1
+            self._arrived_ns = stale_ns
+        self._scan_ns = stale_ns
+        self._blind.begin_at(odom_from_robot)
+        self._blind.on_odometry(self._odom_now)
 
     def age_s(self, now_ns: int) -> float:
         """Since the newest data arrived, or would have in time [s]; -1 before any did."""
-        return -1.0 if self._arrived_ns is None else (now_ns - self._arrived_ns) / 1e9
+        return _since_s(self._arrived_ns, now_ns)
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
-        """The pose as it is now; a gap in the data makes it stale, never fresh."""
-        age_s = self.age_s(now_ns)
+        """The pose as it is now; a gap in the data makes it stale or blind, never fresh."""
         best = self._outcome.hypotheses[0] if self._outcome and self._outcome.hypotheses else None
         carried = self._carried(best) if best else None
-        fresh = 0.0 <= age_s <= self._stale_after_s
         return PoseAnswer(
             sender=self._sender,
             state=self._outcome.state if self._outcome else "searching",
-            freshness="none" if self._arrived_ns is None else "fresh" if fresh else "stale",
+            freshness=self._freshness(now_ns, workers),
             stamp_ns=self._stamp_ns,
-            age_s=age_s,
+            age_s=self.age_s(now_ns),
+            scan_age_s=_since_s(self._scan_ns, now_ns),
             step=self._outcome.step if self._outcome else -1,
             probability=best.probability if best else 0.0,
             map_from_robot=carried.mean if carried else None,
@@ -105,21 +143,33 @@ class PoseTracker:
         known = self._outcome.hypotheses if self._outcome else ()
         return tuple(self._carried(hypothesis) for hypothesis in known)
 
+    def _freshness(self, now_ns: int, workers: int) -> Freshness:
+        if self._arrived_ns is None:
+            return "none"
+        if not 0.0 <= self.age_s(now_ns) <= self._stale_after_s:
+            return "stale"
+        is_blind = workers == 0 or self._blind.gates >= self._blind_after_gates
+        return "blind" if is_blind else "fresh"
+
+    def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:
+        """When a scan would have arrived in time: a live robot's stamps tell how late it is."""
+        if self._lateness is None or self._arrived_ns is None:
+            return now_ns
+        return min(self._arrived_ns - (self._stamp_ns - stamp_ns), now_ns)
+
     def _carried(self, hypothesis: Hypothesis) -> Hypothesis:
-        """A hypothesis moved by the odometry since its step, its covariance by first order."""
-        moved = between(np.array(self._odom_at_step), np.array(self._odom_now))
-        mean = compose(np.array(hypothesis.mean), moved)
-        heading = hypothesis.mean[2]
-        jacobian = np.eye(3)
-        jacobian[0, 2] = -moved[0] * math.sin(heading) - moved[1] * math.cos(heading)
-        jacobian[1, 2] = moved[0] * math.cos(heading) - moved[1] * math.sin(heading)
-        covariance = jacobian @ covariance_matrix(hypothesis.covariance) @ jacobian.T
-        return Hypothesis(
-            cluster=hypothesis.cluster,
-            probability=hypothesis.probability,
-            log_probability=hypothesis.log_probability,
-            mean=pose_tuple(mean),
-            covariance=covariance_tuple(covariance),
-            effective_sample_size=hypothesis.effective_sample_size,
-            age_steps=hypothesis.age_steps,
+        """A hypothesis moved by the odometry since its step, and less certain by its noise."""
+        moved, noise = self._since_step.motion()
+        mean = np.array(hypothesis.mean)
+        covariance = composed_covariance(
+            mean, covariance_matrix(hypothesis.covariance), moved, noise
         )
+        return replace(
+            hypothesis,
+            mean=pose_tuple(compose(mean, moved)),
+            covariance=covariance_tuple(covariance),
+        )
+
+
+def _since_s(then_ns: int | None, now_ns: int) -> float:
+    return -1.0 if then_ns is None else (now_ns - then_ns) / 1e9

@@ -23,7 +23,7 @@ from coordinator.failover.state_recovery import Told
 from coordinator.membership.jobs import JobState
 from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
@@ -45,6 +45,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     term: int
     known: Checkpoint | None
     last_poses: dict[str, LastPose]
+    bridge: BridgeSettings = BridgeSettings()
 
     def coordinator(self) -> Coordinator:
         """The coordinator, as it was in its first moment."""

@@ -14,7 +14,7 @@ from typing import get_args
 import pytest
 
 from process_runtime.settings_table import TABLE
-from protocol.answers import State, Status
+from protocol.answers import Freshness, State, Status
 from protocol.health import Health
 from tests.integration.security.certificates import require_openssl
 from zenoh_link.access_control import ROLES, rights_of
@@ -72,6 +72,7 @@ def test_every_metric_is_explained() -> None:
         sender="c", version="1", state="localized", freshness="fresh", age_s=0.1, step=1,
         steps_applied=1, steps_lost=0, reports_missing=0, map_digest="", clusters=1,
         searching=False, workers={"w": ()}, counters={}, uptime_s=1.0, processes=(health,),
+        scan_age_s=0.1,
     )  # fmt: skip
     suffix = {"counter": "_total", "info": "_info"}
     names = {made.name + suffix.get(made.type, "") for made in collector(lambda: status).collect()}
@@ -80,7 +81,7 @@ def test_every_metric_is_explained() -> None:
 
 
 def test_every_state_is_explained() -> None:
-    for state in (*get_args(State), "fresh", "stale", "none"):
+    for state in (*get_args(State), *get_args(Freshness)):
         assert f"`{state}`" in OPERATIONS
 
 

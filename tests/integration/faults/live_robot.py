@@ -1,23 +1,103 @@
 """A system whose robot is not of the stack: it publishes readings as a real one's driver does."""
 
 import tempfile
+import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+import numpy as np
+import zenoh
 
 from clustermcl.stack import COORDINATOR
+from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
+from protocol import keys
+from protocol.answers import PoseAnswer
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_matrix
+from protocol.steps import OdometryReading
+from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
+from zenoh_link.wire import Publisher
 
 BRIDGE = "sensor_bridge"
 WORLD = "cross"
+
+
+@contextmanager
+def with_bridge(world_name: str) -> Iterator[System]:
+    """The system with a bridge that waits for a robot's readings."""
+    with tempfile.TemporaryDirectory(prefix="mcl-map-") as folder:
+        map_file = write_map(world(world_name).map, Path(folder), "map")
+        bridge = BridgeSettings(map=str(map_file), source="zenoh")
+        with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested:
+            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
+            yield tested
+
+
+class Robot:
+    """A simulated robot whose laser can fail; it knows where it really is.
+
+    Args:
+        session: what it publishes with.
+        world_name: where it drives, at twice the pace of its own time.
+    """
+
+    def __init__(self, session: zenoh.Session, world_name: str) -> None:
+        self.has_laser = True
+        self._simulation = Simulation(world(world_name), seed=3, remembered_s=1.0)
+        self._odometry = Publisher(session, keys.ODOMETRY_READING)
+        self._laser = Publisher(session, keys.LASER_READING)
+        self._truth: dict[int, PoseTuple] = {}
+
+    @contextmanager
+    def driving(self) -> Iterator[None]:
+        """It drives while the context lasts."""
+        stop = StopFlag()
+        thread = threading.Thread(target=self._drive, args=(stop,))
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join()
+
+    def _drive(self, stop: StopFlag) -> None:
+        zero_ns = time.time_ns()
+        for tick in self._simulation:
+            for reading in tick.readings:
+                stamp_ns = zero_ns + reading.stamp_ns // 2
+                if stop.wait((stamp_ns - time.time_ns()) / 1e9):
+                    return
+                self._truth[stamp_ns] = tick.map_from_robot
+                stamped = msgspec.structs.replace(reading, stamp_ns=stamp_ns)
+                if isinstance(stamped, OdometryReading):
+                    self._odometry.put(stamped)
+                elif self.has_laser:
+                    self._laser.put(stamped)
+
+    def error(self, answer: PoseAnswer) -> np.ndarray:
+        """(3,) how far an answer is off: x, y [m], heading [rad]."""
+        assert answer.map_from_robot is not None
+        nearest = min(list(self._truth), key=lambda stamp_ns: abs(stamp_ns - answer.stamp_ns))
+        off = np.subtract(answer.map_from_robot, self._truth[nearest])
+        off[2] = wrap_angle(float(off[2]))
+        return off
+
+    def surprise(self, answer: PoseAnswer) -> float:
+        """Its error in the answer's own standard deviations, squared: chi-square of 3."""
+        assert answer.covariance is not None
+        off = self.error(answer)
+        return float(off @ np.linalg.solve(covariance_matrix(answer.covariance), off))
 
 
 @contextmanager

@@ -34,7 +34,9 @@ def test_without_workers_status_and_pose_say_so_and_it_recovers_when_one_appears
                     {h.cluster: h.probability for h in belief.hypotheses} for belief in without
                 )
                 assert first == pytest.approx(second), "no evidence, no change"
-                assert client.pose().freshness == "fresh", "odometry carries the pose on"
+                pose = client.pose()
+                assert pose.freshness == "blind", "odometry alone carries the pose on"
+                assert pose.age_s < 1.0 < pose.scan_age_s
         finally:
             tested.hurt(WORKERS, signal.SIGCONT)
         with tested.client as client:

@@ -1,6 +1,8 @@
 import json
 import math
 
+import msgspec
+
 from clustermcl.as_json import (
     belief_object,
     dumped,
@@ -35,6 +37,12 @@ def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
         "heading_rad": 3.0,
         "covariance": [[0.04, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.0025]],
     }
+
+
+def test_a_pose_tells_how_old_odometry_and_the_last_scan_are() -> None:
+    found = pose_answer_object(msgspec.structs.replace(ANSWER, freshness="blind", scan_age_s=7.5))
+    assert (found["freshness"], found["age_s"], found["scan_age_s"]) == ("blind", 0.5, 7.5)
+    assert status_object(STATUS)["scan_age_s"] == -1.0
 
 
 def test_a_belief_without_a_place_has_no_pose() -> None:

@@ -3,7 +3,15 @@ import math
 import msgspec
 import pytest
 
-from clustermcl.as_text import belief_line, pose_lines, pose_text, spread_text, status_lines
+from clustermcl.as_text import (
+    belief_line,
+    hypotheses_lines,
+    pose_lines,
+    pose_text,
+    spread_text,
+    status_lines,
+)
+from protocol.answers import Hypotheses
 from tests.unit.clustermcl.test_as_json import ANSWER
 from tests.unit.evaluation.places import STATUS, belief, place
 
@@ -29,6 +37,23 @@ def test_a_pose_says_what_stands_against_believing_it() -> None:
     assert list(pose_lines(ANSWER)) == [
         "localized with probability 0.95: x 1.00 m  y 2.00 m  heading 171.9 deg  +-0.20 m, 2.9 deg"
     ]
+
+
+def test_a_blind_pose_says_how_old_its_last_scan_is() -> None:
+    blind = msgspec.structs.replace(ANSWER, freshness="blind", scan_age_s=7.51)
+    line = "blind: odometry alone moves the pose, the last scan is 7.5 s old"
+    assert list(pose_lines(blind))[1:] == [line]
+    places = Hypotheses(sender="coordinator", pose=blind, hypotheses=(place(1.0),))
+    assert list(hypotheses_lines(places))[-1] == line
+    status = msgspec.structs.replace(STATUS, freshness="blind", scan_age_s=7.51)
+    assert next(status_lines(status)).endswith("the last scan is 7.5 s old")
+
+
+def test_a_belief_that_no_worker_has_weighed_is_blind() -> None:
+    told = belief(7, "ambiguous", place(0.6, cluster=1), place(0.4, cluster=2))
+    assert "blind" not in belief_line(msgspec.structs.replace(told, missing=("c1",)))
+    unweighed = msgspec.structs.replace(told, missing=("c1", "c2"))
+    assert belief_line(unweighed).startswith("step 7: ambiguous, blind; ")
 
 
 def test_before_the_first_scan_there_is_no_pose() -> None:

@@ -129,6 +129,8 @@ class Living:
         self.coordinator: Coordinator | None = None
         self._questions = 0
         self._reports: list[TrackReport] = []
+        self.map_digest = MAP.digest
+        """Of the bridge's map; of another one when it has been restarted with it."""
         self.warnings: list[str] = []
         """Causes that workers have counted."""
         self.workers = {f"w{n}": Worker(f"w{n}", 1) for n in range(workers)}
@@ -155,7 +157,7 @@ class Living:
 
     def drive(self, step: int, *, stamp_ns: int | None = None) -> None:
         """One step: its scan reaches the workers, and the coordinator if it lives."""
-        scan = scan_of(step)
+        scan = msgspec.structs.replace(scan_of(step), map_digest=self.map_digest)
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)
@@ -258,7 +260,8 @@ class Living:
                 self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
                 self._tell(lambda c, now: c.handle(TimePassed(), now))
             case worker_instructions.FetchMap():
-                self._tell_later(name, worker_events.MapArrived(MAP))
+                told = msgspec.structs.replace(MAP, digest=self.map_digest)
+                self._tell_later(name, worker_events.MapArrived(told))
             case worker_instructions.BuildModel():
                 assert instruction.settings == self._model.settings
                 self._tell_later(

@@ -30,7 +30,7 @@ from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
-from protocol.work import OrderAnswer, Report
+from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
 from tests.unit.coordinator.reports import scan, searched, tracked
 
 SECOND = 1_000_000_000
@@ -211,6 +211,68 @@ def test_where_the_bridge_counts_anew_clusters_end_for_that_reason() -> None:
         if isinstance(one.event, Ended) and one.event.job_id in ("c0", "c1")
     ]
     assert causes == ["steps restarted", "steps restarted"]
+
+
+def tracking_story() -> Story:
+    story = Story("a").bootstrapped()
+    for step in range(1, 5):
+        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+    return story
+
+
+def test_a_bridge_with_another_map_is_followed_and_all_begins_anew_there() -> None:
+    story = tracking_story()
+    orders: list[WorkOrder] = []
+    for step in range(5, 8):
+        event = ScanArrived(scan(step, digest="new map"))
+        instructions = story.coordinator.handle(event, step * SECOND)
+        orders += [do.order for do in instructions if isinstance(do, SendOrder)]
+        assert story.coordinator.map_digest == ("map" if step < 7 else "new map")
+        story.follow(instructions)
+    (order,) = orders
+    assert order.map_digest == "new map"
+    assert order.keep == ()
+    assert {one.job.first_step for one in order.begin if isinstance(one.job, SearchJob)} == {7}
+    status = story.coordinator.status(8 * SECOND, {})
+    assert status.map_digest == "new map"
+    assert status.counters["map changed"] == 1
+    assert (status.state, status.clusters) == ("searching", 0)
+    causes = {
+        one.event.job_id: one.event.cause
+        for one in story.coordinator.events().events
+        if isinstance(one.event, Ended)
+    }
+    assert (causes["c0"], causes["c1"]) == ("new map", "new map")
+    places = {NORTH: 1.0}
+    story.report(searched("s1.0", 7, places, epoch=story.epochs["s1.0"]), at_s=8.1)
+    assert story.beliefs[-1].step == 7
+    assert story.beliefs[-1].state == "localized"
+
+
+def test_stray_scans_of_another_map_change_nothing() -> None:
+    story = tracking_story()
+    for step in range(5, 12):
+        for stray in (step, step + 1):  # never three in a row
+            event = ScanArrived(scan(stray, digest="new map"))
+            assert story.coordinator.handle(event, step * SECOND) == []
+        story.tracks(step, at_s=float(step), north=0.1, south=0.1)
+    status = story.coordinator.status(12 * SECOND, {})
+    assert (status.map_digest, status.clusters, status.step) == ("map", 2, 11)
+    assert status.counters["scan of another map"] == 14
+    assert "map changed" not in status.counters
+
+
+def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
+    story = tracking_story()
+    for step in range(5, 12):
+        event = ScanArrived(scan(step, x_m=0.2 * (step - 4)))
+        story.follow(story.coordinator.handle(event, step * SECOND))
+        story.follow(story.coordinator.handle(TimePassed(), int((step + 0.9) * SECOND)))
+    pose = story.coordinator.pose(12 * SECOND)
+    assert (pose.step, pose.freshness) == (11, "blind")
+    assert pose.scan_age_s == 8.0
+    covariance = story.beliefs[-1].hypotheses[0].covariance
+    assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
 
 
 def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:

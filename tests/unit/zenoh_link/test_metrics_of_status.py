@@ -10,7 +10,7 @@ STATUS = Status(
     sender="coordinator", version="1.2", state="localized", freshness="fresh", age_s=0.25,
     step=41, steps_applied=40, steps_lost=1, reports_missing=2, map_digest="abc", clusters=3,
     searching=True, workers={"worker-0": ("c1", "c2"), "worker-1": ()},
-    counters={"scan of another map": 7}, uptime_s=99.0,
+    counters={"scan of another map": 7}, uptime_s=99.0, scan_age_s=3.5,
     processes=(
         Health(sender="coordinator", role="coordinator", version="1.2", uptime_s=99.0,
                memory_bytes=1000, dropped={"scan of another map": 7}),
@@ -47,7 +47,9 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
         ("clustermcl_state", (("clustermcl_state", "localized"),)): 1.0,
         ("clustermcl_state", (("clustermcl_state", "lost"),)): 0.0,
         ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "stale"),)): 0.0,
+        ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "blind"),)): 0.0,
         ("clustermcl_pose_age_seconds", ()): 0.25,
+        ("clustermcl_scan_age_seconds", ()): 3.5,
         ("clustermcl_step", ()): 41.0,
         ("clustermcl_steps_applied_total", ()): 40.0,
         ("clustermcl_steps_lost_total", ()): 1.0,
@@ -68,8 +70,10 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
 
 
 def test_before_the_first_scan_a_pose_has_no_age() -> None:
-    samples = scraped(msgspec.structs.replace(STATUS, age_s=-1.0, freshness="none"))
+    none = msgspec.structs.replace(STATUS, age_s=-1.0, scan_age_s=-1.0, freshness="none")
+    samples = scraped(none)
     assert ("clustermcl_pose_age_seconds", ()) not in samples
+    assert ("clustermcl_scan_age_seconds", ()) not in samples
 
 
 def test_a_coordinator_that_does_not_answer_is_down() -> None:

@@ -1,9 +1,15 @@
 import math
 
+import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
 from coordinator.pose.pose_tracker import PoseTracker
+from particle_filter.gaussian import fit_gaussian
+from particle_filter.motion import move
+from particle_filter.poses import compose
+from particle_filter.settings import MotionSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
 from tests.unit.coordinator.reports import NO_SPREAD
@@ -12,8 +18,23 @@ SECOND = 1_000_000_000
 FACING_NORTH: PoseTuple = (2.0, 3.0, math.pi / 2)
 
 
-def believed_at(mean: PoseTuple, odom_from_robot: PoseTuple) -> PoseTracker:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+BRIDGE = BridgeSettings(gate_distance_m=0.2, gate_turn_rad=0.2)
+SURE = MotionSettings(
+    turn_noise_per_turn=0.0, turn_noise_per_metre=0.0, drive_noise_per_metre=0.0,
+    drive_noise_per_turn=0.0, strafe_noise_per_metre=0.0,
+)  # fmt: skip
+"""Odometry that never errs."""
+
+
+def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
+    settings = CoordinatorSettings(stale_after_s=1.0, blind_after_gates=5.0)
+    return PoseTracker("coordinator", settings, motion, BRIDGE)
+
+
+def believed_at(
+    mean: PoseTuple, odom_from_robot: PoseTuple, motion: MotionSettings = SURE
+) -> PoseTracker:
+    tracker = new_tracker(motion)
     best = Hypothesis(
         cluster=0,
         probability=0.9,
@@ -33,12 +54,13 @@ def believed_at(mean: PoseTuple, odom_from_robot: PoseTuple) -> PoseTracker:
         events=(),
     )
     tracker.scan(1 * SECOND, odom_from_robot, now_ns=0)
+    tracker.weighed(1 * SECOND, odom_from_robot)
     tracker.believed(outcome, odom_from_robot)
     return tracker
 
 
 def test_before_any_data_there_is_no_pose_and_it_says_so() -> None:
-    answer = PoseTracker("coordinator", stale_after_s=1.0).answer(5, workers=2)
+    answer = new_tracker().answer(5, workers=2)
     assert answer.freshness == "none"
     assert answer.map_from_robot is None
     assert answer.age_s == -1.0
@@ -92,7 +114,7 @@ def test_stamps_of_scans_may_step_back_where_there_is_no_odometry_between() -> N
 
 @pytest.mark.parametrize(("live", "freshness"), [(True, "stale"), (False, "fresh")])
 def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshness: str) -> None:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker = new_tracker()
     tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=live)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=int(2.3 * SECOND))  # 1.3 s late
     answer = tracker.answer(int(2.3 * SECOND), workers=1)
@@ -101,7 +123,7 @@ def test_what_a_live_robots_network_has_held_up_is_not_fresh(live: bool, freshne
 
 
 def test_a_scan_says_whether_stamps_tell_how_late_data_is() -> None:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker = new_tracker()
     assert not tracker.live
     for step, live in enumerate((True, True, False, True)):
         tracker.scan(step * SECOND, (0.0, 0.0, 0.0), now_ns=step * SECOND, live=live)
@@ -109,7 +131,7 @@ def test_a_scan_says_whether_stamps_tell_how_late_data_is() -> None:
 
 
 def test_a_clock_learnt_of_one_robot_is_not_that_of_the_recording_that_follows() -> None:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker = new_tracker()
     tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
     tracker.scan(SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=False)
     tracker.odometry(2 * SECOND, (0.5, 0.0, 0.0), now_ns=10 * SECOND)
@@ -118,8 +140,97 @@ def test_a_clock_learnt_of_one_robot_is_not_that_of_the_recording_that_follows()
 
 @pytest.mark.parametrize("live", [True, False])
 def test_who_takes_over_knows_from_the_other_whether_the_robot_is_live(live: bool) -> None:
-    tracker = PoseTracker("coordinator", stale_after_s=1.0)
+    tracker = new_tracker()
     tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0, live=live)
     tracker.odometry(101 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
     tracker.odometry(102 * SECOND, (1.0, 0.0, 0.0), now_ns=int(3.3 * SECOND))  # 1.3 s late
     assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(1.3 if live else 0.0)
+
+
+def test_odometry_alone_makes_the_pose_as_uncertain_as_particles_without_scans_become() -> None:
+    motion = MotionSettings(turn_noise_per_turn=0.05, turn_noise_per_metre=0.05)
+    tracker = believed_at(FACING_NORTH, odom_from_robot=(5.0, 5.0, 1.0), motion=motion)
+    rng = np.random.default_rng(1)
+    start = np.array(FACING_NORTH)
+    particles = rng.multivariate_normal(start, np.reshape(NO_SPREAD, (3, 3)), 50_000)
+    odometry = np.array([5.0, 5.0, 1.0])
+    for step in range(1, 41):  # there and, after half a turn, back: in the end it has not moved far
+        before = odometry
+        turn = np.pi / 8 if 16 <= step < 24 else 0.0
+        drive = 0.0 if turn else 0.25
+        odometry = compose(before, np.array([drive, 0.0, turn]))
+        particles = move(particles, before, odometry, motion, rng)
+        x, y, heading = odometry.tolist()
+        for now_ns in (0, 1):  # the same once more moves nothing
+            tracker.odometry((step + 1) * SECOND + now_ns, (x, y, heading), now_ns=step * SECOND)
+    answer = tracker.answer(40 * SECOND, workers=1)
+    assert answer.covariance is not None
+    expected_mean, expected = fit_gaussian(particles, np.ones(len(particles)))
+    assert answer.map_from_robot is not None
+    # First order: where headings err by 0.1 rad, 4 m are up to 2 cm short. 50,000 particles: 0.6 %.
+    scale = np.sqrt(np.diag(expected))
+    off = np.reshape(answer.covariance, (3, 3)) - expected
+    np.testing.assert_allclose(off / np.outer(scale, scale), 0.0, atol=0.05)
+    assert np.hypot(*(np.array(answer.map_from_robot) - expected_mean)[:2]) < 0.1 * scale[:2].sum()
+    assert scale[0] > 2 * 0.1, "the robot has come back, and yet knows little"
+
+
+def test_all_places_grow_as_uncertain_as_the_best_one() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), MotionSettings())
+    tracker.odometry(2 * SECOND, (0.5, 0.0, 0.0), now_ns=SECOND)
+    (place,) = tracker.hypotheses()
+    assert place.covariance == tracker.answer(SECOND, workers=1).covariance
+    assert place.covariance[0] > NO_SPREAD[0]
+
+
+def driven_on(tracker: PoseTracker, metres: float) -> None:
+    for index in range(1, round(metres / 0.05) + 1):
+        tracker.odometry(SECOND + index, (0.05 * index, 0.0, 0.0), now_ns=SECOND)
+
+
+def test_a_robot_that_drives_on_without_steps_is_blind() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    driven_on(tracker, 0.8)
+    assert tracker.answer(SECOND, workers=1).freshness == "fresh"
+    driven_on(tracker, 1.2)
+    answer = tracker.answer(SECOND, workers=1)
+    assert answer.freshness == "blind"
+    assert answer.scan_age_s == 1.0
+    assert answer.age_s == 0.0
+    tracker.scan(2 * SECOND, (1.2, 0.0, 0.0), now_ns=SECOND)
+    tracker.weighed(2 * SECOND, (1.2, 0.0, 0.0))
+    assert tracker.answer(SECOND, workers=1).freshness == "fresh"
+    assert tracker.answer(SECOND, workers=1).scan_age_s == 0.0
+
+
+def test_turning_without_steps_is_blind_and_standing_is_not() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for index in range(100):
+        tracker.odometry(SECOND + index, (0.001 * (index % 2), 0.0, 0.0), now_ns=SECOND)
+    assert tracker.answer(SECOND, workers=1).freshness == "fresh"
+    for index in range(30):
+        tracker.odometry(2 * SECOND + index, (0.0, 0.0, 0.05 * index), now_ns=SECOND)
+    assert tracker.answer(SECOND, workers=1).freshness == "blind"
+
+
+def test_without_workers_the_pose_is_blind_and_without_data_stale() -> None:
+    tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert tracker.answer(SECOND // 2, workers=0).freshness == "blind"
+    assert tracker.answer(3 * SECOND, workers=0).freshness == "stale"
+
+
+def test_a_live_robots_stamps_tell_how_old_a_scan_from_the_history_is() -> None:
+    tracker = new_tracker()
+    tracker.scan(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0, live=True)
+    tracker.odometry(103 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
+    tracker.scan(101 * SECOND, (0.2, 0.0, 0.0), now_ns=3 * SECOND, live=True)
+    assert tracker.answer(3 * SECOND, workers=1).scan_age_s == -1.0
+    tracker.weighed(101 * SECOND, (0.2, 0.0, 0.0))
+    assert tracker.answer(4 * SECOND, workers=1).scan_age_s == 3.0
+
+
+def test_who_takes_over_calls_the_last_scan_no_younger_than_the_data() -> None:
+    tracker = new_tracker()
+    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0)
+    answer = tracker.answer(0, workers=1)
+    assert answer.scan_age_s == answer.age_s

@@ -29,6 +29,10 @@ class RecordedCoordinator:
         return self.coordinator.begun
 
     @property
+    def map_digest(self) -> str:
+        return self.coordinator.map_digest
+
+    @property
     def outranked_by(self) -> int | None:
         return self.coordinator.outranked_by
 

@@ -27,6 +27,7 @@ ACTIONS = st.one_of(
     st.tuples(st.just("set pose"), st.integers(1, 4)),
     st.just(("relocalize", 0)),
     st.tuples(st.just("die"), st.integers(0, 12)),
+    st.tuples(st.just("new map"), st.integers(0, 1)),
 )
 
 
@@ -58,10 +59,38 @@ def live(living: Living, actions: list[tuple[str, int]]) -> None:
             living.command(Relocalize(sender="c", command_id=str(number)))
         elif action == "die":
             living.dies_in = value
+        elif action == "new map":
+            living.map_digest, living.scans = f"map {value}", []
 
 
 def heard(living: Living) -> set[bytes]:
     return set(as_bytes([belief for told in living.beliefs.values() for belief in told]))
+
+
+def test_a_replay_follows_the_bridge_into_another_map(model: SensorModel) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = Recordings(Path(folder))
+        living = Living(model, made=recordings.make)
+        live(living, [*[("drive", 0)] * 12, ("new map", 1), *[("drive", 0)] * 20])
+        assert living.coordinator is not None
+        assert living.coordinator.map_digest == "map 1"
+        replayed_beliefs = beliefs(recordings.replay())
+    assert heard(living) == set(as_bytes(replayed_beliefs))
+    assert replayed_beliefs[-1].step == 31
+    assert replayed_beliefs[-1].state != "searching", "located in the new map"
+
+
+def test_a_coordinator_that_takes_over_gives_up_the_old_map(model: SensorModel) -> None:
+    living = Living(model)
+    live(living, [("drive", 0)] * 12)
+    living.coordinator, living.map_digest, living.scans = None, "map 1", []
+    living.drive(12)
+    living.revive()
+    assert living.coordinator is not None
+    for step in range(13, 32):
+        living.drive(step)
+    assert living.coordinator.map_digest == "map 1"
+    assert living.beliefs[31][-1].state != "searching"
 
 
 @hypothesis.settings(deadline=None, max_examples=10)

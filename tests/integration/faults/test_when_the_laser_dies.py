@@ -1,0 +1,79 @@
+"""docs/failures.md: odometry goes on, and no scan is weighed: the pose is blind, and says so."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from clustermcl.as_text import spread
+from clustermcl.client import Client
+from clustermcl.stack import WORKERS
+from protocol.answers import PoseAnswer
+from tests.integration.faults.live_robot import Robot, with_bridge
+from tests.integration.faults.system import System
+from tests.integration.waiting import wait_until
+
+WORLD = "cross_feature"
+"""It has one place that looks like no other."""
+FAR_M = 1.5
+"""The robot is driven on blindly until this is the standard deviation of the pose."""
+UNLIKELY = 16.27
+"""Of chi-square with three degrees of freedom, one in a thousand is more."""
+
+
+@contextmanager
+def localized() -> Iterator[tuple[System, Robot, Client]]:
+    with with_bridge(WORLD) as tested, tested.client as client:
+        robot = Robot(tested.session, WORLD)
+        with robot.driving():
+            wait_until(lambda: is_well(client.pose()), 120.0)
+            yield tested, robot, client
+
+
+def is_well(pose: PoseAnswer) -> bool:
+    return pose.state == "localized" and pose.freshness == "fresh" and pose.workers == 4
+
+
+def sigma_m(pose: PoseAnswer) -> float:
+    assert pose.covariance is not None
+    return spread(pose.covariance)[0]
+
+
+def assert_blind_and_honest(client: Client, robot: Robot) -> None:
+    """From now on until the robot is far: blind, ever less certain, and never far beside that."""
+    wait_until(lambda: client.pose().freshness == "blind")
+    poses: list[PoseAnswer] = []
+
+    def is_far() -> bool:
+        poses.append(client.pose())
+        return sigma_m(poses[-1]) > FAR_M
+
+    wait_until(is_far, 120.0)
+    assert {pose.freshness for pose in poses} == {"blind"}
+    assert max(pose.age_s for pose in poses) < 1.0, "odometry goes on"
+    assert poses[-1].scan_age_s > 3.0
+    assert all(robot.surprise(pose) < UNLIKELY for pose in poses[:: len(poses) // 20 + 1])
+    answer = client.hypotheses()
+    assert spread(answer.hypotheses[0].covariance)[0] > FAR_M
+
+
+def test_a_laser_that_dies_makes_the_pose_blind_until_it_is_back() -> None:
+    with localized() as (_, robot, client):
+        assert sigma_m(client.pose()) < 0.5
+        robot.has_laser = False
+        assert_blind_and_honest(client, robot)
+        robot.has_laser = True
+        wait_until(lambda: client.pose().freshness == "fresh")
+        assert client.pose().scan_age_s < 1.0
+
+
+def test_without_workers_the_pose_is_blind_until_they_are_back() -> None:
+    with localized() as (tested, robot, client):
+        tested.hurt(WORKERS, signal.SIGSTOP)  # their parent, so that it starts no others
+        try:
+            for pid in tested.worker_pids():
+                os.kill(pid, signal.SIGKILL)
+            assert_blind_and_honest(client, robot)
+        finally:
+            tested.hurt(WORKERS, signal.SIGCONT)
+        wait_until(lambda: client.pose().freshness == "fresh", 60.0)

@@ -1,0 +1,55 @@
+"""docs/operations.md: a new map means a restart of the bridge; everything is located anew."""
+
+from pathlib import Path
+
+import numpy as np
+
+from grid_maps.load import load_map
+from protocol.answers import PoseAnswer
+from protocol.job_events import Ended
+from robot_simulator.worlds.catalogue import world
+from soak_test.map_file import write_map
+from tests.integration.faults.live_robot import BRIDGE, Robot, with_bridge
+from tests.integration.faults.system import System
+from tests.integration.waiting import wait_until
+
+BEFORE, AFTER = "cross", "cross_feature"
+
+
+def restart_the_bridge(tested: System) -> None:
+    before = tested.pid(BRIDGE)
+    tested.hurt(BRIDGE)
+
+    def is_another() -> bool:
+        tested.stack.ended()
+        return tested.stack.pids().get(BRIDGE, before) != before
+
+    wait_until(is_another)
+
+
+def test_a_bridge_restarted_with_another_map_is_followed_without_any_other_restart() -> None:
+    with with_bridge(BEFORE) as tested, tested.client as client:
+        with Robot(tested.session, BEFORE).driving():
+            tested.wait_until_it_tracks()
+        before, pids = client.status(), tested.stack.pids() | {"workers": tested.worker_pids()}
+        map_file = Path(tested.settings.bridge.map)
+        write_map(world(AFTER).map, map_file.parent, map_file.stem)
+        restart_the_bridge(tested)
+        robot = Robot(tested.session, AFTER)
+        with robot.driving():
+            wait_until(lambda: client.status().map_digest == load_map(map_file).digest, 60.0)
+            poses: list[PoseAnswer] = []
+
+            def is_localized() -> bool:
+                poses.append(client.pose())
+                return poses[-1].state == "localized" and poses[-1].freshness == "fresh"
+
+            wait_until(is_localized, 120.0)
+            assert np.hypot(*robot.error(poses[-1])[:2]) < 0.5
+        after = client.status()
+        assert after.map_digest != before.map_digest
+        assert after.counters["map changed"] == 1
+        now = tested.stack.pids() | {"workers": tested.worker_pids()}
+        assert {name for name in now if now[name] != pids[name]} == {BRIDGE}
+        ended = [e.event for e in client.events().events if isinstance(e.event, Ended)]
+        assert [one.cause for one in ended].count("new map") == before.clusters

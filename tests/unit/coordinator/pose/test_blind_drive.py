@@ -1,0 +1,69 @@
+"""A simulated robot whose laser is dead: wherever odometry leads, the covariance tells how far."""
+
+import numpy as np
+import pytest
+
+from coordinator.belief.outcome import Outcome
+from coordinator.pose.pose_tracker import PoseTracker
+from particle_filter.poses import wrap_angle
+from particle_filter.settings import MotionSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
+from protocol.answers import Hypothesis, PoseAnswer
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_matrix
+from protocol.steps import OdometryReading
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world
+from tests.unit.coordinator.reports import NO_SPREAD
+
+DRIVEN_NS = 60_000_000_000
+"""Some 30 m."""
+UNLIKELY = 16.27
+"""Of chi-square with three degrees of freedom, one in a thousand is more."""
+
+
+def outcome_at(map_from_robot: PoseTuple) -> Outcome:
+    place = Hypothesis(
+        cluster=0,
+        probability=1.0,
+        log_probability=0.0,
+        mean=map_from_robot,
+        covariance=NO_SPREAD,
+        effective_sample_size=1.0,
+        age_steps=1,
+    )
+    return Outcome(
+        step=1,
+        state="localized",
+        hypotheses=(place,),
+        searching=False,
+        missing=(),
+        begin={},
+        events=(),
+    )
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_the_covariance_contains_where_the_robot_really_is(seed: int) -> None:
+    tracker = PoseTracker("c", CoordinatorSettings(), MotionSettings(), BridgeSettings())
+    answers: list[tuple[PoseAnswer, PoseTuple]] = []
+    for tick in Simulation(world("cross_feature"), seed=seed, remembered_s=1.0):
+        for reading in tick.readings:
+            if isinstance(reading, OdometryReading):
+                tracker.odometry(reading.stamp_ns, reading.odom_from_robot, reading.stamp_ns)
+                if not answers:
+                    tracker.weighed(reading.stamp_ns, reading.odom_from_robot)
+                    tracker.believed(outcome_at(tick.map_from_robot), reading.odom_from_robot)
+        answers.append((tracker.answer(reading.stamp_ns, workers=4), tick.map_from_robot))
+        if reading.stamp_ns > DRIVEN_NS:
+            break
+    for answer, truth in answers[1:]:
+        assert answer.map_from_robot is not None
+        assert answer.covariance is not None
+        off = np.subtract(answer.map_from_robot, truth)
+        off[2] = wrap_angle(float(off[2]))
+        assert off @ np.linalg.solve(covariance_matrix(answer.covariance), off) < UNLIKELY
+    last, truth = answers[-1]
+    assert last.freshness == "blind"
+    assert last.map_from_robot is not None
+    assert np.hypot(*np.subtract(last.map_from_robot, truth)[:2]) > 0.3, "where it did not look"
