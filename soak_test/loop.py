@@ -33,12 +33,12 @@ _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 
 
 class NotReadyError(ClusterMclError):
-    """The processes run, but a robot does not find its first places."""
+    """The processes run, but a robot does not find its places."""
 
     def __init__(self, *, robots: Sequence[str], waited_s: float) -> None:
         self.robots, self.waited_s = tuple(robots), waited_s
         super().__init__(
-            f"{', '.join(robots)}: no places found within {waited_s:.0f} s; "
+            f"{', '.join(robots)}: its places were not found within {waited_s:.0f} s; "
             "their logs say why: --logs DIR keeps them"
         )
 
