@@ -82,11 +82,12 @@ class RoomsHeld:
     def verdict(self) -> Verdict:
         """Over all beliefs since all were held; each loss with its room, its time and its cause."""
         longest_s = max(((loss.end_ns - loss.begin_ns) / 1e9 for loss in self._losses), default=0.0)
+        lost = f"; {len(self._losses)} lost, longest {longest_s:.1f} s" if self._losses else ""
         return Verdict(
             promise=f"all {PLACES} true places are held",
             target="always",
-            measured=f"not in {self._short:,} of {self._beliefs:,} beliefs; fewest {self._fewest}; "
-            f"{len(self._losses)} lost, longest {longest_s:.1f} s",
+            measured=f"not in {self._short:,} of {self._beliefs:,} beliefs; fewest {self._fewest}"
+            f"{lost}",
             kept=self._beliefs > 0 and not self._short,
             breaks=tuple(Break(loss.begin_ns, loss.told()) for loss in self._losses[:KEPT_BREAKS]),
             figures={
