@@ -35,10 +35,11 @@ from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
 from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
+from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
-from protocol.errors import ClusterMclError, InputFileError, SettingsError
+from protocol.errors import ClusterMclError, SettingsError
 from worker.map_model import default_cache_folder
 
 DEFAULT_STEPS = 300
@@ -76,8 +77,8 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     algorithm, case = algorithm_of(options), case_of(options)
-    if options.json_file is not None and not options.json_file.parent.is_dir():
-        raise InputFileError(options.json_file, "its folder does not exist")
+    if options.json_file is not None:
+        check_output_file(options.json_file)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # says which lines are left out, once
     tasks = [
@@ -229,10 +230,7 @@ def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any
         "map": options.map_file,
         "runs": results,
     }
-    try:
-        file.write_text(json.dumps(whole, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputFileError(file, error.strerror or str(error)) from error
+    write_output_file(file, json.dumps(whole, indent=2) + "\n")
 
 
 def _table(runs: Sequence[dict[str, Any]], title: str) -> Table:

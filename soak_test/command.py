@@ -6,6 +6,11 @@ from typing import Annotated
 
 import typer
 
+from process_runtime.output_files import (
+    check_output_file,
+    check_output_folder,
+    write_output_file,
+)
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
@@ -84,6 +89,10 @@ def soak(
         known = ", ".join(Kind)
         problem = f"--only {unknown.pop()!r} is no fault; known are: {known}"
         raise SettingsError(key="--only", problem=problem)
+    if json_file is not None:
+        check_output_file(json_file)
+    if logs is not None:
+        check_output_folder(logs)
     options = SoakOptions(
         minutes=minutes,
         robots=robots,
@@ -113,7 +122,7 @@ def soak(
         progress.close()
     print_result(result, console)
     if json_file is not None:
-        json_file.write_text(dumped(as_object(result)) + "\n", "utf-8")
+        write_output_file(json_file, dumped(as_object(result)) + "\n")
     if result.broken:
         sys.exit(EXIT_BROKEN)
     stop.check()

@@ -1,5 +1,6 @@
 """Promises about the end: no process is left, nothing lies about, no process ended by itself."""
 
+import logging
 import os
 import re
 import shutil
@@ -14,6 +15,8 @@ from process_runtime.supervisor import ChildExit
 from soak_test.availability import DoneFault
 from soak_test.schedule import Kind
 from soak_test.verdict import Break, Verdict
+
+_log = logging.getLogger(__name__)
 
 STOP_WITHIN_S = 3.0
 _KILLED_NS = 10_000_000_000
@@ -47,10 +50,13 @@ def left_files(left: Path) -> list[str]:
 
 
 def kept_logs(logs: Iterable[Path], folder: Path) -> None:
-    """Copy logs to where they are not removed."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for log in logs:
-        shutil.copy(log, folder)
+    """Copy logs to where they are not removed; what cannot be copied is told, and no more lost."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for log in logs:
+            shutil.copy(log, folder)
+    except OSError as error:
+        _log.warning("the logs cannot be kept: %s", error)
 
 
 def processes_left(known: Iterable[psutil.Process], folder: Path, wait_s: float = 2.0) -> list[str]:

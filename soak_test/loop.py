@@ -20,7 +20,6 @@ from soak_test.progress import Progress
 from soak_test.report import SoakResult
 from soak_test.resources import Resources
 from soak_test.robot_checks import Promised, RobotChecks
-from soak_test.rooms import PLACES
 from soak_test.router_keys import RouterKeys, open_plain
 from soak_test.schedule import Fault, planned
 from soak_test.verdict import Verdict, over_all
@@ -34,12 +33,12 @@ _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 
 
 class NotReadyError(ClusterMclError):
-    """The processes run, but a robot does not find its first places."""
+    """The processes run, but a robot does not find its places."""
 
     def __init__(self, *, robots: Sequence[str], waited_s: float) -> None:
         self.robots, self.waited_s = tuple(robots), waited_s
         super().__init__(
-            f"{', '.join(robots)}: no places found within {waited_s:.0f} s; "
+            f"{', '.join(robots)}: its places were not found within {waited_s:.0f} s; "
             "their logs say why: --logs DIR keeps them"
         )
 
@@ -58,7 +57,7 @@ class Soak:
         self._options, self._robots, self._fleet = options, robots, fleet
         self._stop, self._progress = stop, progress
         promised = Promised(
-            places=PLACES if options.rooms else None,
+            rooms=options.rooms,
             delay_s=None if options.chaos else 1.0 / options.rate_hz,
             chaos=options.chaos,
         )
@@ -106,7 +105,7 @@ class Soak:
             together,
             self._verdicts,
             self._resources,
-            {name: observer.places.changes for name, observer in self._checks.items()},
+            {name: observer.clusters.changes for name, observer in self._checks.items()},
             {name: observer.status for name, observer in self._checks.items()},
         )
 

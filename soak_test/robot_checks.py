@@ -16,13 +16,16 @@ from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.work import TrackReport
 from soak_test.availability import Availability, DoneFault
-from soak_test.belief_checks import Places, Probabilities
+from soak_test.belief_checks import ClusterChanges, Probabilities
 from soak_test.delay_check import Delays
+from soak_test.end_causes import EndCauses
 from soak_test.listener import Arrived, Heard, StatusHeard, TokenHeard
 from soak_test.pose_checks import Ages, Answered, Question
 from soak_test.recovery_check import Recovery
 from soak_test.robot import TRUTH_KEY, TrueMotion
+from soak_test.room_check import RoomsHeld
 from soak_test.step_check import Steps
+from soak_test.true_poses import JudgedBelief, TruePoses
 from soak_test.truth_check import Truth
 from soak_test.verdict import Break, Verdict
 
@@ -43,8 +46,8 @@ _KINDS: dict[str, type[Message]] = {
 class Promised:
     """What is asked of one robot."""
 
-    places: int | None
-    """Kept from the bootstrap on; None: the world decides how many there are."""
+    rooms: bool
+    """The world is that of the eight rooms: a place in each is held from the bootstrap on."""
     delay_s: float | None
     """From scan to belief, for 99 % of the steps; None: nothing is."""
     chaos: bool
@@ -56,7 +59,9 @@ class RobotChecks:
     def __init__(self, settings: Settings, promised: Promised) -> None:
         self.availability = Availability()
         self.recovery = Recovery(self.availability)
-        self.places = Places(promised.places or settings.belief.clusters)
+        self._causes, self._true_poses = EndCauses(), TruePoses()
+        self.clusters = ClusterChanges(self._causes)
+        self._rooms = RoomsHeld(self._causes)
         self._promised = promised
         self._answered = Answered(self.availability)
         self._ages = Ages(settings.coordinator.stale_after_s)
@@ -76,8 +81,8 @@ class RobotChecks:
     @property
     def ready(self) -> bool:
         """Whether the first places have been found."""
-        if self._promised.places:
-            return self.places.complete
+        if self._promised.rooms:
+            return self._rooms.complete
         return self.belief is not None and self.belief.state not in ("searching", "lost")
 
     def fault(self, fault: DoneFault) -> None:
@@ -116,7 +121,7 @@ class RobotChecks:
         rows = [self._answered.verdict(), *self._ages.verdicts()]
         rows += [self.availability.verdict(now_ns)] if self._promised.chaos else []
         rows += [*self._truth.verdicts(), self._probabilities.verdict()]
-        rows.append(self.places.verdict() if self._promised.places else self._truth.localized())
+        rows.append(self._rooms.verdict() if self._promised.rooms else self._truth.localized())
         rows += [*self._steps.verdicts(), *self._delays.verdicts(), self._apart()]
         rows += self.recovery.verdicts(now_ns) if self._promised.chaos else []
         return rows
@@ -132,7 +137,7 @@ class RobotChecks:
         self.seen[heard.key] = heard.payload
         match message:
             case JobEvents():
-                self.places.on_events(message)
+                self._causes.on_events(message)
             case Belief():
                 self._belief(heard.at_ns, message)
             case Scan():
@@ -140,22 +145,29 @@ class RobotChecks:
                 self._steps.scan(message.step)
                 self._remember(message.stamp_ns, message.step)
             case TrueMotion():
-                self._truth.truth(message.stamp_ns, message.map_from_robot)
+                self._judge(self._true_poses.truth(message.stamp_ns, message.map_from_robot))
 
     def _belief(self, at_ns: int, belief: Belief) -> None:
         self.belief = belief
-        self.places.on_belief(at_ns, belief)
+        self.clusters.on_belief(at_ns, belief)
+        self._judge(self._true_poses.on_belief(at_ns, belief))
         if not self.judging:
             return
         self._probabilities.on_belief(at_ns, belief)
         self._steps.on_belief(at_ns, belief)
         self._delays.believed(at_ns, belief.step)
-        self._truth.on_belief(at_ns, belief)
         self.recovery.believed(place.cluster for place in belief.hypotheses)
         step = self._stamps.get(belief.stamp_ns)
         if step is not None and step != belief.step:
             what = f"the belief of step {belief.step} has the stamp of step {step}"
             self._foreign.append(Break(at_ns, what))
+
+    def _judge(self, judged: JudgedBelief | None) -> None:
+        if judged is None:
+            return
+        self._rooms.judge(judged)
+        if self.judging:
+            self._truth.judge(judged)
 
     def _report(self, heard: Heard) -> None:
         """Only who reports what is looked at: whole reports are too many to be decoded."""
@@ -175,7 +187,7 @@ class RobotChecks:
 
     def _apart(self) -> Verdict:
         """A robot's stamps are its own: nanoseconds of the time of day."""
-        unknown = self._truth.unknown
+        unknown = self._true_poses.unknown
         return Verdict(
             promise="every belief is of this robot's own scan",
             target="always",

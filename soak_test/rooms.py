@@ -4,8 +4,11 @@ In a world that tells its places apart the number of places is luck; here every 
 lost on the way, or counted twice, shows.
 """
 
+from math import hypot
+
 import numpy as np
 
+from protocol.message import PoseTuple
 from robot_simulator.worlds.canvas import Canvas
 from robot_simulator.worlds.world import World
 
@@ -42,6 +45,21 @@ def eight_rooms(room: int = 0) -> World:
         truth=grid_map,
         start=(x + _START[0], y + _START[1], _START[2]),
     )
+
+
+def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
+    """Where a robot would be in each room that sees what it sees; in its own, where it is.
+
+    Args:
+        map_from_robot: (3,) its pose, in any of the rooms.
+    """
+    x, y, heading = map_from_robot
+    corners = [_corner(number) for number in range(PLACES)]
+    own_x, own_y = min(
+        corners,
+        key=lambda corner: hypot(corner[0] + _WIDTH_M / 2 - x, corner[1] + _HEIGHT_M / 2 - y),
+    )
+    return tuple((x - own_x + left, y - own_y + low, heading) for left, low in corners)
 
 
 def _corner(number: int) -> tuple[float, float]:

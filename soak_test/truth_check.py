@@ -1,47 +1,46 @@
 """Promises about the truth: it is among the places, and nothing else is believed for certain."""
 
 import math
-from collections import OrderedDict
 
 from evaluation.judge import CONFIDENT_PROBABILITY, PoseError, pose_error
 from protocol.answers import Belief
-from protocol.message import PoseTuple
+from soak_test.true_poses import JudgedBelief
 from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
 TRUTH_TRACKED_SHARE = 0.99
-_KEPT_TRUTHS = 4096
 
 
 class Truth:
     """One of the places is where the robot is, and nothing else is believed for certain."""
 
     def __init__(self) -> None:
-        self._truths: OrderedDict[int, PoseTuple] = OrderedDict()
-        self._waiting: OrderedDict[int, tuple[int, Belief]] = OrderedDict()
-        self._judged = self._right = self._unknown = self._blind = 0
+        self._judged = self._right = self._blind = 0
         self._errors_m: list[float] = []
         self._untracked: list[Break] = []
         self._sure_and_wrong: list[Break] = []
         self._last: tuple[Belief, PoseError] | None = None
 
-    def truth(self, stamp_ns: int, pose: PoseTuple) -> None:
-        """Where the robot was when it took a scan."""
-        self._truths[stamp_ns] = pose
-        while len(self._truths) > _KEPT_TRUTHS:
-            self._truths.popitem(last=False)
-        if (held := self._waiting.pop(stamp_ns, None)) is not None:
-            self._judge(*held, pose)
-
-    def on_belief(self, at_ns: int, belief: Belief) -> None:
-        """A belief was heard; its truth may still be on its way."""
-        pose = self._truths.get(belief.stamp_ns)
-        if pose is not None:
-            self._judge(at_ns, belief, pose)
+    def judge(self, judged: JudgedBelief) -> None:
+        """A belief was heard whose truth is known."""
+        if not judged.belief.hypotheses:
             return
-        self._waiting[belief.stamp_ns] = at_ns, belief
-        while len(self._waiting) > 64:
-            self._waiting.popitem(last=False)
-            self._unknown += 1
+        if judged.blind:
+            self._blind += 1
+            return
+        at_ns, belief, truth = judged.at_ns, judged.belief, judged.truth
+        errors = [pose_error(place.mean, truth) for place in belief.hypotheses]
+        nearest: PoseError = min(errors, key=lambda error: (not error.right, error.distance_m))
+        self._judged += 1
+        self._right += nearest.right
+        self._errors_m.append(nearest.distance_m)
+        if not nearest.right:
+            what = f"the nearest place is {nearest.distance_m:.1f} m off at step {belief.step}"
+            self._untracked.append(Break(at_ns, what))
+        self._last = belief, errors[0]
+        sure = belief.hypotheses[0].probability >= CONFIDENT_PROBABILITY
+        if sure and not errors[0].right:
+            what = f"{errors[0].distance_m:.1f} m off at step {belief.step}"
+            self._sure_and_wrong.append(Break(at_ns, what))
 
     def verdicts(self) -> list[Verdict]:
         """On the nearest place, and on what was believed for certain."""
@@ -70,14 +69,9 @@ class Truth:
                 measured=f"{len(self._sure_and_wrong)} of {self._judged:,}",
                 kept=self._judged > 0 and not self._sure_and_wrong,
                 breaks=tuple(self._sure_and_wrong[:KEPT_BREAKS]),
-                figures={"wrong": len(self._sure_and_wrong), "unknown": self._unknown},
+                figures={"wrong": len(self._sure_and_wrong)},
             ),
         ]
-
-    @property
-    def unknown(self) -> int:
-        """Beliefs whose truth was never heard."""
-        return self._unknown
 
     def localized(self) -> Verdict:
         """Whether the last belief was sure of the right place; no promise where rooms are alike."""
@@ -89,23 +83,3 @@ class Truth:
         return Verdict(
             promise="the robot is localized", target="in the end", measured=measured, kept=right
         )
-
-    def _judge(self, at_ns: int, belief: Belief, truth: PoseTuple) -> None:
-        if not belief.hypotheses:
-            return
-        if all(f"c{place.cluster}" in belief.missing for place in belief.hypotheses):
-            self._blind += 1  # no worker is left: the places are where they were
-            return
-        errors = [pose_error(place.mean, truth) for place in belief.hypotheses]
-        nearest: PoseError = min(errors, key=lambda error: (not error.right, error.distance_m))
-        self._judged += 1
-        self._right += nearest.right
-        self._errors_m.append(nearest.distance_m)
-        if not nearest.right:
-            what = f"the nearest place is {nearest.distance_m:.1f} m off at step {belief.step}"
-            self._untracked.append(Break(at_ns, what))
-        self._last = belief, errors[0]
-        sure = belief.hypotheses[0].probability >= CONFIDENT_PROBABILITY
-        if sure and not errors[0].right:
-            what = f"{errors[0].distance_m:.1f} m off at step {belief.step}"
-            self._sure_and_wrong.append(Break(at_ns, what))

@@ -13,6 +13,9 @@ from particle_filter.settings import BeliefSettings, FilterSettings
 from protocol.message import PoseTuple
 from protocol.work import Place
 
+ALTERNATIVE = 0.1
+"""Of the best cluster's probability: who has so much is where the robot may well be."""
+
 
 @dataclass(frozen=True)
 class Terms:
@@ -24,25 +27,29 @@ class Terms:
     """Of its search, that a place needs."""
     probability: float
     """Given to all newcomers together."""
+    replaces_alternatives: bool
+    """Whether they may take the places of clusters that the robot may well be at."""
 
 
 def terms(pool: Pool, fit: FitMonitor, rules: BeliefSettings) -> Terms:
     """How much of the belief what a search has found may take.
 
     A lost robot of which the search has found a place that fits as scans usually do has been
-    moved: most clusters make room. Where nothing fits as usual, people may stand around.
+    moved: most clusters make room. Where nothing fits as usual, people may stand around. While
+    scans fit, what was tracked for long tells more than the few scans of a search.
     """
     if not fit.lost:
-        return Terms(rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability)
+        return Terms(rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability, False)
     if fit.is_usual(pool.log_likelihood_per_beam):
-        return Terms(rules.found_newcomers, rules.found_min_share, rules.found_probability)
-    return Terms(rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability)
+        return Terms(rules.found_newcomers, rules.found_min_share, rules.found_probability, True)
+    return Terms(rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability, True)
 
 
 def newcomers(
     pool: Pool,
     held: Sequence[PoseTuple],
     yielding: Sequence[float],
+    best: float,
     given: Terms,
     settings: FilterSettings,
 ) -> list[Place]:
@@ -57,6 +64,7 @@ def newcomers(
         held: where the clusters were at the step of the pool.
         yielding: how probable the clusters are whose places could be taken, least first; 0 is a
             free place.
+        best: how probable the most probable cluster is.
         given: on what terms they enter.
         settings: how near is near.
 
@@ -75,6 +83,8 @@ def newcomers(
         for place in fresh
     ]
     apart_first = sorted(zip(beside, fresh, strict=True), key=lambda pair: pair[0])
+    if not given.replaces_alternatives:
+        yielding = [leaving for leaving in yielding if leaving < ALTERNATIVE * best]
     most = min(given.most, len(yielding))
     total = math.fsum(place.share for _, place in apart_first[:most])
     entering = [

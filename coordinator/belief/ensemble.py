@@ -242,10 +242,9 @@ class Ensemble:
             held: where the clusters were at the step of the pool.
         """
         rules, yielding = self.settings.belief, self.clusters.yielding(step)
-        given = terms(pool, self._fit, rules)
-        entering: list[Newcomer] = [
-            (place, "restart") for place in newcomers(pool, held, yielding, given, self.settings)
-        ]
+        given, best = terms(pool, self._fit, rules), self.clusters.by_probability()[0].probability
+        found = newcomers(pool, held, yielding, best, given, self.settings)
+        entering: list[Newcomer] = [(place, "restart") for place in found]
         if entering:
             self._admit(entering, step, protected_until=step + rules.grace_steps)
 

@@ -12,7 +12,7 @@ from evaluation.experiments.figures import Figure, Reading, read
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.provenance import Provenance
 from evaluation.experiments.reliability import Reliability, pooled
-from protocol.errors import ClusterMclError
+from process_runtime.output_files import OutputError
 
 
 class RunRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -59,14 +59,6 @@ class ExperimentResult(msgspec.Struct, kw_only=True):
         """All claims of an algorithm: of its estimates, or of all places it held."""
         runs = self.of(algorithm)
         return pooled(run.places_reliability if of_places else run.reliability for run in runs)
-
-
-class OutputError(ClusterMclError):
-    """A result cannot be written."""
-
-    def __init__(self, *, path: Path, problem: str) -> None:
-        self.path, self.problem = path, problem
-        super().__init__(f"{path}: cannot be written: {problem}; give another --out")
 
 
 def write_result(result: ExperimentResult, folder: Path) -> Path:

@@ -19,6 +19,7 @@ from evaluation.experiments.recorded import DATA_VARIABLE, WEAN_NAMES, recorded_
 from evaluation.experiments.report import ReportInput, report_text
 from evaluation.experiments.results import write_text
 from evaluation.experiments.suite import Suite
+from process_runtime.output_files import check_output_file, check_output_folder
 from process_runtime.stop import StopFlag
 from protocol.errors import ClusterMclError
 from worker.map_model import default_cache_folder
@@ -52,6 +53,11 @@ class Options:
     """Draw them, where matplotlib is installed."""
     command: str = "clustermcl experiments"
     """As it was typed, for the report."""
+
+    @property
+    def report_file(self) -> Path:
+        """Where the report goes."""
+        return self.report or self.out / "experiments.md"
 
 
 def available(data: Path | None) -> tuple[tuple[Case, ...], tuple[str, ...]]:
@@ -93,6 +99,10 @@ def run_experiments(options: Options, stop: StopFlag, console: Console) -> Path 
     cases = tuple(extended(case, options.extent) for case in cases)
     settings = options.given.settings()
     tasks = tasks_of(cases, options.extent.first_seed, options.given, default_cache_folder())
+    check_output_folder(options.out)
+    check_output_folder(options.report_file.parent)
+    if options.report_file.exists():
+        check_output_file(options.report_file)
     jobs = options.jobs or _cores()
     suite = Suite(cases, provenance(options.command, settings, jobs), options.out)
     minutes = estimated_s(tasks, jobs) / 60
@@ -123,7 +133,7 @@ def _reported(
         plots = draw_all(suite.begun, suite.traces, options.out)
     elif options.plots:
         console.print(MISSING, highlight=False, soft_wrap=True, markup=False)
-    report = options.report or options.out / "experiments.md"
+    report = options.report_file
     given = ReportInput(
         provenance=suite.provenance,
         results=suite.begun,

@@ -15,7 +15,7 @@ SEED = 7
 
 
 WHATEVER_THE_LOAD = {
-    "all 8 places are kept",
+    "all 8 true places are held",
     "every belief is of this robot's own scan",
     "in the end no process, zombie or file is left",
     "no belief is sure of a wrong place",

@@ -8,10 +8,13 @@ import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
+from evaluation import evaluate
 from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of
 from evaluation.experiments.case import AfterStep, RecordedRobot, SimulatedRobot
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
+from process_runtime.output_files import OutputError
+from process_runtime.settings import Settings
 from protocol.answers import Hypothesis, State
 from protocol.errors import SettingsError
 from protocol.message import PoseTuple
@@ -150,3 +153,12 @@ def test_a_count_beyond_all_reason_is_refused_before_anything_is_done(option: st
     assert result.exit_code == 2
     assert f"Invalid value for '{option}'" in result.output
     assert "less than or equal to" in result.output
+
+
+def test_a_result_that_has_nowhere_to_go_is_refused_before_any_run(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))
+    options = EvaluateOptions(recording="sim:cross", json_file=Path("/nonexistent/x"))
+    with pytest.raises(OutputError, match="/nonexistent/x: cannot be written: its folder"):
+        evaluate.run_evaluate(options, Settings())

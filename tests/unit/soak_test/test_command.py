@@ -1,10 +1,12 @@
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from particle_filter.settings import BeliefSettings
+from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import SettingsError
@@ -51,3 +53,13 @@ def test_too_few_clusters_for_the_rooms_are_refused_before_anything_starts() -> 
 def test_a_world_that_is_none_is_refused() -> None:
     with pytest.raises(UnknownWorldError, match="no simulated world 'moon'"):
         run(replace(OPTIONS, world="moon"), Settings())
+
+
+@pytest.mark.parametrize("option", ["json_file", "logs"])
+def test_an_output_that_cannot_be_written_is_refused_before_anything_starts(
+    option: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soak_test.run.run_soak", lambda *_: pytest.fail("it has started"))
+    given = {option: Path("/dev/null/x")}
+    with pytest.raises(OutputError, match="/dev/null/x: cannot be written"):
+        soak(**given)  # type: ignore[arg-type] # both are paths

@@ -6,7 +6,7 @@ from grid_maps.load import load_map
 from particle_filter.arrays import UNKNOWN
 from robot_simulator.simulation import Simulation
 from soak_test.map_file import write_map
-from soak_test.rooms import PLACES, eight_rooms
+from soak_test.rooms import PLACES, copies_in_all_rooms, eight_rooms
 
 
 def test_the_rooms_are_alike_to_the_last_cell() -> None:
@@ -26,6 +26,15 @@ def test_a_robot_stays_in_its_room() -> None:
     poses = np.array([next(simulation).map_from_robot for _ in range(100)])
     assert np.ptp(poses[:, 0]) < 6.0
     assert np.ptp(poses[:, 1]) < 5.0
+
+
+def test_a_pose_has_a_copy_in_each_room_that_is_as_far_in_as_itself() -> None:
+    starts = [eight_rooms(room).start for room in range(PLACES)]
+    for room, start in enumerate(starts):
+        assert start is not None
+        copies = copies_in_all_rooms(start)
+        assert copies[room] == start
+        np.testing.assert_allclose(copies, starts, rtol=0, atol=1e-12)
 
 
 def test_a_map_that_was_written_is_read_as_it_was(tmp_path: Path) -> None:

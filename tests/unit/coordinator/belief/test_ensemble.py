@@ -114,7 +114,7 @@ def test_clusters_that_come_together_merge_and_their_probabilities_add() -> None
 
 
 def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
-    places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    places = {NORTH: 0.64, SOUTH: 0.32, EAST: 0.04}
     made = bootstrapped(places, search_every_steps=1, newcomer_probability=0.02)
     new: PoseTuple = (-5.0, 0.0, 0.0)
     tracks = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
@@ -125,7 +125,7 @@ def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leave
     outcome = made.advance(2, reports)
     assert probabilities(outcome)[3] == pytest.approx(0.02)
     assert outcome.events == (
-        Ended("c2", "pushed out", ("c3",), pytest.approx(0.1)),
+        Ended("c2", "pushed out", ("c3",), pytest.approx(0.04)),
         Began("c3", "restart", pytest.approx(0.02)),
         Ended("s1.0", "search over"),
         Ended("s1.1", "search over"),
@@ -157,6 +157,42 @@ def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
     outcome = made.advance(2, reports)
     assert not any(isinstance(job, TrackJob) for job in outcome.begin.values())
     assert set(probabilities(outcome)) == {0, 1}
+
+
+def found_far_away(made: Ensemble, fit: float) -> Outcome:
+    """Two steps, tracked with the same fit; in the second a search has found a place nobody has."""
+    places = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
+    for step in (1, 2):
+        reports: list[Report] = [
+            msgspec.structs.replace(
+                tracked(job, step, 0.1, mean), log_likelihood_per_beam=fit if step == 2 else -1.0
+            )
+            for job, mean in places.items()
+        ]
+        if step == 2:
+            reports += [searched(f"s1.{n}", 2, {(-5.0, 0.0, 0.0): 1.0}) for n in range(2)]
+        outcome = made.advance(step, reports)
+    return outcome
+
+
+def test_while_scans_fit_a_place_the_robot_may_well_be_at_makes_room_for_nobody() -> None:
+    """Rooms exactly alike: each is true as far as anybody knows, and there are K of them."""
+    alike = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    made = bootstrapped(alike, search_every_steps=1)
+    outcome = found_far_away(made, fit=-1.0)
+    assert set(probabilities(outcome)) == {0, 1, 2}
+    assert not [event for event in outcome.events if not event.is_search]
+    improbable = {NORTH: 0.64, SOUTH: 0.32, EAST: 0.04}
+    made = bootstrapped(improbable, search_every_steps=1)
+    assert set(probabilities(found_far_away(made, fit=-1.0))) == {0, 1, 3}
+
+
+def test_a_lost_robot_may_be_elsewhere_so_the_least_probable_makes_room() -> None:
+    alike = {NORTH: 0.4, SOUTH: 0.35, EAST: 0.25}
+    made = bootstrapped(alike, search_every_steps=1)
+    outcome = found_far_away(made, fit=-9.0)
+    assert outcome.state == "lost"
+    assert set(probabilities(outcome)) == {0, 1, 3}
 
 
 @pytest.mark.parametrize(("likelihood_of_east", "stays"), [(0.1, True), (1e-4, False)])
@@ -226,7 +262,7 @@ def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() ->
 
 
 def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
-    places = {NORTH: 0.6, SOUTH: 0.3, EAST: 0.1}
+    places = {NORTH: 0.98, SOUTH: 0.01, EAST: 0.01}
     made = bootstrapped(places, search_every_steps=1, grace_steps=50)
     tracks: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     for step, x_m in ((1, 0.0), (2, -5.0), (3, 0.0), (4, -9.0), (5, 0.0), (6, -15.0)):
@@ -235,7 +271,7 @@ def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
         reports += [searched(f"s{search}.{n}", step, {(x_m, 0.0, 0.0): 1.0}) for n in range(2)]
         outcome = made.advance(step, reports)
         tracks = {f"c{h.cluster}": h.mean for h in outcome.hypotheses}
-    assert set(tracks) == {"c3", "c4", "c5"}, "all three newcomers stayed; the old ones left"
+    assert set(tracks) == {"c0", "c3", "c4"}, "the first two stayed; a third found no room"
 
 
 def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> None:

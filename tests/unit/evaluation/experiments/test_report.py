@@ -8,12 +8,12 @@ from evaluation.experiments.report import ReportInput, report_text
 from evaluation.experiments.report_tables import number, seeds_text
 from evaluation.experiments.results import (
     ExperimentResult,
-    OutputError,
     RunRecord,
     write_result,
     write_text,
 )
 from evaluation.experiments.summary import summary
+from process_runtime.output_files import OutputError
 from tests.unit.evaluation.experiments.made_up import ORIGIN, a_run, claims, measures, result
 
 

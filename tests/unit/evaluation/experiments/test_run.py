@@ -10,6 +10,8 @@ from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.plan import Extent, Given
 from evaluation.experiments.plots import MISSING
 from evaluation.experiments.run import FailedRunsError, Options, run_experiments
+from evaluation.experiments.suite import Suite
+from process_runtime.output_files import OutputError
 from process_runtime.stop import StopFlag
 from tests.unit.evaluation.experiments.made_up import case
 
@@ -48,6 +50,19 @@ def test_a_small_experiment_from_the_options_to_the_report(
     assert held["complete"] is True
     assert [run["measures"]["updates"] for run in held["runs"]] == [12, 12]
     assert held["provenance"]["settings"]["search.min_start_particles"] == 4000
+
+
+@pytest.mark.parametrize(
+    ("where", "path"), [("out", "/dev/null/x"), ("report", "/dev/null/x"), ("report", "/")]
+)
+def test_where_nothing_can_be_written_no_run_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, path: str
+) -> None:
+    offering(monkeypatch, case())
+    monkeypatch.setattr(Suite, "run", lambda *_: pytest.fail("a run has begun"))
+    options = {"out": tmp_path / "out", where: Path(path)}
+    with pytest.raises(OutputError, match="cannot be written"):
+        run(**options)  # type: ignore[arg-type] # both are paths
 
 
 def test_plots_are_drawn_where_matplotlib_is(

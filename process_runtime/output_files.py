@@ -1,0 +1,65 @@
+"""Files that a command writes in the end: looked at before its work begins, which may be long."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from protocol.errors import ClusterMclError
+
+
+class OutputError(ClusterMclError):
+    """A result cannot be written."""
+
+    def __init__(self, *, path: Path, problem: str) -> None:
+        self.path, self.problem = path, problem
+        super().__init__(f"{path}: cannot be written: {problem}")
+
+
+def check_output_file(path: Path) -> None:
+    """See whether a file can be written; nothing is left there, and what is there stays.
+
+    Raises:
+        OutputError: it cannot: its folder does not exist, it is a folder itself, or forbidden.
+    """
+    if path.is_dir():
+        raise OutputError(path=path, problem="it is a folder")
+    if path.exists():
+        if not os.access(path, os.W_OK):
+            raise OutputError(path=path, problem="it may not be written to")
+        return
+    if not path.parent.is_dir():
+        raise OutputError(path=path, problem="its folder does not exist")
+    _try_folder(path.parent, path)
+
+
+def check_output_folder(path: Path) -> None:
+    """See whether files can be written into a folder, or the folder be made; nothing is left.
+
+    Raises:
+        OutputError: they cannot.
+    """
+    there = next(each for each in (path, *path.absolute().parents) if each.exists())
+    if not there.is_dir():
+        raise OutputError(path=path, problem=f"{there} is no folder")
+    _try_folder(there, path)
+
+
+def write_output_file(path: Path, text: str) -> None:
+    """Write a file in UTF-8.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(path=path, problem=error.strerror or str(error)) from error
+
+
+def _try_folder(folder: Path, asked: Path) -> None:
+    """Write a file that has no name, or loses it at once."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OutputError(path=asked, problem=error.strerror or str(error)) from error

@@ -1,0 +1,66 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from process_runtime.output_files import (
+    OutputError,
+    check_output_file,
+    check_output_folder,
+    write_output_file,
+)
+
+
+def test_a_file_that_can_be_written_is_not_touched(tmp_path: Path) -> None:
+    there = tmp_path / "there.json"
+    there.write_text("as it was")
+    check_output_file(there)
+    check_output_file(tmp_path / "new.json")
+    check_output_file(Path(os.devnull))
+    assert [path.name for path in tmp_path.iterdir()] == ["there.json"]
+    assert there.read_text() == "as it was"
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("missing/x.json", "its folder does not exist"),
+        ("file/x.json", "its folder does not exist"),
+        ("folder", "it is a folder"),
+    ],
+)
+def test_a_file_that_cannot_be_written_says_why(tmp_path: Path, name: str, problem: str) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OutputError, match=f"{name}: cannot be written: {problem}"):
+        check_output_file(tmp_path / name)
+
+
+def test_where_no_file_can_be_made_none_can_be_written() -> None:
+    """A folder of the kernel refuses new files even to root."""
+    with pytest.raises(OutputError, match="cannot be written"):
+        check_output_file(Path("/proc/x.json"))
+    with pytest.raises(OutputError, match="cannot be written"):
+        check_output_folder(Path("/proc"))
+
+
+def test_a_folder_that_can_be_made_is_not_made_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    check_output_folder(tmp_path)
+    check_output_folder(tmp_path / "a" / "b")
+    check_output_folder(Path("a"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_under_a_file_cannot_be_made() -> None:
+    with pytest.raises(OutputError, match="/dev/null/x: cannot be written: /dev/null is no folder"):
+        check_output_folder(Path("/dev/null/x"))
+
+
+def test_what_cannot_be_written_in_the_end_is_one_clear_error(tmp_path: Path) -> None:
+    write_output_file(tmp_path / "x", "ä\n")
+    assert (tmp_path / "x").read_bytes() == b"\xc3\xa4\n"
+    with pytest.raises(OutputError, match="cannot be written"):
+        write_output_file(tmp_path / "missing" / "x", "text")
