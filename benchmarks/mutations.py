@@ -2,7 +2,7 @@
 
     nice .venv/bin/python -m benchmarks.mutations --mutants 200 --jobs 2 --results mutants.json
     nice .venv/bin/python -m benchmarks.mutations --again mutants.json --results mutants.json
-    .venv/bin/python -m benchmarks.mutations --report mutants.json > benchmarks/reports/DATE-mutations.md
+    .venv/bin/python -m benchmarks.mutations --report mutants.json
 
 Every mutant is one mistake in one file of a copied tree: a comparison turned or moved by its
 border, + for -, * for /, min for max, a number off, `and` for `or`, `not` left out, a statement, a
@@ -25,6 +25,7 @@ import os
 import random
 import resource
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -35,6 +36,7 @@ from dataclasses import dataclass
 from functools import cache
 from multiprocessing.connection import wait
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 REASONS = Path(__file__).with_name("mutation_reasons.toml")
@@ -44,9 +46,12 @@ TESTS = ("particle_filter", "coordinator/belief", "oracle", "worker/test_job_tab
          "coordinator/failover/test_handed_on_beliefs.py")  # fmt: skip
 SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
 """They start processes and test the compiler's cache."""
-NEAR = 3
+NEAR = 2
 """Imports from a test file to a module; `tests/unit/oracle` is near to all."""
-LIMIT_S = 120.0
+LIMIT_CPU_S = 120
+KILLER = "killer.txt"
+COMPILED = "particle_filter/__pycache__"
+"""Where numba keeps machine code; of a mutated file it is thrown away."""
 
 SWAPPED: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
@@ -59,7 +64,7 @@ OTHER_NAME = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "mini
               "cos": "sin", "sin": "cos", "any": "all", "all": "any"}  # fmt: skip
 
 
-def variants(node: ast.AST) -> Iterator[ast.AST]:
+def variants(node: ast.AST) -> Iterator[ast.AST]:  # noqa: PLR0912 - one branch a mistake
     """The mistakes that can be made at a node."""
     match node:
         case ast.Compare(ops=[op]):
@@ -187,50 +192,64 @@ def run(tree: Path, path: str, source: str | None, tests: list[str]) -> None:
     os.dup2(devnull, 1)
     os.dup2(devnull, 2)
     resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+    resource.setrlimit(resource.RLIMIT_CPU, (LIMIT_CPU_S, LIMIT_CPU_S))
     import hypothesis  # noqa: PLC0415 - already there: the parent imported it
-    import numba  # noqa: PLC0415
     import pytest  # noqa: PLC0415
 
-    hypothesis.settings.register_profile("mutants", max_examples=40, deadline=None, database=None)
-    numba.config.CACHE_DIR = str(tree / ".numba")
+    hypothesis.settings.register_profile(
+        "mutants", max_examples=40, deadline=None, database=None,
+        suppress_health_check=list(hypothesis.HealthCheck),
+    )  # fmt: skip
     sys.dont_write_bytecode = source is not None
     os.chdir(tree)
     sys.path.insert(0, str(tree))
     if source is not None:
         (tree / path).write_text(source)
-    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:benchmark",
-               "-W", "ignore::pytest.PytestAssertRewriteWarning"]  # fmt: skip
-    os._exit(int(pytest.main([*options, "--hypothesis-profile=mutants", *tests])))
+    options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:benchmark", "-p", "no:timeout",
+               "-o", "timeout=0", "-W", "ignore::pytest.PytestAssertRewriteWarning",
+               "-W", "ignore::pytest.PytestConfigWarning",
+               "--hypothesis-profile=mutants"]  # fmt: skip
+    os._exit(int(pytest.main([*options, *tests], [_Killer()])))
 
 
-def prepared(folder: Path) -> Path:
-    """A copy of the tree in which everything is compiled and all tests pass."""
+class _Killer:
+    """Notes the test that failed, or the file that could not be imported."""
+
+    def pytest_runtest_logreport(self, report: Any) -> None:
+        if report.failed:
+            Path(KILLER).write_text(report.nodeid.split("[")[0])
+
+    pytest_collectreport = pytest_runtest_logreport
+
+
+def prepared(folder: Path) -> None:
+    """Put a copy of the tree there, with what numba has compiled of it, in which all tests pass."""
     tree = folder / "tree"
-    for part in ROOT.glob("*/__init__.py"):  # the packages; and their tests
-        ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(part.parent, tree / part.parent.name, ignore=ignored)
+    for package in ROOT.glob("*/__init__.py"):
+        shutil.copytree(package.parent, tree / package.parent.name)
     shutil.copy(ROOT / "pyproject.toml", tree)
     tests = sorted({test for path in modules(tree) for test in tests_near(tree, path)})
-    for _ in range(2):  # the second time as later, with what the first has compiled
-        process = mp.get_context("fork").Process(target=run, args=(tree, "", None, tests))
-        process.start()
-        process.join()
-        if process.exitcode:
-            raise SystemExit("the tests fail without any mistake")
-    shutil.copytree(tree / ".numba", folder / "compiled")
-    return tree
+    process = mp.get_context("fork").Process(target=run, args=(tree, "", None, tests))
+    process.start()
+    process.join()
+    if process.exitcode:
+        raise SystemExit("the tests fail without any mistake")
+    shutil.copytree(tree / COMPILED, folder / "compiled")
 
 
 def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
-    """Each mutant's name with `survived`, `killed` or `timeout`, as they end."""
+    """Each mutant's name with `survived` or `killed by ...`, as they end."""
     import hypothesis.strategies  # noqa: F401, PLC0415 - once, for all processes forked from here
-    import numba.core.caching  # noqa: F401, PLC0415
+    import numba  # noqa: F401, PLC0415
     import pytest  # noqa: F401, PLC0415
     import scipy.ndimage  # noqa: F401, PLC0415
 
     with tempfile.TemporaryDirectory(prefix="mutants-") as name:
-        folders = [Path(name) / str(job) for job in range(jobs)]
-        free = [(folder, prepared(folder)) for folder in folders]
+        first = Path(name) / "0"
+        prepared(first)
+        for job in range(1, jobs):
+            shutil.copytree(first, Path(name) / str(job))
+        free = [(Path(name) / str(job), Path(name) / str(job) / "tree") for job in range(jobs)]
         waiting, running = list(chosen), {}
         while waiting or running:
             while waiting and free:
@@ -242,24 +261,24 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
                 args = (tree, mutant.path, mutant.source(), tests_near(tree, mutant.path))
                 process = mp.get_context("fork").Process(target=run, args=args)
                 process.start()
-                running[process.sentinel] = (process, mutant, folder, tree, time.monotonic())
-            wait(list(running), timeout=1.0)
-            for sentinel, (process, mutant, folder, tree, since) in list(running.items()):
-                late = time.monotonic() - since > LIMIT_S
-                if process.is_alive() and not late:
-                    continue
-                process.kill()
+                running[process.sentinel] = (process, mutant, folder, tree)
+            for sentinel in wait(list(running)):
+                process, mutant, folder, tree = running.pop(sentinel)
                 process.join()
+                killer = tree / KILLER
+                by = killer.read_text() if killer.exists() else ""
+                killer.unlink(missing_ok=True)
                 shutil.copy2(ROOT / mutant.path, tree / mutant.path)
-                shutil.rmtree(tree / ".numba", ignore_errors=True)
-                shutil.copytree(folder / "compiled", tree / ".numba")
+                shutil.rmtree(tree / COMPILED)
+                shutil.copytree(folder / "compiled", tree / COMPILED)
                 free.append((folder, tree))
-                del running[sentinel]
-                yield mutant.name, "timeout" if late else _verdict(process.exitcode)
+                yield mutant.name, _verdict(process.exitcode, by)
 
 
-def _verdict(exit_code: int | None) -> str:
-    return "survived" if exit_code == 0 else "killed"
+def _verdict(exit_code: int | None, by: str) -> str:
+    if exit_code in (-signal.SIGXCPU, -signal.SIGKILL):
+        return "killed by the time limit"
+    return f"killed by {by}" if exit_code else "survived"
 
 
 def report(results: dict[str, str]) -> str:
@@ -268,9 +287,10 @@ def report(results: dict[str, str]) -> str:
     survivors = sorted(name for name, verdict in results.items() if verdict == "survived")
     if unexplained := [name for name in survivors if name not in reasons]:
         raise SystemExit("no reason for:\n" + "\n".join(unexplained))
-    counts = Counter(results.values())
-    lines = [f"{len(results)} mutants: {counts['killed']} killed by a test, {counts['timeout']} by "
-             f"the time limit, {len(survivors)} survived.", ""]  # fmt: skip
+    files = Counter(v.removeprefix("killed by ").split("::")[0] for v in results.values())
+    lines = [f"{len(results)} mutants, {len(results) - len(survivors)} killed.", ""]
+    lines += [f"* {count}: {file}" for file, count in files.most_common()]
+    lines += ["", "## Survivors, and why", ""]
     lines += [f"* `{name}`\n  {reasons[name]}" for name in survivors]
     return "\n".join(lines)
 

@@ -2,7 +2,7 @@
 
 Everything is a sum over cells: the likelihood field cell by cell, the motion as a convolution for
 each heading, Bayes' rule as a product. What it errs by is its cells' size; halving them moves no
-logarithm that the tests compare by 0.01.
+logarithm that the tests compare by 0.02.
 """
 
 import numpy as np

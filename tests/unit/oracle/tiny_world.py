@@ -88,9 +88,7 @@ class Drive:
                 pose, odom = after(pose, DRIVE), after(odom, DRIVE)
             ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0).astype(np.float32)
             self.scans.append(_scan(step, odom, ranges))
-            self.hits.append(
-                np.stack([ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)], axis=-1)
-            )
+            self.hits.append(np.stack([ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)], axis=-1))
 
 
 def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
