@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[1]
 REASONS = Path(__file__).with_name("mutation_reasons.toml")
 LEFT_OUT = {"__init__", "arrays", "kernels", "settings"}
 """No decisions in them: types, the compiler's door, defaults that the experiments hold."""
-TESTS = ("particle_filter", "coordinator/belief", "oracle", "worker/test_job_table.py",
+TESTS = ("particle_filter", "coordinator/belief", "oracle", "worker/test_job",
          "coordinator/failover/test_handed_on_beliefs.py")  # fmt: skip
 SLOW = ("test_kernels.py", "test_kernels_as_plain_python.py")
 """They start processes and test the compiler's cache."""
