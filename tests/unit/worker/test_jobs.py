@@ -17,49 +17,66 @@ from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, SearchJob, SearchReport, TrackReport
 from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
-from worker.jobs import running
+from worker.jobs import RunningJob, running
 
 __all__ = ["model"]  # the fixture
 
 
-def tracked(
-    job_id: str, sensors: SensorModel, settings: FilterSettings = SETTINGS, steps: int = 1
-) -> tuple[TrackReport, Particles]:
-    job = running(track(job_id, cloud()), sensors, settings, sender="w")
-    for step in range(1, steps + 1):
-        report = job.advance(scan(step))
-    assert isinstance(report, TrackReport)
+KEPT = replace(SETTINGS, cluster=ClusterSettings(particles=100, resample_below_ess=0.001))
+"""Nothing is redrawn."""
+
+
+def particles_of(job: RunningJob) -> Particles:
     handed = job.handed_on().job
     assert not isinstance(handed, SearchJob)
-    return report, handed.start
+    return handed.start
 
 
-def test_clusters_do_not_share_their_noise(model: SensorModel) -> None:
-    """Of the same start, at the same step: else what errs for one errs for all alike."""
-    first, second = (tracked(job, model)[1].map_from_robot.array() for job in ("c0", "c1"))
+def begun(
+    job_id: str, sensors: SensorModel, settings: FilterSettings = SETTINGS, *, exact: bool = False
+) -> RunningJob:
+    return running(track(job_id, cloud(), exact=exact), sensors, settings, sender="w")
+
+
+def poses_of(job: RunningJob) -> np.ndarray:
+    return particles_of(job).map_from_robot.array()
+
+
+def test_clusters_do_not_share_the_noise_of_their_start(model: SensorModel) -> None:
+    first, second = (poses_of(begun(job_id, model)) for job_id in ("c0", "c1"))
     assert not np.intersect1d(first, second).size
 
 
-def test_steps_and_seeds_do_not_share_their_noise(model: SensorModel) -> None:
-    settings = replace(SETTINGS, cluster=ClusterSettings(particles=50, resample_below_ess=0.001))
-    exact = replace(track("c0", cloud()).job, exact=True)
-    order = Assignment(job_id="c0", epoch=1, job=exact)
-    moves, before = [], cloud().map_from_robot.array()
-    job = running(order, model, settings, sender="w")
+def test_clusters_do_not_share_their_noise(model: SensorModel) -> None:
+    """From one start, at one step: else what errs for one errs for all alike."""
+    jobs = [begun(job_id, model, KEPT, exact=True) for job_id in ("c0", "c1")]
+    for job in jobs:
+        job.advance(scan(1))
+    assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
+
+
+def test_steps_do_not_share_their_noise(model: SensorModel) -> None:
+    job = begun("c0", model, KEPT, exact=True)
+    headings = [poses_of(job)[:, 2]]
     for step in (1, 2):
         job.advance(scan(step))
-        handed = job.handed_on().job
-        assert not isinstance(handed, SearchJob)
-        after = handed.start.map_from_robot.array()
-        moves.append((after - before)[:, 2])
-        before = after
-    assert np.abs(moves[0] - moves[1]).min() > 0.0
-    other = tracked("c0", model, replace(SETTINGS, seed=7))[1].map_from_robot.array()
-    assert not np.intersect1d(tracked("c0", model)[1].map_from_robot.array(), other).size
+        headings.append(poses_of(job)[:, 2])
+    first, second = np.diff(headings, axis=0)
+    assert np.abs(first - second).min() > 1e-9
+
+
+def test_seeds_do_not_share_their_noise(model: SensorModel) -> None:
+    jobs = [begun("c0", model, replace(KEPT, seed=seed), exact=True) for seed in (0, 1)]
+    for job in jobs:
+        job.advance(scan(1))
+    assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
 
 
 def test_a_report_tells_of_the_particles_as_they_are(model: SensorModel) -> None:
-    report, particles = tracked("c0", model, steps=3)
+    job = begun("c0", model)
+    report = [job.advance(scan(step)) for step in (1, 2, 3)][-1]
+    assert isinstance(report, TrackReport)
+    particles = particles_of(job)
     now = Cloud(particles.map_from_robot.array(), particles.log_weights.array())
     mean, covariance = now.gaussian()
     assert report.mean == pose_tuple(mean)
@@ -105,9 +122,8 @@ def test_a_cluster_in_two_parts_tells_them_at_its_steps(model: SensorModel) -> N
         map_from_robot=ArrayBlob.of(poses + rng.normal(0.0, 0.02, poses.shape), "float64"),
         log_weights=ArrayBlob.of(np.zeros(200), "float64"),
     )
-    exact = replace(track("c0", start).job, exact=True)
     blunt = computed_model(model.grid, SensorSettings(scan_likelihood_exponent=1e-6))
-    job = running(Assignment(job_id="c0", epoch=1, job=exact), blunt, settings, sender="w")
+    job = running(track("c0", start, exact=True), blunt, settings, sender="w")
     parts = [job.advance(scan(step)).parts for step in (1, 2)]  # type: ignore[union-attr]
     assert parts[0] == ()
     assert len(parts[1]) == 2
