@@ -222,13 +222,13 @@ class _Killer:
     pytest_collectreport = pytest_runtest_logreport
 
 
-def prepared(folder: Path) -> None:
-    """Put a copy of the tree there, with what numba has compiled of it, in which all tests pass."""
+def prepared(folder: Path, paths: set[str]) -> None:
+    """Put a copy of the tree there, with what numba has compiled; all tests near `paths` pass."""
     tree = folder / "tree"
     for package in ROOT.glob("*/__init__.py"):
         shutil.copytree(package.parent, tree / package.parent.name)
     shutil.copy(ROOT / "pyproject.toml", tree)
-    tests = sorted({test for path in modules(tree) for test in tests_near(tree, path)})
+    tests = sorted({test for path in paths for test in tests_near(tree, path)})
     process = mp.get_context("fork").Process(target=run, args=(tree, "", None, tests))
     process.start()
     process.join()
@@ -246,7 +246,7 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
 
     with tempfile.TemporaryDirectory(prefix="mutants-") as name:
         first = Path(name) / "0"
-        prepared(first)
+        prepared(first, {mutant.path for mutant in chosen})
         for job in range(1, jobs):
             shutil.copytree(first, Path(name) / str(job))
         free = [(Path(name) / str(job), Path(name) / str(job) / "tree") for job in range(jobs)]
