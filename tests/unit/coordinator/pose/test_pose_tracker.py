@@ -7,7 +7,7 @@ from coordinator.belief.outcome import Outcome
 from coordinator.pose.pose_tracker import PoseTracker
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.motion import move
-from particle_filter.poses import compose
+from particle_filter.poses import between, compose
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Hypothesis
@@ -81,6 +81,21 @@ def test_an_uncertain_heading_makes_the_place_uncertain_across_the_drive() -> No
     assert covariance is not None
     assert covariance[0] == pytest.approx(0.01)
     assert covariance[4] == pytest.approx(0.01 + 2.0**2 * 0.01)
+
+
+def test_covariances_are_carried_as_poses_are() -> None:
+    """Against a numeric derivative: obliquely, forward and sideways, from an oblique heading."""
+    odom_before, odom_after = (4.0, -2.0, 0.3), (5.5, -1.2, 0.9)
+    mean: PoseTuple = (2.0, 3.0, 0.7)
+    moved = between(np.array(odom_before), np.array(odom_after))
+    turned = [compose(np.array([2.0, 3.0, 0.7 + d]), moved) for d in (1e-6, -1e-6)]
+    by_heading = (turned[0] - turned[1]) / 2e-6
+    expected = 0.01 * (np.diag([1.0, 1.0, 0.0]) + np.outer(by_heading, by_heading))
+    tracker = believed_at(mean, odom_from_robot=odom_before)
+    tracker.odometry(2 * SECOND, odom_after, now_ns=SECOND)
+    covariance = tracker.answer(SECOND, workers=1).covariance
+    assert covariance is not None
+    np.testing.assert_allclose(np.reshape(covariance, (3, 3)), expected, atol=1e-8)
 
 
 def test_old_data_is_called_stale_and_tells_its_age() -> None:

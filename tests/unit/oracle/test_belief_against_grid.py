@@ -1,0 +1,171 @@
+"""The clusters' probabilities against those of an exact filter on a grid."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from particle_filter.arrays import Cells
+from tests.unit.oracle.grid_filter import Array
+from tests.unit.oracle.statistics import assert_is_mean_of
+from tests.unit.oracle.tiny_world import (
+    LARGE,
+    MIRRORED,
+    TRUTH,
+    Drive,
+    ensemble_steps,
+    exact_evidence,
+    exact_patch,
+    plain_room,
+    settings,
+    symmetric_room,
+)
+
+STEPS, SEEDS = 6, range(16)
+GRID_ERROR = 0.02
+"""Of a log ratio over all steps: a place and its mirror image differ by 0.016, finer grids less."""
+BESIDE = TRUTH + np.array([0.25, -0.1, 0.05])
+"""Near enough to the truth to be merged with it."""
+ROOMS = {"plain": plain_room, "symmetric": symmetric_room}
+PLACES = {"truth": TRUTH, "mirrored": MIRRORED, "beside": BESIDE}
+
+
+@cache
+def drive(room: str) -> Drive:
+    return Drive(ROOMS[room](), TRUTH, STEPS)
+
+
+@cache
+def evidence(room: str, place: str) -> Array:
+    """(steps,) exact log evidence of one place."""
+    return np.array(exact_evidence(ROOMS[room](), drive(room), exact_patch(PLACES[place])))
+
+
+def log_odds(
+    room: str, first: dict[str, float], *, unheard: dict[int, str] | None = None, **belief: object
+) -> list[list[float]]:
+    """By seed, the log odds of each other cluster against the first one after the last step."""
+    cells: Cells = ROOMS[room]()
+    found = [(share, PLACES[place]) for place, share in first.items()]
+    odds = []
+    for seed in SEEDS:
+        given = settings(seed, **belief)
+        *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, unheard=unheard)
+        logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
+        assert math.fsum(math.exp(value) for value in logs.values()) == pytest.approx(1.0)
+        odds.append([logs[cluster] - logs[0] for cluster in sorted(logs)[1:]])
+    return odds
+
+
+def exact_log_odds(
+    logs: Array,
+    evidence_of: Array,
+    *,
+    rho: float = 0.0,
+    bound: float = LARGE,
+    power: int = 1,
+    unheard: dict[int, int] | None = None,
+) -> Array:
+    """Bayes' rule over the places, in plain numbers; (K - 1,) log odds against the first.
+
+    Args:
+        logs: (K,) probabilities before the first step, as logarithms.
+        evidence_of: (K, steps) of the grid.
+        rho: share that is spread evenly after each step.
+        bound: on how far a place's evidence is below the best one.
+        power: of the prior.
+        unheard: by step from 1, the place of which nothing is heard.
+    """
+    belief = np.exp(logs) / np.exp(logs).sum()
+    for step in range(evidence_of.shape[1]):
+        told = np.full(len(belief), True)
+        if unheard and step + 1 in unheard:
+            told[unheard[step + 1]] = False
+        mass = belief[told].sum()
+        gain = evidence_of[told, step]
+        fresh = belief[told] ** power * np.exp(np.maximum(gain, gain.max() - bound))
+        belief[told] = mass * fresh / fresh.sum()
+        belief = (1.0 - rho) * belief + rho / len(belief)
+    return np.asarray(np.log(belief[1:] / belief[0]))
+
+
+@pytest.mark.parametrize(
+    ("told", "exactly"),
+    [
+        ({}, {}),
+        ({"transition_probability": 0.1}, {"rho": 0.1}),
+        ({"squared_prior": True}, {"power": 2}),
+        ({"evidence_bound": 0.2}, {"bound": 0.2}),
+        ({"transition_probability": 0.05, "evidence_bound": 0.3}, {"rho": 0.05, "bound": 0.3}),
+    ],
+    ids=["plain Bayes", "rho", "squared prior", "bound", "rho and bound"],
+)
+def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
+    told: dict[str, object], exactly: dict[str, float]
+) -> None:
+    shares = {"mirrored": 0.6, "truth": 0.4}
+    # The one step of the search told no more against a place than a step of tracking does.
+    first = np.maximum([0.6, 0.4], 0.6 * np.exp(-exactly.get("bound", LARGE)))
+    exact = exact_log_odds(
+        np.log(first),
+        np.stack([evidence("plain", place) for place in shares]),
+        **exactly,  # type: ignore[arg-type] # keywords of the test
+    )
+    found = [odds[0] for odds in log_odds("plain", shares, **told)]
+    # Squared priors double what is off at every step: by 2^5 at the first of six.
+    error = GRID_ERROR * (2 ** (STEPS - 1) if "squared_prior" in told else 1)
+    assert_is_mean_of(exact[0], found, error)
+
+
+def test_two_places_that_look_alike_stay_alike() -> None:
+    exact = evidence("symmetric", "truth").sum() - evidence("symmetric", "mirrored").sum()
+    assert exact == pytest.approx(0.0, abs=GRID_ERROR)
+    found = [odds[0] for odds in log_odds("symmetric", {"truth": 0.5, "mirrored": 0.5})]
+    assert_is_mean_of(0.0, found, 0.0)
+    assert max(abs(odds) for odds in found) < 0.3, "not in the mean only"
+
+
+def test_a_place_that_is_not_heard_of_keeps_its_probability() -> None:
+    shares = {"truth": 0.4, "mirrored": 0.35, "beside": 0.25}
+    exact = exact_log_odds(
+        np.log(list(shares.values())),
+        np.stack([evidence("plain", place) for place in shares]),
+        unheard={2: 1, 4: 0},
+    )
+    found = log_odds("plain", shares, unheard={2: "c1", 4: "c0"})
+    for other in range(2):
+        assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
+
+
+def test_places_that_merge_add_what_each_has_gathered() -> None:
+    """Looked for at step 3; from then on the more probable one's particles speak for both."""
+    shares = {"mirrored": 0.45, "truth": 0.3, "beside": 0.25}
+    gathered = np.stack([evidence("plain", place) for place in shares])
+    odds = exact_log_odds(np.log(list(shares.values())), gathered[:, :3])
+    before = np.exp([0.0, *odds])
+    both = np.log([before[0], before[1] + before[2]])
+    exact = exact_log_odds(both, gathered[:2, 3:])
+    found = log_odds("plain", shares, merge_every_steps=3, merge_distance_m=0.6)
+    assert {len(one) for one in found} == {1}
+    assert_is_mean_of(exact[0], [one[0] for one in found], GRID_ERROR)
+
+
+def test_a_cluster_is_where_the_grid_has_it_and_as_wide() -> None:
+    patch = exact_patch(TRUTH)
+    exact_evidence(plain_room(), drive("plain"), patch)
+    mean, covariance = patch.gaussian()
+    means, covariances = [], []
+    for seed in SEEDS:
+        found = ensemble_steps(plain_room(), drive("plain"), [(1.0, TRUTH)], settings(seed))
+        *_, (_, reports) = found
+        means.append(np.array(reports["c0"].mean))
+        covariances.append(np.reshape(reports["c0"].covariance, (3, 3)))
+    sigma = np.sqrt(np.diag(covariance))
+    for i in range(3):
+        assert_is_mean_of(mean[i], [m[i] for m in means], 0.03 * sigma[i])
+        for j in range(3):
+            # A twelfth of a cell's square is in a variance of the grid, and not of particles.
+            cell = (0.0411**2, 0.0411**2, 0.0357**2)[i] / 12.0 if i == j else 0.0
+            found_ij = [float(c[i, j]) for c in covariances]
+            assert_is_mean_of(covariance[i, j] - cell, found_ij, 0.05 * sigma[i] * sigma[j] + cell)

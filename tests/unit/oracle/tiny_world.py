@@ -1,0 +1,209 @@
+"""A room of a few metres, a short drive in it, and the real filter sent along with the oracle."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coordinator.belief.ensemble import Ensemble
+from coordinator.belief.outcome import Outcome
+from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
+from particle_filter.sensor_model import Grid
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import (
+    BeliefSettings,
+    ClusterSettings,
+    FilterSettings,
+    MotionSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_tuple, pose_tuple
+from protocol.steps import Scan
+from protocol.work import Assignment, Particles, Place, SearchReport, TrackJob, TrackReport
+from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
+from tests.unit.particle_filter.naive_rays import cast_rays
+from worker.jobs import RunningJob, running
+
+CELL_M = 0.05
+ANGLES = np.linspace(-np.pi, np.pi, 12, endpoint=False)
+MOTION = MotionSettings(
+    turn_noise_per_turn=0.3,
+    turn_noise_per_metre=0.4,
+    drive_noise_per_metre=0.4,
+    drive_noise_per_turn=0.1,
+    strafe_noise_per_metre=0.3,
+)
+SENSOR = SensorSettings(scan_likelihood_exponent=0.3, visibility_particles=0, hit_sigma_m=0.2)
+DRIVE = np.array([0.15, 0.02, 0.06])
+"""What odometry says of every step, in the robot's frame."""
+SPREAD = np.array([0.08, 0.06, 0.05])
+"""Standard deviations at the start of every place: x, y [m], heading [rad]."""
+HANDED_OVER = 2000
+"""Particles in the sample that a cluster is handed."""
+LARGE = 1e6
+"""A bound on evidence that binds nothing."""
+
+
+def symmetric_room() -> Cells:
+    """6 m x 4 m in half a metre of the unknown; half a turn maps it on itself."""
+    cells = np.zeros((80, 120), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    cells[20:28, 52:58] = OCCUPIED
+    return np.pad(np.maximum(cells, cells[::-1, ::-1]), 10, constant_values=UNKNOWN)
+
+
+def plain_room() -> Cells:
+    """The same with a cabinet in one corner."""
+    cells = symmetric_room()
+    cells[11:22, 11:22] = OCCUPIED
+    return cells
+
+
+TRUTH = np.array([1.8, 2.2, 0.2])
+MIRRORED = np.array([7.0 - TRUTH[0], 5.0 - TRUTH[1], TRUTH[2] + np.pi])
+
+
+def after(pose: Array, motion: Array) -> Array:
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.array(
+        [
+            pose[0] + c * motion[0] - s * motion[1],
+            pose[1] + s * motion[0] + c * motion[1],
+            pose[2] + motion[2],
+        ]
+    )
+
+
+class Drive:
+    """What the robot measures: a scan a step, from where it truly is."""
+
+    def __init__(self, cells: Cells, start: Array, steps: int, first_step: int = 1) -> None:
+        pose, odom, self.scans = start, np.zeros(3), list[Scan]()
+        self.hits = list[NDArray[np.float64]]()
+        for step in range(first_step, first_step + steps):
+            if step > 0:
+                pose, odom = after(pose, DRIVE), after(odom, DRIVE)
+            ranges = cast_rays(cells, CELL_M, pose, ANGLES, 20.0).astype(np.float32)
+            self.scans.append(_scan(step, odom, ranges))
+            self.hits.append(np.stack([ranges * np.cos(ANGLES), ranges * np.sin(ANGLES)], axis=-1))
+
+
+def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
+    return Scan(
+        sender="bridge",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=pose_tuple(odom),
+        robot_from_laser=(0.0, 0.0, 0.0),
+        angle_min_rad=float(ANGLES[0]),
+        angle_step_rad=float(ANGLES[1] - ANGLES[0]),
+        range_max_m=20.0,
+        ranges=ArrayBlob.of(ranges, "float32"),
+        map_digest="map",
+    )
+
+
+def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettings:
+    rules = {
+        "clusters": 4, "transition_probability": 0.0, "evidence_bound": LARGE,
+        "merge_every_steps": 1000, "search_every_steps": 1000, **belief,
+    }  # fmt: skip
+    return FilterSettings(
+        seed=seed,
+        motion=MOTION,
+        sensor=SENSOR,
+        cluster=ClusterSettings(particles=particles),
+        search=SearchSettings(shards=1, source_radius_m=0.2),
+        belief=BeliefSettings(**rules),  # type: ignore[arg-type] # keywords of the test
+    )
+
+
+def ensemble_steps(
+    cells: Cells,
+    drive: Drive,
+    places: Sequence[tuple[float, Array]],
+    given: FilterSettings,
+    *,
+    unheard: Mapping[int, str] | None = None,
+) -> Iterator[tuple[Outcome, dict[str, TrackReport]]]:
+    """The product: an `Ensemble` and the `Tracking` jobs that it begins, step by step.
+
+    Args:
+        cells: the map.
+        drive: what the robot measures.
+        places: probability and mean pose of each place that the search is said to have found.
+        given: all settings.
+        unheard: by step, the job whose report is lost.
+    """
+    model = computed_model(Grid(cells, CELL_M, np.zeros(3)), given.sensor)
+    rng = np.random.default_rng(given.seed + 1000)
+    ensemble = Ensemble(given)
+    ensemble.begin_at(0)
+    found = tuple(_place(share, mean, rng) for share, mean in places)
+    outcome = ensemble.advance(0, [_search_report(found)])
+    jobs: dict[str, RunningJob] = {}
+    for scan in drive.scans:
+        for job_id, job in outcome.begin.items():
+            assert isinstance(job, TrackJob)
+            order = Assignment(job_id=job_id, epoch=0, job=job)
+            jobs[job_id] = running(order, model, given, sender="w")
+        for job_id in outcome.end:
+            jobs.pop(job_id, None)
+        reports = {job_id: job.advance(scan) for job_id, job in jobs.items()}
+        lost = (unheard or {}).get(scan.step)
+        heard = [report for job_id, report in reports.items() if job_id != lost]
+        outcome = ensemble.advance(scan.step, heard, DRIVE)
+        yield outcome, {j: r for j, r in reports.items() if isinstance(r, TrackReport)}
+
+
+def exact_patch(mean: Array, cell_m: float = 0.0411, step_rad: float = 0.0357) -> GridFilter:
+    """The grid where a cluster starts: its sample's Gaussian, spread by the hand-over's kernel."""
+    kernel = 0.5 * (4.0 / 5.0) ** (1.0 / 7.0) * HANDED_OVER ** (-1.0 / 7.0)
+    reach = np.array([1.2, 1.2, 0.4])  # the heading turns one way
+    return GridFilter.round_gaussian(
+        mean,
+        SPREAD**2 * (1.0 + kernel**2),
+        mean - reach,
+        mean + reach + [0.0, 0.0, 0.5],
+        np.array([cell_m, cell_m, step_rad]),
+    )
+
+
+def exact_evidence(cells: Cells, drive: Drive, patch: GridFilter) -> list[float]:
+    """Log evidence of every step."""
+    field, exponent = ExactField(cells, CELL_M, SENSOR), SENSOR.scan_likelihood_exponent
+    evidence = []
+    for hits in drive.hits:
+        patch.move(DRIVE, MOTION)
+        evidence.append(patch.weigh(field, hits, exponent))
+    return evidence
+
+
+def _place(share: float, mean: Array, rng: np.random.Generator) -> Place:
+    poses = mean + rng.normal(size=(HANDED_OVER, 3)) * SPREAD
+    origin: PoseTuple = (0.0, 0.0, 0.0)
+    sample = Particles(
+        step=0,
+        odom_from_robot=origin,
+        map_from_robot=ArrayBlob.of(poses, "float32"),
+        log_weights=ArrayBlob.of(np.zeros(HANDED_OVER), "float32"),
+    )
+    covariance = covariance_tuple(np.diag(SPREAD**2))
+    return Place(share=share, mean=pose_tuple(mean), covariance=covariance, sample=sample)
+
+
+def _search_report(found: tuple[Place, ...]) -> SearchReport:
+    return SearchReport(
+        sender="w",
+        job_id="s0.0",
+        epoch=0,
+        step=0,
+        log_evidence=0.0,
+        particles=1000,
+        annealed=True,
+        log_likelihood_per_beam=-1.0,
+        places=found,
+    )

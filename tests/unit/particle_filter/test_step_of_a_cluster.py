@@ -1,0 +1,144 @@
+"""What one step does with weights, noise, evidence and visibility; each has gone wrong once."""
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from particle_filter.arrays import OCCUPIED
+from particle_filter.cluster_filter import Cloud, advanced, drawn_from, resampled, weighed
+from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
+
+HERE = np.array([1.0, 3.0, 0.3])
+STILL = MotionSettings(
+    turn_noise_per_turn=0.0,
+    turn_noise_per_metre=0.0,
+    drive_noise_per_metre=0.0,
+    drive_noise_per_turn=0.0,
+    strafe_noise_per_metre=0.0,
+)
+
+
+def uneven(count: int) -> Cloud:
+    rng = np.random.default_rng(3)
+    poses = HERE + rng.normal(0.0, 0.05, (count, 3))
+    weights = rng.exponential(size=count) ** 2
+    return Cloud(poses, np.log(weights / weights.sum() * count))
+
+
+def test_redrawn_particles_count_alike() -> None:
+    """Each has had its weight already, in how often it was drawn."""
+    cloud = uneven(400)
+    redrawn = resampled(cloud, ClusterSettings(), np.random.default_rng(0))
+    assert redrawn is not cloud
+    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(400))
+    expected = cloud.weights @ cloud.map_from_robot
+    # Even multinomial draws would move the mean by 0.05 / sqrt(400); three times that.
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.0075)
+
+
+def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
+    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    kept = ClusterSettings(resample_below_ess=0.01)
+    beams = seen_from(HERE, plain_room())
+    rng = np.random.default_rng(0)
+    result = advanced(cloud, HERE, HERE, beams, model, STILL, kept, rng)
+    by_hand = weighed(cloud, beams, model, model.settings.scan_likelihood_exponent)
+    assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
+    np.testing.assert_allclose(result.cloud.log_weights, by_hand.cloud.log_weights)
+
+
+def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:
+    model = model_of(plain_room(), SensorSettings(not_free_log_penalty=-2.0))
+    poses = np.array([[1.0, 3.0, 0.3], [1.1, 3.0, 0.3], [0.01, 3.0, 0.3]])
+    beams = seen_from(HERE, plain_room())
+    fit = model.log_likelihood(poses, beams)
+    expected = np.logaddexp.reduce(0.25 * fit + [0.0, 0.0, -2.0])
+    result = weighed(Cloud.even(poses), beams, model, exponent=0.25)
+    assert result.log_weight_sum == pytest.approx(expected)
+    assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
+
+
+def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> None:
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    seen = SensorSettings(visibility_particles=20, hidden_weight=0.4, scan_likelihood_exponent=0.2)
+    blind = replace(seen, visibility_particles=0)
+    beams, cloud = seen_from(HERE, plain_room()), Cloud.even(np.tile(HERE, (20, 1)))
+    evidence = []
+    for settings in (seen, blind):
+        rng = np.random.default_rng(0)
+        model = model_of(divided, settings)
+        result = advanced(cloud, HERE, HERE, beams, model, STILL, ClusterSettings(), rng)
+        evidence.append(result.log_weight_sum)
+    model = model_of(divided, seen)
+    hidden = float(model.hidden(cloud.map_from_robot, beams).mean())
+    taken = 0.2 * 0.4 * (hidden - seen.hidden_tolerance * beams.count)
+    assert taken > 0.5
+    assert evidence[1] - evidence[0] == pytest.approx(taken)
+
+
+def test_visibility_looks_from_where_the_weight_is() -> None:
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    model, beams = model_of(divided), seen_from(HERE, plain_room())
+    behind = np.array([5.0, 2.0, 0.0])
+    poses = np.array([HERE, behind])
+    heavy = model.mean_hidden(poses, np.array([1.0, 0.0]), beams)
+    light = model.mean_hidden(poses, np.array([0.0, 1.0]), beams)
+    assert heavy == pytest.approx(model.mean_hidden(HERE[None], np.ones(1), beams), rel=1e-6)
+    assert light == pytest.approx(model.mean_hidden(behind[None], np.ones(1), beams), rel=1e-6)
+    assert heavy != pytest.approx(light)
+
+
+def test_every_particle_has_its_own_noise() -> None:
+    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
+    ahead = HERE + np.array([0.3, 0.0, 0.1])
+    cloud = Cloud.even(np.tile(HERE, (200, 1)))
+    rng = np.random.default_rng(0)
+    result = advanced(cloud, HERE, ahead, beams, model, MotionSettings(), ClusterSettings(), rng)
+    assert len(np.unique(result.cloud.map_from_robot[:, 0])) == 200
+
+
+def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
+    sample = np.repeat(np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]), 50, axis=0)
+    sample = sample + np.random.default_rng(1).normal(0.0, 0.01, sample.shape)
+    log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
+    rng = np.random.default_rng(0)
+    drawn = drawn_from(sample, log_weights, ClusterSettings(particles=4000), rng)
+    # The kernel is as wide as the weighted sample's 0.3 m: told apart by the mean.
+    # Systematic draws are exact to 1 in 4,000; the kernel's noise of 0.08 m has 0.0013 m in it.
+    assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
+
+
+def test_the_kernel_is_silvermans_by_half() -> None:
+    sigma = np.array([0.3, 0.1, 0.2])
+    sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
+    sample = (sample - sample.mean(axis=0)) / sample.std(axis=0) * sigma
+    rng = np.random.default_rng(0)
+    drawn = drawn_from(sample, np.zeros(500), ClusterSettings(particles=500), rng)
+    added = np.sort(drawn.map_from_robot[:, 0])  # each point is drawn once, then spread
+    assert len(np.unique(added)) == 500
+    width = 0.5 * (4.0 / (5.0 * 500)) ** (1.0 / 7.0)
+    noise = drawn.map_from_robot - sample
+    # 500 normal numbers know their deviation to 3 %: five times that.
+    np.testing.assert_allclose(noise.std(axis=0), width * sigma, rtol=0.16)
+
+
+def test_a_cloud_that_may_shrink_is_redrawn_with_as_many_as_it_needs() -> None:
+    one_place = Cloud(np.tile(HERE, (400, 1)), np.where(np.arange(400) < 4, 0.0, -30.0))
+    settings = ClusterSettings(kld_error=0.05, min_particles=50, particles=400)
+    redrawn = resampled(one_place, settings, np.random.default_rng(0))
+    assert len(redrawn.log_weights) == 50
+
+
+def test_the_threshold_is_a_share_of_the_particles() -> None:
+    half = Cloud(np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0))
+    assert half.effective_sample_size == pytest.approx(50.0)
+    rng = np.random.default_rng(0)
+    assert resampled(half, ClusterSettings(resample_below_ess=0.49), rng) is half
+    assert resampled(half, ClusterSettings(resample_below_ess=0.51), rng) is not half
+    exactly = Cloud.even(half.map_from_robot)
+    assert resampled(exactly, ClusterSettings(resample_below_ess=1.0), rng) is exactly

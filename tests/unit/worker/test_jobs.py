@@ -1,0 +1,148 @@
+"""The jobs themselves: whose noise, from which particles, and what a report tells."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from particle_filter.cluster_filter import Cloud
+from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import (
+    ClusterSettings,
+    FilterSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from protocol.arrays import ArrayBlob
+from protocol.pose_arrays import covariance_tuple, pose_tuple
+from protocol.work import Particles, SearchJob, SearchReport, TrackReport
+from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
+from worker.jobs import RunningJob, running
+
+__all__ = ["model"]  # the fixture
+
+
+KEPT = replace(SETTINGS, cluster=ClusterSettings(particles=100, resample_below_ess=0.001))
+"""Nothing is redrawn."""
+
+
+def particles_of(job: RunningJob) -> Particles:
+    handed = job.handed_on().job
+    assert not isinstance(handed, SearchJob)
+    return handed.start
+
+
+def begun(
+    job_id: str, sensors: SensorModel, settings: FilterSettings = SETTINGS, *, exact: bool = False
+) -> RunningJob:
+    return running(track(job_id, cloud(), exact=exact), sensors, settings, sender="w")
+
+
+def poses_of(job: RunningJob) -> np.ndarray:
+    return particles_of(job).map_from_robot.array()
+
+
+def test_clusters_do_not_share_the_noise_of_their_start(model: SensorModel) -> None:
+    first, second = (poses_of(begun(job_id, model)) for job_id in ("c0", "c1"))
+    assert not np.intersect1d(first, second).size
+
+
+def test_clusters_do_not_share_their_noise(model: SensorModel) -> None:
+    """From one start, at one step: else what errs for one errs for all alike."""
+    jobs = [begun(job_id, model, KEPT, exact=True) for job_id in ("c0", "c1")]
+    for job in jobs:
+        job.advance(scan(1))
+    assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
+
+
+def test_steps_do_not_share_their_noise(model: SensorModel) -> None:
+    job = begun("c0", model, KEPT, exact=True)
+    headings = [poses_of(job)[:, 2]]
+    for step in (1, 2):
+        job.advance(scan(step))
+        headings.append(poses_of(job)[:, 2])
+    first, second = np.diff(headings, axis=0)
+    assert np.abs(first - second).min() > 1e-9
+
+
+def test_seeds_do_not_share_their_noise(model: SensorModel) -> None:
+    jobs = [begun("c0", model, replace(KEPT, seed=seed), exact=True) for seed in (0, 1)]
+    for job in jobs:
+        job.advance(scan(1))
+    assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
+
+
+def test_a_report_tells_of_the_particles_as_they_are(model: SensorModel) -> None:
+    job = begun("c0", model)
+    report = [job.advance(scan(step)) for step in (1, 2, 3)][-1]
+    assert isinstance(report, TrackReport)
+    particles = particles_of(job)
+    now = Cloud(particles.map_from_robot.array(), particles.log_weights.array())
+    mean, covariance = now.gaussian()
+    assert report.mean == pose_tuple(mean)
+    assert report.covariance == covariance_tuple(covariance)
+    assert report.particles == len(now.log_weights) == 100
+    assert report.effective_sample_size == pytest.approx(now.effective_sample_size)
+    assert (report.step, particles.step) == (3, 3)
+    assert particles.odom_from_robot == scan(3).odom_from_robot
+
+
+def test_a_handed_over_place_is_drawn_by_its_weights(model: SensorModel) -> None:
+    poses = np.repeat([[2.0, 3.0, 0.0], [6.0, 3.0, 0.0]], 25, axis=0)
+    start = replace(
+        cloud(),
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(np.repeat([0.0, -40.0], 25), "float64"),
+    )
+    job = running(track("c0", start), model, SETTINGS, sender="w")
+    report = job.advance(scan(1))
+    assert isinstance(report, TrackReport)
+    assert report.mean[0] == pytest.approx(2.2, abs=0.2)
+
+
+def test_particles_are_told_at_steps_of_each_clusters_own(model: SensorModel) -> None:
+    told = {}
+    for job_id in ("c0", "c1"):
+        job = running(track(job_id, cloud()), model, SETTINGS, sender="w", snapshot_every_steps=3)
+        reports = [job.advance(scan(step)) for step in range(1, 7)]
+        told[job_id] = [r.step for r in reports if isinstance(r, TrackReport) and r.snapshot]
+    assert told == {"c0": [3, 6], "c1": [1, 4]}
+
+
+def test_a_cluster_in_two_parts_tells_them_at_its_steps(model: SensorModel) -> None:
+    settings = FilterSettings(
+        cluster=ClusterSettings(particles=200, split_every_steps=2, resample_below_ess=0.001),
+        search=SearchSettings(source_radius_m=0.5, source_heading_rad=0.5),
+    )
+    rng = np.random.default_rng(0)
+    poses = np.repeat([[2.0, 3.0, 0.0], [4.0, 4.0, 1.0]], 100, axis=0)
+    start = Particles(
+        step=0,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(poses + rng.normal(0.0, 0.02, poses.shape), "float64"),
+        log_weights=ArrayBlob.of(np.zeros(200), "float64"),
+    )
+    blunt = computed_model(model.grid, SensorSettings(scan_likelihood_exponent=1e-6))
+    job = running(track("c0", start, exact=True), blunt, settings, sender="w")
+    parts = [job.advance(scan(step)).parts for step in (1, 2)]  # type: ignore[union-attr]
+    assert parts[0] == ()
+    assert len(parts[1]) == 2
+    assert sum(part.share for part in parts[1]) == pytest.approx(1.0)
+    assert parts[1][0].sample.odom_from_robot == scan(2).odom_from_robot
+
+
+def test_shards_begin_apart_and_share_the_particles(model: SensorModel) -> None:
+    found = []
+    for shard in range(2):
+        order = Assignment(job_id=f"s0.{shard}", epoch=0, job=SearchJob(search=0, shard=shard,
+                           first_step=5))  # fmt: skip
+        job = running(order, model, SETTINGS, sender="w")
+        assert job.step == 4
+        reports = [job.advance(scan(step)) for step in (5, 6, 7)]
+        assert all(isinstance(report, SearchReport) for report in reports)
+        found.append(reports)
+    first, second = found
+    assert [report.particles for report in first] == [250, 158, 100]
+    assert [report.annealed for report in first] == [False, True, True]  # type: ignore[union-attr]
+    assert [bool(report.places) for report in first] == [False, True, True]  # type: ignore[union-attr]
+    assert first[0].log_evidence != second[0].log_evidence  # type: ignore[union-attr]
