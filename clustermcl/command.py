@@ -145,9 +145,21 @@ def evaluate(
         int,
         typer.Option(min=1, max=MOST_RUNS, help="Runs; the first has the settings' seed."),
     ] = 1,
+    starts: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_RUNS,
+            help="Begin at so many steps, spread over the recording; simulated: so many seeds.",
+        ),
+    ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, max=MOST_STEPS, help="Steps of a simulated robot, or at most so many."),
+        typer.Option(
+            min=1,
+            max=MOST_STEPS,
+            help="Steps of a simulated robot, or at most so many; with --starts 60, if left out.",
+        ),
     ] = None,
     kidnap_at: Annotated[
         int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
@@ -171,6 +183,7 @@ def evaluate(
         reference=reference,
         algorithm=algorithm,
         seeds=seeds,
+        starts=starts,
         steps=steps,
         kidnap_at=kidnap_at,
         jobs=jobs,
