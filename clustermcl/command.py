@@ -139,7 +139,8 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
     ] = None,
     algorithm: Annotated[
-        str, typer.Option(metavar="NAME", help="cluster-mcl, or mcl for ordinary MCL.")
+        str,
+        typer.Option(metavar="NAME", help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ..."),
     ] = "cluster-mcl",
     seeds: Annotated[
         int,

@@ -141,7 +141,6 @@ def case_of(options: EvaluateOptions) -> Case:
         robot=robot,
         updates=updates,
         seeds=seeds,
-        ordinary_seeds=seeds,
     )
 
 

@@ -2,7 +2,7 @@
 
 from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.figures import Figure, mean, rate
-from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
+from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RIGHT_FOR_GOOD, RMSE
 
 _NO_TRANSITION = "belief.transition_probability=0"
 
@@ -18,7 +18,6 @@ def symmetric_cases() -> tuple[Case, ...]:
         symmetry=4,
         seeds=10,
         asked_seeds=20,
-        ordinary_seeds=3,
         update_ms=8.0,
         ordinary_update_ms=11.0,
         figures=(
@@ -39,7 +38,6 @@ def symmetric_cases() -> tuple[Case, ...]:
         symmetry=2,
         seeds=16,
         asked_seeds=20,
-        ordinary_seeds=3,
         update_ms=5.5,
         ordinary_update_ms=12.0,
         figures=(
@@ -71,7 +69,7 @@ def _without_transition(case: Case, places: int) -> Case:
         symmetry=case.symmetry,
         seeds=4,
         asked_seeds=case.asked_seeds,
-        ordinary_seeds=0,
+        baselines=(),
         update_ms=case.update_ms,
         ordinary_update_ms=case.ordinary_update_ms,
         settings=(_NO_TRANSITION,),
@@ -88,6 +86,7 @@ def feature_cases() -> tuple[Case, ...]:
     return (
         Case(
             name="gates",
+            role="training",
             title="A two-fold symmetric room; one missing cabinet, seen in the last segment, tells",
             robot=SimulatedRobot(world="gates"),
             updates=400,
@@ -96,7 +95,6 @@ def feature_cases() -> tuple[Case, ...]:
             symmetry=2,
             has_feature=True,
             seeds=40,
-            ordinary_seeds=24,
             update_ms=7.0,
             ordinary_update_ms=12.0,
             figures=(
@@ -106,6 +104,7 @@ def feature_cases() -> tuple[Case, ...]:
                     at_least=0.99,
                 ),
                 rate("right on the last 10 of the 40 updates after it", "localized", at_least=1),
+                *RIGHT_FOR_GOOD,
                 mean("updates from seeing it to being right for good", "settled_after_seen"),
                 RMSE,
                 CONFIDENTLY_WRONG,
@@ -121,7 +120,6 @@ def feature_cases() -> tuple[Case, ...]:
             symmetry=4,
             has_feature=True,
             seeds=20,
-            ordinary_seeds=20,
             update_ms=7.0,
             ordinary_update_ms=10.0,
             figures=(

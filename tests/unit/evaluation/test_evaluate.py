@@ -2,14 +2,21 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of, start_steps
-from evaluation.experiments.case import AfterStep, RecordedRobot, SimulatedRobot
+from evaluation.experiments.case import (
+    ALGORITHMS,
+    NAMES,
+    AfterStep,
+    Algorithm,
+    RecordedRobot,
+    SimulatedRobot,
+)
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
 from protocol.answers import Hypothesis, State
@@ -171,8 +178,13 @@ def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -
 
 
 def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(SettingsError, match="--algorithm amcl: there is cluster-mcl or mcl"):
-        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="amcl"))
+    with pytest.raises(SettingsError, match="--algorithm slam: there is cluster-mcl or mcl or mcl"):
+        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="slam"))
+
+
+def test_every_algorithm_has_a_name_for_people() -> None:
+    assert set(NAMES) == set(ALGORITHMS) == set(get_args(Algorithm))
+    assert len(set(NAMES.values())) == len(NAMES)
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
