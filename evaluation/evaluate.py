@@ -21,7 +21,6 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
-from rich.text import Text
 
 from evaluation.experiments.case import (
     ALGORITHMS,
@@ -105,7 +104,8 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     right = sum(run["localized"] for run in results)
     title = f"{options.algorithm} on {options.recording}: localized in {right} of {len(results)}"
     for columns, text in ((_POSES, title), (_PROBABILITIES, "what was told of the truth")):
-        Console().print(_table(results, columns, text))
+        Console().print(text, soft_wrap=True, highlight=False, markup=False)
+        Console().print(_table(results, columns))
 
 
 def algorithm_of(options: EvaluateOptions) -> Algorithm:
@@ -312,11 +312,8 @@ _PROBABILITIES = {
 }
 
 
-def _table(
-    runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]], title: str
-) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), title_justify="left", header_style="bold")
-    table.title = Text(title)
+def _table(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for name in columns:
         table.add_column(name, justify="right", no_wrap=True)
     for run in runs:

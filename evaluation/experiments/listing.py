@@ -13,13 +13,13 @@ def listing(cases: Sequence[Case], left_out: Sequence[str]) -> RenderableType:
     table = Table(expand=False)
     table.add_column("experiment", no_wrap=True)
     table.add_column("what")
-    table.add_column("role")
-    for name in ("runs", "beside it", "core min"):
+    table.add_column("role", no_wrap=True)
+    for name in ("runs", "algorithms", "core min"):
         table.add_column(name, justify="right")
     for case in cases:
         asked = case.asked_seeds or case.seeds
         runs = str(case.seeds) if asked <= case.seeds else f"{case.seeds} of {asked}"
         minutes = case.seeds * sum(case.run_ms(a) for a in case.algorithms) / 60e3
-        beside = ", ".join(case.baselines)
-        table.add_row(case.name, case.title, case.role, runs, beside, f"{minutes:.1f}")
+        count = str(len(case.algorithms))
+        table.add_row(case.name, case.title, case.role, runs, count, f"{minutes:.1f}")
     return Group(table, *left_out)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from evaluation.experiments.case import NAMES, Algorithm
 from evaluation.experiments.provenance import Provenance
-from evaluation.experiments.report_tables import figure_rows, seeds_text, table
+from evaluation.experiments.report_tables import figure_rows, number, seeds_text, table
 from evaluation.experiments.results import ExperimentResult
 from evaluation.experiments.summary_tables import baselines_of, reliability_lines
 
@@ -141,9 +141,11 @@ def _runs_text(result: ExperimentResult, algorithm: Algorithm) -> str:
         return f"{name}: no run."
     updates = sum(each.updates for each in measured)
     update_ms = 1e3 * sum(each.wall_s for each in measured) / max(updates, 1)
+    error = result.reliability(algorithm).expected_calibration_error
+    calibration = "" if error is None else f" Calibration error of the estimate {number(error)}."
     return (
         f"{name}: {seeds_text([run.seed for run in runs])}, {updates:,} updates, "
-        f"{update_ms:.1f} ms each."
+        f"{update_ms:.1f} ms each.{calibration}"
     )
 
 

@@ -56,6 +56,17 @@ def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
     assert without_time(alone["runs"]) == without_time(found["runs"])
 
 
+def test_of_a_simulated_robot_every_start_has_a_seed_of_its_own(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
+    found = results(*words, folder=tmp_path, environment=environment)
+    assert [(run["seed"], run["start_step"], run["steps"]) for run in found["runs"]] == [
+        (7, 0, 12),
+        (8, 0, 12),
+    ]
+
+
 def test_ordinary_mcl_runs_on_the_same_robot(tmp_path: Path, environment: dict[str, str]) -> None:
     words = [*ROBOT, "--steps", "20", "--algorithm", "mcl"]
     found = results(*words, folder=tmp_path, environment=environment)
