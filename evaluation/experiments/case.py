@@ -28,7 +28,7 @@ Algorithm = Literal[
 AMCL_GAINS = RecoveryGains(slow=0.001, fast=0.1)
 """What Beluga and nav2 recommend."""
 TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
-"""Chosen on seeds 100 to 103 of the kidnappings in the hall, which no experiment uses."""
+"""Our own choice, on seeds that no experiment uses; docs/decisions/fair-baselines.md."""
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
 ALGORITHMS: dict[Algorithm, Outcomes] = {
     "cluster-mcl": in_process.outcomes,
