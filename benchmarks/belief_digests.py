@@ -33,7 +33,7 @@ def cases(data: Path) -> list[Case]:
 
 
 def _case(name: str, robot: SimulatedRobot | RecordedRobot, updates: int | None = None) -> Case:
-    return Case(name=name, title=name, robot=robot, updates=updates, seeds=1, ordinary_seeds=0)
+    return Case(name=name, title=name, robot=robot, updates=updates, seeds=1, baselines=())
 
 
 def _recorded(recording: Path, grid_map: Path) -> RecordedRobot:

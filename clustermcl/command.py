@@ -139,15 +139,28 @@ def evaluate(
         Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
     ] = None,
     algorithm: Annotated[
-        str, typer.Option(metavar="NAME", help="cluster-mcl, or mcl for ordinary MCL.")
+        str,
+        typer.Option(metavar="NAME", help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ..."),
     ] = "cluster-mcl",
     seeds: Annotated[
         int,
         typer.Option(min=1, max=MOST_RUNS, help="Runs; the first has the settings' seed."),
     ] = 1,
+    starts: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_RUNS,
+            help="Begin at so many steps, spread over the recording; simulated: so many seeds.",
+        ),
+    ] = None,
     steps: Annotated[
         int | None,
-        typer.Option(min=1, max=MOST_STEPS, help="Steps of a simulated robot, or at most so many."),
+        typer.Option(
+            min=1,
+            max=MOST_STEPS,
+            help="Steps of a simulated robot, or at most so many; with --starts 60, if left out.",
+        ),
     ] = None,
     kidnap_at: Annotated[
         int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
@@ -171,6 +184,7 @@ def evaluate(
         reference=reference,
         algorithm=algorithm,
         seeds=seeds,
+        starts=starts,
         steps=steps,
         kidnap_at=kidnap_at,
         jobs=jobs,

@@ -5,12 +5,12 @@ It is one experiment more, made of a person's options instead of taken from the 
 
 import json
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -21,7 +21,6 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
-from rich.text import Text
 
 from evaluation.experiments.case import (
     ALGORITHMS,
@@ -44,6 +43,7 @@ from worker.map_model import default_cache_folder
 
 DEFAULT_STEPS = 300
 """Of a simulated robot, which never stops by itself."""
+DEFAULT_STEPS_OF_A_START = 60
 
 
 class RunFailedError(ClusterMclError):
@@ -63,6 +63,9 @@ class EvaluateOptions:
     reference: Path | None = None
     algorithm: str = "cluster-mcl"
     seeds: int = 1
+    starts: int | None = None
+    """Runs begin at so many steps of a recording, spread evenly; of a simulated robot, each with
+    a seed of its own."""
     steps: int | None = None
     kidnap_at: int | None = None
     jobs: int | None = None
@@ -81,6 +84,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         check_output_file(options.json_file)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # says which lines are left out, once
+    seeds = range(settings.seed, settings.seed + case.seeds)
     tasks = [
         Task(
             case=case,
@@ -89,13 +93,20 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             settings=settings,
             cache_folder=default_cache_folder(),
         )
-        for seed in range(settings.seed, settings.seed + options.seeds)
+        for seed in seeds
     ]
     steps = _steps_count(tasks[0])  # says what is wrong before any process is started
-    results = _all_results(tasks, steps, options.jobs)
+    if options.starts is not None and isinstance(case.robot, RecordedRobot):
+        starts = start_steps(steps, options.starts, case.updates or steps)
+        tasks = [replace(task, start_step=start) for start in starts for task in tasks]
+    results = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
     if options.json_file is not None:
         _write(options, options.json_file, results)
-    Console().print(_table(results, f"{options.algorithm} on {options.recording}"))
+    right = sum(run["localized"] for run in results)
+    title = f"{options.algorithm} on {options.recording}: localized in {right} of {len(results)}"
+    for columns, text in ((_POSES, title), (_PROBABILITIES, "what was told of the truth")):
+        Console().print(text, soft_wrap=True, highlight=False, markup=False)
+        Console().print(_table(results, columns))
 
 
 def algorithm_of(options: EvaluateOptions) -> Algorithm:
@@ -119,15 +130,44 @@ def case_of(options: EvaluateOptions) -> Case:
         SettingsError: options that do not fit together.
     """
     robot = _robot_of(options)
-    updates = options.steps or (DEFAULT_STEPS if isinstance(robot, SimulatedRobot) else None)
+    simulated = isinstance(robot, SimulatedRobot)
+    if simulated and options.starts is not None and options.seeds > 1:
+        problem = "--seeds: every start of a simulated robot has a seed of its own; leave it out"
+        raise SettingsError(key="--seeds", problem=problem)
+    updates = options.steps or _usual_steps(options, simulated=simulated)
+    seeds = options.starts if simulated and options.starts is not None else options.seeds
     return Case(
         name="evaluate",
         title=options.recording,
         robot=robot,
         updates=updates,
-        seeds=options.seeds,
-        ordinary_seeds=options.seeds,
+        seeds=seeds,
     )
+
+
+def _usual_steps(options: EvaluateOptions, *, simulated: bool) -> int | None:
+    """Steps of a run if a person does not say; None: to the recording's end."""
+    if options.starts is not None:
+        return DEFAULT_STEPS_OF_A_START
+    return DEFAULT_STEPS if simulated else None
+
+
+def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
+    """The steps at which runs begin, from the first one on to the last one that leaves room.
+
+    Args:
+        steps: of the recording.
+        starts: how many are wanted.
+        steps_each: of one run.
+
+    Raises:
+        SettingsError: the recording has not so many different starts.
+    """
+    last = max(steps - steps_each, 0)
+    if starts > last + 1:
+        problem = f"--starts {starts}: {steps} steps have {last + 1} starts with {steps_each} each"
+        raise SettingsError(key="--starts", problem=problem)
+    return tuple(round(index * last / max(starts - 1, 1)) for index in range(starts))
 
 
 def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
@@ -154,18 +194,18 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
 
 
 def _steps_count(task: Task) -> int:
-    """How many steps a run makes, having read every input as far as that takes.
+    """How many steps there are for a run, having read every input as far as that takes.
 
     Raises:
         ClusterMclError: an input cannot be used.
     """
-    steps = Run(task).course.steps
     match task.case.robot:
         case SimulatedRobot():
-            next(steps)
+            next(Run(task).course.steps)
             return task.case.updates or DEFAULT_STEPS
         case RecordedRobot():
-            return sum(1 for _ in steps)
+            whole = replace(task, case=msgspec.structs.replace(task.case, updates=None))
+            return sum(1 for _ in Run(whole).course.steps)
 
 
 def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[dict[str, Any]]:
@@ -175,24 +215,28 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[di
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(tasks))
         for event in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
-            seed = tasks[event.piece].seed
+            task = tasks[event.piece]
             match event:
                 case Advanced(amount=amount):
                     progress.advance(bar, amount)
                 case Done(piece=piece, result=finished):
                     progress.advance(bar, finished.measures.updates % PROGRESS_EVERY)
-                    done[piece] = result_of(seed, finished.measures)
+                    done[piece] = result_of(task.seed, finished.measures, task.start_step)
                 case Failed(problem=problem):
-                    raise RunFailedError(seed=seed, problem=problem)
+                    raise RunFailedError(seed=task.seed, problem=problem)
     stop.check()
     return [done[piece] for piece in range(len(tasks))]
 
 
-def result_of(seed: int, measures: RunMeasures) -> dict[str, Any]:
-    """An entry in `runs` of the JSON; steps are counted from 0, updates from 1."""
-    settled = measures.settled_at_update
+def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str, Any]:
+    """An entry in `runs` of the JSON; steps are counted from 0, updates from 1.
+
+    `start_step` counts the steps of the recording; all others count those of the run.
+    """
+    settled, sure = measures.settled_at_update, measures.sure_and_right_at_update
     return {
         "seed": seed,
+        "start_step": start_step,
         "steps": measures.updates,
         "localized": measures.localized,
         "final_error_m": measures.final_error_m,
@@ -203,7 +247,13 @@ def result_of(seed: int, measures: RunMeasures) -> dict[str, Any]:
         "truth_tracked_fraction": measures.tracked_share,
         "truth_probability_mean": measures.truth_probability,
         "rmse_m": measures.rmse_m,
+        "sure_and_right_at_step": None if sure is None else sure - 1,
+        "log_score_mean": measures.log_score,
+        "truth_probability_lowest_once_sure": measures.truth_lowest_once_sure,
+        "brier_mean": measures.brier,
+        "elsewhere_probability_mean": measures.elsewhere_probability,
         "wall_s": measures.wall_s,
+        "cpu_s": measures.cpu_s,
     }
 
 
@@ -233,30 +283,41 @@ def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any
     write_output_file(file, json.dumps(whole, indent=2) + "\n")
 
 
-def _table(runs: Sequence[dict[str, Any]], title: str) -> Table:
-    right = sum(run["localized"] for run in runs)
-    table = Table(box=None, padding=(0, 1, 0, 0), title_justify="left", header_style="bold")
-    table.title = Text(f"{title}: localized in {right} of {len(runs)}")
-    columns: dict[str, Callable[[dict[str, Any]], str]] = {
-        "seed": partial(_shown, "seed", "d"),
-        "ok": lambda run: "yes" if run["localized"] else "no",
-        "at step": partial(_shown, "localized_at_step", "d"),
-        "s": partial(_shown, "localized_at_s", ".1f"),
-        "error m": partial(_shown, "final_error_m", ".2f"),
-        "rad": partial(_shown, "final_error_rad", ".3f"),
-        "rmse m": partial(_shown, "rmse_m", ".3f"),
-        "wrong": partial(_shown, "confidently_wrong_fraction", ".3f"),
-        "tracked": partial(_shown, "truth_tracked_fraction", ".3f"),
-        "p(truth)": partial(_shown, "truth_probability_mean", ".2f"),
-        "steps": partial(_shown, "steps", "d"),
-        "wall s": partial(_shown, "wall_s", ".1f"),
-    }
+_POSES = {
+    "seed": ("seed", "d"),
+    "from": ("start_step", "d"),
+    "at step": ("localized_at_step", "d"),
+    "s": ("localized_at_s", ".1f"),
+    "error m": ("final_error_m", ".2f"),
+    "rad": ("final_error_rad", ".3f"),
+    "rmse m": ("rmse_m", ".3f"),
+    "wrong": ("confidently_wrong_fraction", ".3f"),
+    "steps": ("steps", "d"),
+    "wall s": ("wall_s", ".1f"),
+    "cpu s": ("cpu_s", ".1f"),
+}
+"""Columns: the key of a run's number, and its form."""
+_PROBABILITIES = {
+    "seed": ("seed", "d"),
+    "from": ("start_step", "d"),
+    "sure at": ("sure_and_right_at_step", "d"),
+    "then never under": ("truth_probability_lowest_once_sure", ".2f"),
+    "tracked": ("truth_tracked_fraction", ".3f"),
+    "p(truth)": ("truth_probability_mean", ".2f"),
+    "log": ("log_score_mean", ".2f"),
+    "brier": ("brier_mean", ".2f"),
+    "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
+}
+
+
+def _table(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for name in columns:
         table.add_column(name, justify="right", no_wrap=True)
     for run in runs:
-        table.add_row(*(shown(run) for shown in columns.values()))
+        table.add_row(*(_shown(run[key], form) for key, form in columns.values()))
     return table
 
 
-def _shown(key: str, form: str, run: dict[str, Any]) -> str:
-    return "-" if run[key] is None else format(run[key], form)
+def _shown(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)

@@ -2,7 +2,7 @@
 
 from evaluation.experiments.case import Case, OnceRight, SimulatedRobot
 from evaluation.experiments.figures import mean, rate
-from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RMSE
+from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RIGHT_FOR_GOOD, RMSE
 
 
 def hall_cases() -> tuple[Case, ...]:
@@ -14,7 +14,6 @@ def hall_cases() -> tuple[Case, ...]:
         updates=100,
         typical_updates=100,
         seeds=40,
-        ordinary_seeds=20,
         update_ms=8.0,
         ordinary_update_ms=11.0,
         figures=(
@@ -34,7 +33,6 @@ def hall_cases() -> tuple[Case, ...]:
         symmetry=2,
         seeds=16,
         asked_seeds=40,
-        ordinary_seeds=8,
         update_ms=7.5,
         ordinary_update_ms=10.0,
         figures=(
@@ -62,7 +60,6 @@ def office_case() -> Case:
         updates=205,
         typical_updates=205,
         seeds=24,
-        ordinary_seeds=12,
         update_ms=46.0,
         ordinary_update_ms=25.0,
         figures=(
@@ -73,6 +70,7 @@ def office_case() -> Case:
                 wanted=22 / 24,
             ),
             rate("right on the last 10 updates", "localized", at_least=1, wanted=None),
+            *RIGHT_FOR_GOOD,
             mean(
                 "share of the updates that were confidently wrong",
                 "confidently_wrong_share",
@@ -100,7 +98,6 @@ def disturbed_cases() -> tuple[Case, ...]:
             updates=105,
             typical_updates=105,
             seeds=20,
-            ordinary_seeds=20,
             update_ms=16.0,
             ordinary_update_ms=11.0,
             figures=(
@@ -122,7 +119,6 @@ def disturbed_cases() -> tuple[Case, ...]:
             updates=300,
             typical_updates=300,
             seeds=20,
-            ordinary_seeds=10,
             update_ms=40.0,
             ordinary_update_ms=16.0,
             figures=(
@@ -133,6 +129,7 @@ def disturbed_cases() -> tuple[Case, ...]:
                     at_least=0.99,
                 ),
                 rate("right on the last 10 updates", "localized", at_least=1, wanted=None),
+                *RIGHT_FOR_GOOD,
                 mean(
                     "share of all updates after the bootstrap with the truth tracked",
                     "tracked_share",
@@ -163,7 +160,6 @@ def _kidnapped(
         updates_after_event=within + 5,
         typical_updates=80 + within,
         seeds=24,
-        ordinary_seeds=8,
         update_ms=costs[0],
         ordinary_update_ms=costs[1],
         figures=(

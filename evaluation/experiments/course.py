@@ -35,13 +35,14 @@ class Course:
     """Lift the robot to somewhere far away before the next step; not of a recording."""
 
 
-def course_of(case: Case, seed: int, settings: BridgeSettings) -> Course:
+def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
     """Begin a run.
 
     Args:
         case: the experiment.
         seed: of the simulated robot; a recording is always the same.
         settings: the motion gate.
+        start_step: the first step of a recording that is taken.
 
     Raises:
         ClusterMclError: a file cannot be used, or the world does not exist; of a recording this
@@ -60,14 +61,15 @@ def course_of(case: Case, seed: int, settings: BridgeSettings) -> Course:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None
             scans = steps_of(open_recording(robot.recording, settings), settings, grid_map.digest)
-            true_steps = _with_truth(scans, reference, case.updates)
+            true_steps = _with_truth(scans, reference, start_step, case.updates)
             return Course(grid_map, str(robot.map), true_steps, _cannot_kidnap)
 
 
 def _with_truth(
-    scans: Iterator[Scan], reference: Reference | None, updates: int | None
+    scans: Iterator[Scan], reference: Reference | None, start_step: int, updates: int | None
 ) -> Iterator[TrueStep]:
-    for scan in itertools.islice(scans, updates):
+    end = None if updates is None else start_step + updates
+    for scan in itertools.islice(scans, start_step, end):
         pose = reference.pose_at(scan.stamp_ns) if reference else None
         yield scan, None if pose is None else pose_tuple(pose)
 

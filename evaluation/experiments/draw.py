@@ -37,8 +37,9 @@ def draw_all(
                 plot_probabilities(name, runs, folder),
                 plot_trajectories(name, runs, _map_of(result.case.robot), folder),
             )
-    parts = {algorithm: summary(results, algorithm).estimates for algorithm in ALGORITHMS}
-    if any(part.claims for part in parts.values()):
+    every = {algorithm: summary(results, algorithm).estimates for algorithm in ALGORITHMS}
+    parts = {algorithm: part for algorithm, part in every.items() if part.claims}
+    if parts:
         plots[""] = (plot_reliability(parts, folder),)
     return plots
 

@@ -1,5 +1,6 @@
 """Figures of an experiment: what is measured over its runs, and what is asked of it."""
 
+import math
 import statistics
 from collections.abc import Sequence
 from typing import Literal
@@ -8,7 +9,7 @@ import msgspec
 
 from evaluation.experiments.measures import RunMeasures
 
-Kind = Literal["share of runs", "mean"]
+Kind = Literal["share of runs", "mean", "quantile"]
 
 
 class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -17,6 +18,8 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     *share of runs*: the share of the runs whose measure lies within the bounds; a run without the
     measure, or one that failed, is not among them. Met if that share is at least `wanted_share`.
     *mean*: the mean of the measure over the runs that have it. Met if it lies within the bounds.
+    *quantile*: the value that `quantile` of the runs do not exceed; a run without the measure, or
+    one that failed, counts as never. Met if it lies within the bounds.
     """
 
     text: str
@@ -28,6 +31,8 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     wanted_share: float | None = None
     """Of a share of runs; None: nothing is asked."""
     unit: str = ""
+    quantile: float = 0.5
+    """Of a quantile: the share of the runs."""
 
     @property
     def asks(self) -> bool:
@@ -41,6 +46,18 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         return (self.at_least is None or value >= self.at_least) and (
             self.at_most is None or value <= self.at_most
         )
+
+    def passes(self, run: RunMeasures | None) -> bool:
+        """Whether a run has the measure, within the bounds."""
+        value = None if run is None else getattr(run, self.measure)
+        return value is not None and self.holds(value)
+
+    def value_of(self, run: RunMeasures | None) -> float | None:
+        """The measure of a run; infinite in place of none for a quantile."""
+        value = None if run is None else getattr(run, self.measure)
+        if value is None:
+            return math.inf if self.kind == "quantile" else None
+        return float(value)
 
     @property
     def target(self) -> str:
@@ -62,9 +79,10 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     """What a figure came to."""
 
     value: float | None
-    """The share, or the mean; None without a run to measure it on."""
+    """The share, the mean or the quantile; None without a run to measure it on, and of a quantile
+    that is never reached."""
     low: float | None
-    """Wilson's 95 % interval of a share; the lowest run of a mean."""
+    """Wilson's 95 % interval of a share; else the lowest run that has the measure."""
     high: float | None
     runs: int
     """Runs in all, failed ones too."""
@@ -109,6 +127,24 @@ def mean(
     )
 
 
+def quantiles(
+    text: str, measure: str, *, most_median: float | None = None, most_90: float | None = None
+) -> tuple[Figure, Figure]:
+    """The median of a measure over all runs, and what 90 % of them do not exceed."""
+    both = ((0.5, "median", most_median), (0.9, "90 %", most_90))
+    median, most = (
+        Figure(
+            text=f"{text}, {name}",
+            measure=measure,
+            kind="quantile",
+            quantile=share,
+            at_most=at_most,
+        )
+        for share, name, at_most in both
+    )
+    return median, most
+
+
 def read(figure: Figure, runs: Sequence[RunMeasures | None]) -> Reading:
     """Compute a figure.
 
@@ -116,22 +152,30 @@ def read(figure: Figure, runs: Sequence[RunMeasures | None]) -> Reading:
         figure: which one.
         runs: of all runs that were begun and not interrupted; None: the run failed.
     """
-    values = [None if run is None else getattr(run, figure.measure) for run in runs]
-    if figure.kind == "share of runs":
-        return _share(figure, values)
-    return _mean(figure, [float(value) for value in values if value is not None], len(values))
+    match figure.kind:
+        case "share of runs":
+            return _share(figure, runs)
+        case "mean":
+            values = [figure.value_of(run) for run in runs]
+            known = [value for value in values if value is not None]
+            return _over_runs(figure, known, len(runs), statistics.fmean(known) if known else None)
+        case "quantile":
+            known = sorted(v for run in runs if (v := figure.value_of(run)) is not None)
+            value = known[math.ceil(figure.quantile * len(known)) - 1] if known else math.inf
+            finite = [value for value in known if math.isfinite(value)]
+            return _over_runs(figure, finite, len(runs), value if math.isfinite(value) else None)
 
 
-def _share(figure: Figure, values: Sequence[float | None]) -> Reading:
-    passed = sum(value is not None and figure.holds(value) for value in values)
-    count, wanted = len(values), figure.wanted_share
+def _share(figure: Figure, runs: Sequence[RunMeasures | None]) -> Reading:
+    passed = sum(figure.passes(run) for run in runs)
+    count, wanted = len(runs), figure.wanted_share
     low, high = _wilson_interval(passed, count) if count else (None, None)
     return Reading(
         value=passed / count if count else None,
         low=low,
         high=high,
         runs=count,
-        measured=sum(value is not None for value in values),
+        measured=sum(run is not None and getattr(run, figure.measure) is not None for run in runs),
         passed=passed,
         met=passed >= wanted * count - 1e-9 if count and wanted is not None else None,
     )
@@ -145,8 +189,7 @@ def _wilson_interval(passed: int, count: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def _mean(figure: Figure, values: Sequence[float], runs: int) -> Reading:
-    value = statistics.fmean(values) if values else None
+def _over_runs(figure: Figure, values: Sequence[float], runs: int, value: float | None) -> Reading:
     held = value is not None and figure.holds(value)
     return Reading(
         value=value,

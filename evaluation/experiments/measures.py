@@ -9,14 +9,15 @@ its images when the map is turned about its middle; a copy is *tracked* if some 
 update at which at least 3 beams would be more than 0.3 m longer or shorter at every other copy
 (see `sight`). *Right for good* is from the first update on after which every estimate of the run
 is right. An update whose true pose nobody knows is not *judged*: it is counted among the updates,
-and is in no other number. `clustermcl evaluate` gives some of these numbers, under names of its
-own.
+and is in no other number. *Told* are the places of an update with their probabilities, those that
+a first search tells before it ends among them. `clustermcl evaluate` gives some of these numbers,
+under names of its own.
 """
 
 import math
 import statistics
 from collections.abc import Sequence
-from itertools import pairwise, takewhile
+from itertools import dropwhile, pairwise, takewhile
 
 import msgspec
 import numpy as np
@@ -28,6 +29,8 @@ IN_A_ROW = 5
 """So many right estimates in a row are no accident."""
 LAST_UPDATES = 10
 """Who is right on so many at the end is localized."""
+LEAST_PROBABILITY = 0.001
+"""A logarithm of a probability is taken of no less: an update costs at most 6.9 nat."""
 
 
 class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,6 +58,21 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The same from the first 5 right estimates in a row on: whether tracking is kept."""
     truth_probability: float | None
     """Mean over the same updates of the probability of all right places together."""
+
+    sure_and_right_at_update: int | None
+    """The first update whose estimate is right and has a probability of 0.9 or more."""
+    truth_lowest_once_sure: float | None
+    """The lowest probability told of all right places together, from that update on."""
+    log_score: float | None
+    """Mean over all judged updates, from the first on, of the natural logarithm of the probability
+    told of all right places together, taken as 0.001 where it is less. 0 is the best."""
+    brier: float | None
+    """Mean over the same updates of (1 - p)^2, p the probability told of all right places
+    together, plus the squares of the wrong places' probabilities. What is given to no place, as
+    to "elsewhere", is spread too thin to have a square. 0 is sure and right, 1 is nothing told,
+    2 sure and wrong."""
+    elsewhere_probability: float | None
+    """Mean over the same updates of the probability that the robot is at none of the places."""
 
     right_share: float
     """Share of the updates whose estimate was right."""
@@ -103,6 +121,8 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Share of the beams that met something 0.3 m or more in front of what the map has there."""
     wall_s: float
     """Time the run took, without reading maps."""
+    cpu_s: float
+    """Processor time of the same, of all threads."""
 
 
 def measures_of(
@@ -113,6 +133,7 @@ def measures_of(
     right_before_kidnap: bool | None = None,
     short_beam_share: float | None = None,
     wall_s: float = 0.0,
+    cpu_s: float = 0.0,
 ) -> RunMeasures:
     """All numbers of a run.
 
@@ -123,12 +144,15 @@ def measures_of(
         right_before_kidnap: whether the system had been right before.
         short_beam_share: share of the beams that something stood in the way of.
         wall_s: how long the run took.
+        cpu_s: processor time that it took.
     """
     held = [step for step in after_bootstrap(facts) if step.judged]
     judged = [step for step in facts if step.judged]
     final = judged[-1].error if judged else None
     good = right_for_good(judged)
     settled = good[0].update if good else None
+    once_sure = from_sure_on(judged)
+    elsewhere = [step.elsewhere for step in judged if step.elsewhere is not None]
     entropies = [entropy_of_copies(step) for step in held]
     seen = seen_at_update
     after_kidnap = [f for f in judged if kidnapped_at_update and f.update > kidnapped_at_update]
@@ -144,6 +168,11 @@ def measures_of(
         tracked_share=share([step.tracked for step in held]),
         kept_share=kept_share(judged),
         truth_probability=share([step.copies[0] or 0.0 for step in held]),
+        sure_and_right_at_update=once_sure[0].update if once_sure else None,
+        truth_lowest_once_sure=min((step.truth_told for step in once_sure), default=None),
+        log_score=share([log_score(step) for step in judged]),
+        brier=share([brier(step) for step in judged]),
+        elsewhere_probability=share(elsewhere),
         right_share=share([step.right for step in judged]) or 0.0,
         right_at_50=right_at(judged, 50),
         right_at_100=right_at(judged, 100),
@@ -169,6 +198,7 @@ def measures_of(
         ),
         short_beam_share=short_beam_share,
         wall_s=wall_s,
+        cpu_s=cpu_s,
     )
 
 
@@ -182,6 +212,22 @@ def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
     """The last updates, with right estimates; none if there are fewer than 10 and not all."""
     count = sum(1 for _ in takewhile(lambda step: step.right, reversed(judged)))
     return judged[len(judged) - count :] if count >= min(LAST_UPDATES, len(judged)) else ()
+
+
+def from_sure_on(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
+    """From the first update on whose estimate is sure and right; none without one."""
+    return tuple(dropwhile(lambda step: not step.sure_and_right, judged))
+
+
+def log_score(step: StepFacts) -> float:
+    """Natural logarithm of what is told of the right places; bounded, see `RunMeasures`."""
+    return math.log(max(step.truth_told, LEAST_PROBABILITY))
+
+
+def brier(step: StepFacts) -> float:
+    """Brier's score of what is told, all right places being one; see `RunMeasures`."""
+    wrong = math.fsum(probability**2 for probability, right in step.told if not right)
+    return (1.0 - step.truth_told) ** 2 + wrong
 
 
 def root_mean_square(values: Sequence[float]) -> float | None:

@@ -91,7 +91,7 @@ class Observer:
         after = self._case.updates_after_event
         return event is not None and after is not None and self._update >= event + after
 
-    def measures(self, wall_s: float) -> RunMeasures:
+    def measures(self, wall_s: float, cpu_s: float = 0.0) -> RunMeasures:
         """What the run came to."""
         shares = self._short_shares
         return measures_of(
@@ -101,6 +101,7 @@ class Observer:
             right_before_kidnap=self._right_before_kidnap,
             short_beam_share=sum(shares) / len(shares) if shares else None,
             wall_s=wall_s,
+            cpu_s=cpu_s,
         )
 
     def _look(self, scan: Scan, copies: tuple[PoseTuple, ...]) -> None:

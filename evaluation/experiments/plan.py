@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from evaluation.experiments.case import ALGORITHMS, Case, names_of, quick
+from evaluation.experiments.case import Case, names_of, quick
 from evaluation.experiments.task import Task
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -59,17 +59,16 @@ def chosen(cases: Sequence[Case], names: Sequence[str], without: str) -> tuple[C
 
 def extended(case: Case, extent: Extent) -> Case:
     """The experiment with as many runs as are asked for."""
-    seeds, ordinary = case.seeds, case.ordinary_seeds
+    seeds = case.seeds
     asked = case.asked_seeds or seeds
     if extent.all_asked:
         seeds = asked
     if extent.quick:
         case = quick(case, QUICK_UPDATES)
-        seeds, ordinary = min(seeds, QUICK_SEEDS), min(ordinary, QUICK_SEEDS)
+        seeds = min(seeds, QUICK_SEEDS)
     if extent.seeds is not None:
         seeds = extent.seeds
-        ordinary = extent.seeds if ordinary else 0
-    return msgspec.structs.replace(case, seeds=seeds, ordinary_seeds=ordinary, asked_seeds=asked)
+    return msgspec.structs.replace(case, seeds=seeds, asked_seeds=asked)
 
 
 @dataclass(frozen=True)
@@ -104,8 +103,8 @@ def tasks_of(
     found: list[tuple[int, Task]] = []
     for case in cases:
         settings = given.settings(case.settings)
-        for algorithm in ALGORITHMS:
-            for index in range(case.seed_count(algorithm)):
+        for algorithm in case.algorithms:
+            for index in range(case.seeds):
                 task = Task(
                     case=case,
                     algorithm=algorithm,

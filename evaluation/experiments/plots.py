@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from evaluation.experiments.case import Algorithm
+from evaluation.experiments.case import NAMES, Algorithm
 from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.trace import Trace
 from grid_maps.grid_map import GridMap
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 MISSING = "matplotlib is not installed, so no plots are drawn; pip install 'clustermcl[plots]'"
 
-_NAMES: dict[Algorithm, str] = {"cluster-mcl": "Cluster-MCL", "mcl": "ordinary MCL"}
 _RIGHT, _WRONG, _OTHER, _TRUTH = "tab:green", "tab:red", "tab:blue", "black"
 _MARGIN_M = 1.0
 _DOTS_PER_INCH, _COLOURS = 110, 128
@@ -75,13 +74,14 @@ def plot_reliability(parts: dict[Algorithm, Reliability], folder: Path) -> Path:
         2, 1, figsize=(5.5, 6.5), height_ratios=(3, 1), sharex=True, layout="constrained"
     )
     upper.plot([0, 1], [0, 1], ":", color="grey", label="as it should be")
-    for shift, (algorithm, part) in zip((-0.01, 0.01), parts.items(), strict=False):
+    for index, (algorithm, part) in enumerate(parts.items()):
+        shift = 0.02 * (index - (len(parts) - 1) / 2)
         held = [each for each in part.bins if each.claims]
         claimed, right = (
             [each.mean_probability for each in held],
             [each.right_share for each in held],
         )
-        upper.plot(claimed, right, "o-", label=_NAMES[algorithm])
+        upper.plot(claimed, right, "o-", label=NAMES[algorithm])
         middles = (np.arange(len(part.bins)) + 0.5) / len(part.bins) + shift
         lower.bar(middles, [each.claims for each in part.bins], width=0.02)
     upper.set(ylabel="share that was right", title="Estimates, pooled over all experiments")
@@ -104,7 +104,7 @@ def _panels(
 
 
 def _title(name: str, algorithm: Algorithm, trace: Trace) -> str:
-    return f"{name}: {_NAMES[algorithm]}, seed {trace.seed}"
+    return f"{name}: {NAMES[algorithm]}, seed {trace.seed}"
 
 
 def _draw_clusters(axis: "Axes", trace: Trace) -> None:

@@ -13,6 +13,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from evaluation.experiments.case import NAMES
 from evaluation.experiments.report_tables import figure_rows
 from evaluation.experiments.results import ExperimentResult
 from evaluation.experiments.suite import Ended, GotOn
@@ -80,10 +81,11 @@ class ProgressView:
         """Say what came of what was asked."""
         for figure, row in figure_rows(result):
             if figure.asks:
+                beside = ", ".join(f"{NAMES[name]} {text}" for name, text in row.beside.items())
                 met = {"yes": "met", "–": "nothing measured"}.get(row.met, "NOT met")
                 self._say(
                     f"{result.case.name}: {row.text}: {row.measured} ({row.spread}), "
-                    f"asked {row.target}: {met}; ordinary MCL {row.ordinary}"
+                    f"asked {row.target}: {met}; {beside}"
                 )
 
     def _say(self, line: str) -> None:

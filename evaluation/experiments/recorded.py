@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from evaluation.experiments.case import Case, RecordedRobot
+from evaluation.experiments.case import Case, RecordedRobot, Role
 from evaluation.experiments.figures import mean, rate
+from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RIGHT_FOR_GOOD, SCORES
 from grid_maps.ros_map import parse_ros_header
 from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError
@@ -46,8 +47,8 @@ def _wean(folder: Path, number: int) -> Case | None:
         f"wean-{number}",
         f"Wean Hall, recording {number}",
         (log, folder / "map.yaml", reference),
+        role="training",
         seeds=20,
-        ordinary_seeds=5,
     )
 
 
@@ -56,7 +57,7 @@ def _other(folder: Path) -> Case | None:
     if log is None or not reference.is_file():
         return None
     files = (log, folder / "map.yaml", reference)
-    return _case(folder.name, f"Recording {folder.name}", files, seeds=3, ordinary_seeds=2)
+    return _case(folder.name, f"Recording {folder.name}", files, role="validation", seeds=3)
 
 
 def _case(
@@ -64,8 +65,8 @@ def _case(
     title: str,
     files: tuple[Path, Path, Path],
     *,
+    role: Role,
     seeds: int,
-    ordinary_seeds: int,
 ) -> Case:
     recording, map_file, reference = files
     fine = _has_fine_cells(map_file)
@@ -73,14 +74,14 @@ def _case(
         name=name,
         title=title,
         robot=RecordedRobot(recording=recording, map=map_file, reference=reference),
+        role=role,
         seeds=seeds,
-        ordinary_seeds=ordinary_seeds,
         typical_updates=_TYPICAL.get(name, 350),
         update_ms=13.0,
         ordinary_update_ms=11.0,
         figures=(
             rate("right on the last 10 updates", "localized", at_least=1),
-            mean("right for good from update", "settled_at_update"),
+            *RIGHT_FOR_GOOD,
             mean("right for good after", "settled_after_s", unit="s"),
             mean(
                 "once right for good: root mean square error",
@@ -90,7 +91,8 @@ def _case(
             ),
             mean("share of the updates with the truth tracked", "tracked_share"),
             mean("mean probability of the truth", "truth_probability"),
-            mean("share of the updates that were confidently wrong", "confidently_wrong_share"),
+            CONFIDENTLY_WRONG,
+            *SCORES,
         ),
     )
 

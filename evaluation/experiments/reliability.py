@@ -44,6 +44,15 @@ class Reliability(msgspec.Struct, kw_only=True):
         """How many there were."""
         return sum(part.claims for part in self.bins)
 
+    def at_least(self, threshold: int) -> ReliabilityBin:
+        """All claims of `threshold` tenths or more, together."""
+        chosen = self.bins[threshold:]
+        return ReliabilityBin(
+            claims=sum(part.claims for part in chosen),
+            right=sum(part.right for part in chosen),
+            probability_sum=sum(part.probability_sum for part in chosen),
+        )
+
     @property
     def expected_calibration_error(self) -> float | None:
         """Mean over all claims of |claimed - come true| of the claim's bin; None without claims.
@@ -58,16 +67,15 @@ class Reliability(msgspec.Struct, kw_only=True):
         return sum(gaps) / self.claims
 
 
-def balanced_calibration_error(parts: Iterable[Reliability]) -> float | None:
-    """The expected calibration error if each part had as many claims as any other."""
-    held = [part for part in parts if part.claims]
-    if not held:
-        return None
-    gaps = [0.0] * BINS
-    for part in held:
-        for index, each in enumerate(part.bins):
-            gaps[index] += (each.probability_sum - each.right) / part.claims
-    return sum(map(abs, gaps)) / len(held)
+def mean_calibration_error(parts: Iterable[Reliability]) -> float | None:
+    """Mean of the parts' own expected calibration errors; None without claims.
+
+    One part's overconfidence is not made good by another one's hesitation, as where gaps of
+    several parts are added up.
+    """
+    errors = [part.expected_calibration_error for part in parts]
+    known = [error for error in errors if error is not None]
+    return sum(known) / len(known) if known else None
 
 
 def pooled(parts: Iterable[Reliability]) -> Reliability:

@@ -3,8 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from evaluation.experiments.figures import Figure, Reading
+from evaluation.experiments.case import Algorithm
+from evaluation.experiments.figures import Figure, Reading, read
 from evaluation.experiments.results import ExperimentResult
+from evaluation.experiments.significance import p_value
 
 NOTHING = "–"
 
@@ -17,37 +19,53 @@ class FigureRow(NamedTuple):
     measured: str
     spread: str
     met: str
-    ordinary: str
+    beside: dict[Algorithm, str]
+    """Of each algorithm beside Cluster-MCL, with the significance of the difference."""
+
+    def texts(self, baselines: Sequence[Algorithm]) -> tuple[str, ...]:
+        """The row with a column for each of the given algorithms."""
+        others = (self.beside.get(algorithm, NOTHING) for algorithm in baselines)
+        return self.text, self.target, self.measured, self.spread, self.met, *others
 
 
 def figure_rows(result: ExperimentResult) -> Iterator[tuple[Figure, FigureRow]]:
-    """All figures of an experiment, ordinary MCL's beside Cluster-MCL's."""
-    both = zip(result.readings("cluster-mcl"), result.readings("mcl"), strict=True)
-    for (figure, reading), (_, ordinary) in both:
-        yield figure, figure_row(figure, reading, ordinary)
+    """All figures of an experiment, the other algorithms' beside Cluster-MCL's."""
+    for figure, reading in result.readings("cluster-mcl"):
+        yield figure, _figure_row(figure, reading, result)
 
 
-def figure_row(figure: Figure, reading: Reading, ordinary: Reading) -> FigureRow:
-    """One figure."""
+def _figure_row(figure: Figure, reading: Reading, result: ExperimentResult) -> FigureRow:
+    ours = result.by_seed("cluster-mcl")
+    beside: dict[Algorithm, str] = {}
+    for algorithm in result.case.baselines:
+        theirs = result.by_seed(algorithm)
+        text = measured_text(figure, read(figure, list(theirs.values())))
+        p = p_value(figure, ours, theirs)
+        beside[algorithm] = text if p is None else f"{text} (p {p_text(p)})"
     return FigureRow(
         text=figure.text,
         target=figure.target or NOTHING,
         measured=measured_text(figure, reading),
         spread=spread_text(reading),
         met=NOTHING if reading.met is None else "yes" if reading.met else "**no**",
-        ordinary=measured_text(figure, ordinary),
+        beside=beside,
     )
 
 
+def p_text(p: float) -> str:
+    """Two digits; what is under a thousandth is said to be that."""
+    return "< 0.001" if p < 0.001 else f"{p:.2g}"
+
+
 def measured_text(figure: Figure, reading: Reading) -> str:
-    """A share as `19 of 20`, a mean as a number with its unit."""
+    """A share as `19 of 20`, a mean or a quantile as a number with its unit."""
     if reading.passed is not None:
         return f"{reading.passed} of {reading.runs}" if reading.runs else NOTHING
     if reading.value is None:
-        return NOTHING
+        return "never" if figure.kind == "quantile" and reading.runs else NOTHING
     some = f" ({reading.measured} of {reading.runs} runs)"
     text = f"{number(reading.value)} {figure.unit}".rstrip()
-    return text if reading.measured == reading.runs else text + some
+    return text if reading.measured == reading.runs or figure.kind == "quantile" else text + some
 
 
 def spread_text(reading: Reading) -> str:

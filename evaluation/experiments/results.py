@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from evaluation.experiments.case import ALGORITHMS, Algorithm, Case
+from evaluation.experiments.case import Algorithm, Case
 from evaluation.experiments.figures import Figure, Reading, read
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.provenance import Provenance
@@ -39,7 +39,7 @@ class ExperimentResult(msgspec.Struct, kw_only=True):
     @property
     def complete(self) -> bool:
         """Whether all runs that were planned have ended."""
-        return len(self.runs) >= sum(self.case.seed_count(algorithm) for algorithm in ALGORITHMS)
+        return len(self.runs) >= self.case.seeds * len(self.case.algorithms)
 
     def of(self, algorithm: Algorithm) -> list[RunRecord]:
         """The runs of one algorithm, by seed."""
@@ -49,6 +49,10 @@ class ExperimentResult(msgspec.Struct, kw_only=True):
     def measures(self, algorithm: Algorithm) -> list[RunMeasures | None]:
         """Of each run of an algorithm; None of one that failed."""
         return [run.measures for run in self.of(algorithm)]
+
+    def by_seed(self, algorithm: Algorithm) -> dict[int, RunMeasures | None]:
+        """Each run of an algorithm by its seed; None of one that failed."""
+        return {run.seed: run.measures for run in self.of(algorithm)}
 
     def readings(self, algorithm: Algorithm) -> list[tuple[Figure, Reading]]:
         """All figures of an algorithm."""
@@ -95,14 +99,15 @@ def _as_object(result: ExperimentResult) -> dict[str, Any]:
     return {
         "experiment": case.name,
         "title": case.title,
+        "role": case.role,
         "complete": result.complete,
         "seeds": {
-            algorithm: [run.seed for run in result.of(algorithm)] for algorithm in ALGORITHMS
+            algorithm: [run.seed for run in result.of(algorithm)] for algorithm in case.algorithms
         },
         "asked_seeds": case.asked_seeds or case.seeds,
         "provenance": result.provenance,
-        "figures": {algorithm: _figures(result, algorithm) for algorithm in ALGORITHMS},
-        "runs": [run for algorithm in ALGORITHMS for run in result.of(algorithm)],
+        "figures": {algorithm: _figures(result, algorithm) for algorithm in case.algorithms},
+        "runs": [run for algorithm in case.algorithms for run in result.of(algorithm)],
     }
 
 

@@ -11,6 +11,7 @@ from rich.console import Console
 from evaluation.experiments.case import Case
 from evaluation.experiments.catalogue import simulated_cases
 from evaluation.experiments.draw import draw_all
+from evaluation.experiments.map_cases import map_cases
 from evaluation.experiments.plan import Extent, Given, chosen, estimated_s, extended, tasks_of
 from evaluation.experiments.plots import MISSING, can_plot
 from evaluation.experiments.progress_view import ProgressView
@@ -69,7 +70,7 @@ def available(data: Path | None) -> tuple[tuple[Case, ...], tuple[str, ...]]:
     named = os.environ.get(DATA_VARIABLE)
     folder = data or (Path(named) if named else None)
     recorded = recorded_cases(folder)
-    cases = (*simulated_cases(), *recorded)
+    cases = (*simulated_cases(), *recorded, *map_cases(folder))
     if not recorded:
         where = f"none in {folder}" if folder else f"give --data or set {DATA_VARIABLE}"
         return cases, (f"Recordings are left out: {where}.",)

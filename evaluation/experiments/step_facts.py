@@ -22,8 +22,10 @@ class StepFacts:
     """Of the estimate, the most probable place; 0 without one."""
     error: PoseError | None
     """Of the estimate; None without one, as while the first search still runs."""
-    claims: tuple[tuple[float, bool], ...]
-    """Of every place held: its probability and whether it is right."""
+    told: tuple[tuple[float, bool], ...]
+    """Of every place told, also by a first search: its probability and whether it is right."""
+    elsewhere: float | None
+    """Probability that the robot is at none of the places; None: the belief does not say."""
     copies: tuple[float | None, ...]
     """For the true pose and each symmetric copy of it: the probability of all places that are
     right about it together; None where there is no such place. Empty: nobody knows the true
@@ -35,6 +37,16 @@ class StepFacts:
         return bool(self.copies)
 
     @property
+    def claims(self) -> tuple[tuple[float, bool], ...]:
+        """Of every place held: its probability and whether it is right."""
+        return () if self.state == "searching" else self.told
+
+    @property
+    def truth_told(self) -> float:
+        """Probability of all right places together, also of those a first search tells."""
+        return math.fsum(probability for probability, right in self.told if right)
+
+    @property
     def right(self) -> bool:
         """The estimate is within 1 m and 20 degrees of the truth."""
         return self.error is not None and self.error.right
@@ -43,6 +55,11 @@ class StepFacts:
     def confidently_wrong(self) -> bool:
         """The estimate is wrong and has a probability of 0.9 or more."""
         return not self.right and self.probability >= CONFIDENT_PROBABILITY
+
+    @property
+    def sure_and_right(self) -> bool:
+        """The estimate is right and has a probability of 0.9 or more."""
+        return self.right and self.probability >= CONFIDENT_PROBABILITY
 
     @property
     def tracked(self) -> bool:
@@ -67,6 +84,7 @@ def facts_of(
     state: State,
     hypotheses: Sequence[Hypothesis],
     copies: Sequence[PoseTuple],
+    elsewhere: float | None = None,
 ) -> StepFacts:
     """Note one step.
 
@@ -76,16 +94,19 @@ def facts_of(
         state: of the system after it.
         hypotheses: the places held after it, most probable first.
         copies: the true pose, then its symmetric copies; empty where nobody knows.
+        elsewhere: probability that it is at none of the places, where the belief has one.
     """
-    places = () if state == "searching" or not copies else hypotheses
-    errors = [pose_error(place.mean, copies[0]) for place in places]
+    told = hypotheses if copies else ()
+    places = () if state == "searching" else told
+    errors = [pose_error(place.mean, copies[0]) for place in told]
     return StepFacts(
         update=update,
         stamp_ns=stamp_ns,
         state=state,
         probability=places[0].probability if places else 0.0,
-        error=errors[0] if errors else None,
-        claims=tuple((p.probability, e.right) for p, e in zip(places, errors, strict=True)),
+        error=errors[0] if places else None,
+        told=tuple((p.probability, e.right) for p, e in zip(told, errors, strict=True)),
+        elsewhere=elsewhere,
         copies=tuple(_probability_at(copy, places) for copy in copies),
     )
 

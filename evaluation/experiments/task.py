@@ -36,6 +36,8 @@ class Task:
     """With the case's own, but for the seed."""
     cache_folder: Path
     """Where computed fields of maps are kept."""
+    start_step: int = 0
+    """The run begins with this step of a recording, as if the robot had been switched on there."""
     with_trace: bool = False
 
 
@@ -62,13 +64,13 @@ def run_task(task: Task, progress: Callable[[int], None]) -> Finished:
         ClusterMclError: an input cannot be used.
     """
     run = Run(task)
-    started_s = time.perf_counter()
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
     for made, _ in enumerate(run.outcomes(), start=1):
         if made % PROGRESS_EVERY == 0:
             progress(PROGRESS_EVERY)
     observer = run.observer
     return Finished(
-        measures=observer.measures(time.perf_counter() - started_s),
+        measures=observer.measures(time.perf_counter() - wall_s, time.process_time() - cpu_s),
         reliability=observer.reliability,
         places_reliability=observer.places_reliability,
         trace=observer.trace,
@@ -84,7 +86,7 @@ class Run:
 
     def __init__(self, task: Task) -> None:
         case = task.case
-        self.course = course_of(case, task.seed, task.settings.bridge)
+        self.course = course_of(case, task.seed, task.settings.bridge, task.start_step)
         self._settings = msgspec.structs.replace(task.settings, seed=task.seed)
         self._model = _model(self.course, self._settings, task.cache_folder)
         self._follow = ALGORITHMS[task.algorithm]

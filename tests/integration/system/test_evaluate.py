@@ -31,8 +31,11 @@ def results(*words: str, folder: Path, environment: dict[str, str]) -> dict[str,
     return found
 
 
+TIMES = {"wall_s", "cpu_s"}
+
+
 def without_time(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    return [{name: value for name, value in run.items() if name != "wall_s"} for run in runs]
+    return [{name: value for name, value in run.items() if name not in TIMES} for run in runs]
 
 
 def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
@@ -45,11 +48,23 @@ def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
     assert {
         "seed", "localized", "final_error_m", "final_error_rad", "localized_at_step",
         "confidently_wrong_fraction", "truth_tracked_fraction", "truth_probability_mean",
-        "rmse_m", "steps", "wall_s",
+        "rmse_m", "steps", "wall_s", "start_step", "sure_and_right_at_step", "log_score_mean",
+        "truth_probability_lowest_once_sure", "brier_mean", "elsewhere_probability_mean", "cpu_s",
     } <= set(found["runs"][0])  # fmt: skip
     assert all(run["steps"] == 20 for run in found["runs"])
     alone = results(*words, "--jobs", "1", folder=tmp_path, environment=environment)
     assert without_time(alone["runs"]) == without_time(found["runs"])
+
+
+def test_of_a_simulated_robot_every_start_has_a_seed_of_its_own(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    words = [*ROBOT, "--starts", "2", "--steps", "12", "--set", "seed=7"]
+    found = results(*words, folder=tmp_path, environment=environment)
+    assert [(run["seed"], run["start_step"], run["steps"]) for run in found["runs"]] == [
+        (7, 0, 12),
+        (8, 0, 12),
+    ]
 
 
 def test_ordinary_mcl_runs_on_the_same_robot(tmp_path: Path, environment: dict[str, str]) -> None:

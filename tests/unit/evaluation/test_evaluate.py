@@ -2,15 +2,22 @@
 
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation import evaluate
-from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of
-from evaluation.experiments.case import AfterStep, RecordedRobot, SimulatedRobot
+from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of, start_steps
+from evaluation.experiments.case import (
+    ALGORITHMS,
+    NAMES,
+    AfterStep,
+    Algorithm,
+    RecordedRobot,
+    SimulatedRobot,
+)
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
 from process_runtime.output_files import OutputError
@@ -114,6 +121,36 @@ def test_what_is_first_held_where_nobody_knows_the_truth_ends_the_first_search()
     assert judged(unjudged, searching, sure_of(RIGHT))["truth_tracked_fraction"] == 0.5
 
 
+def test_steps_in_the_json_are_counted_from_0() -> None:
+    doubtful = ("ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH)
+    verdict = judged(sure_of(WRONG), sure_of(RIGHT), doubtful)
+    assert verdict["start_step"] == 0
+    assert verdict["sure_and_right_at_step"] == 1
+    assert verdict["truth_probability_lowest_once_sure"] == 0.6
+    logs = (math.log(0.001), math.log(0.95), math.log(0.6))
+    assert verdict["log_score_mean"] == pytest.approx(math.fsum(logs) / 3)
+    squares = (1 + 0.95**2 + 0.05**2, 2 * 0.05**2, 2 * 0.4**2)
+    assert verdict["brier_mean"] == pytest.approx(math.fsum(squares) / 3)
+    assert verdict["elsewhere_probability_mean"] is None
+
+
+def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
+    assert start_steps(steps=260, starts=3, steps_each=60) == (0, 100, 200)
+    assert start_steps(steps=260, starts=1, steps_each=60) == (0,)
+    assert start_steps(steps=40, starts=1, steps_each=60) == (0,)
+    with pytest.raises(SettingsError, match="--starts 3: 61 steps have 2 starts with 60 each"):
+        start_steps(steps=61, starts=3, steps_each=60)
+
+
+def test_with_starts_a_run_has_60_steps_unless_told_otherwise() -> None:
+    recorded = {"recording": "a.log", "map_file": "b.yaml", "starts": 8}
+    assert case_of(EvaluateOptions(**recorded)).updates == 60
+    assert case_of(EvaluateOptions(**recorded, steps=9)).updates == 9
+    assert case_of(EvaluateOptions(**recorded, seeds=3)).seeds == 3
+    simulated = case_of(EvaluateOptions(recording="sim:hall", starts=8))
+    assert (simulated.updates, simulated.seeds) == (60, 8)
+
+
 def test_a_simulated_robot_drives_300_steps_unless_told_otherwise() -> None:
     case = case_of(EvaluateOptions(recording="sim:hall"))
     assert (case.robot, case.updates) == (SimulatedRobot(world="hall"), 300)
@@ -133,6 +170,7 @@ def test_a_recorded_robot_drives_to_its_end() -> None:
     ("options", "said"),
     [
         ({"recording": "sim:hall", "reference": Path("r.tum")}, "--reference: a simulated robot"),
+        ({"recording": "sim:hall", "starts": 2, "seeds": 2}, "--seeds: every start of a simul"),
         ({"recording": "a.log"}, "--map is missing: a recording needs"),
         ({"recording": "a.log", "map_file": "m", "kidnap_at": 0}, "--kidnap-at: only a simulated"),
     ],
@@ -143,11 +181,16 @@ def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -
 
 
 def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(SettingsError, match="--algorithm amcl: there is cluster-mcl or mcl"):
-        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="amcl"))
+    with pytest.raises(SettingsError, match="--algorithm slam: there is cluster-mcl or mcl or mcl"):
+        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="slam"))
 
 
-@pytest.mark.parametrize("option", ["--seeds", "--steps", "--jobs"])
+def test_every_algorithm_has_a_name_for_people() -> None:
+    assert set(NAMES) == set(ALGORITHMS) == set(get_args(Algorithm))
+    assert len(set(NAMES.values())) == len(NAMES)
+
+
+@pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])
 def test_a_count_beyond_all_reason_is_refused_before_anything_is_done(option: str) -> None:
     result = CliRunner().invoke(app, ["evaluate", "sim:nowhere", option, "1000000000"])
     assert result.exit_code == 2

@@ -1,39 +1,110 @@
-"""The baseline has as much to work with as what it is compared with."""
+"""Ordinary MCL and what is added to it, on a simulated robot in the hall."""
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from evaluation import ordinary_mcl
-from particle_filter import global_search
-from particle_filter.sensor_model import Grid
-from particle_filter.sensor_models import computed_model
-from particle_filter.settings import BeliefSettings, ClusterSettings, FilterSettings, SearchSettings
-from tests.unit.oracle.tiny_world import CELL_M, SENSOR, TRUTH, Drive, plain_room
+from coordinator.belief.outcome import Outcome
+from evaluation.experiments.case import ALGORITHMS, AfterStep, Algorithm, Case, SimulatedRobot
+from evaluation.experiments.measures import RunMeasures
+from evaluation.experiments.task import Run, Task, run_task
+from evaluation.ordinary_mcl import KLD_LEAST_PARTICLES, redrawn
+from particle_filter.arrays import Poses
+from particle_filter.cluster_filter import Cloud
+from particle_filter.settings import FilterSettings, SearchSettings
+from process_runtime.settings_file import load_settings
+from tests.unit.particle_filter.rooms import model_of, plain_room
+
+SMALL = ["belief.clusters=3", "search.start_particles_per_m2=200"]
+ROOM = model_of(plain_room())
+SETTINGS = FilterSettings(search=SearchSettings(particles=4000))
+WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
 
 
-def test_it_starts_with_a_searchs_particles_and_keeps_as_many_as_all_clusters_together(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    settings = FilterSettings(
-        sensor=SENSOR,
-        cluster=ClusterSettings(particles=300),
-        belief=BeliefSettings(clusters=4),
-        search=SearchSettings(
-            min_start_particles=9_000, max_start_particles=9_000, annealing_steps=3, shards=4
-        ),
+def task(algorithm: Algorithm, cache: Path, *more: str, **changed: Any) -> Task:
+    robot = SimulatedRobot(world="hall", kidnapping=changed.pop("kidnapping", None))
+    case = Case(name="t", title="t", robot=robot, seeds=1, **changed)
+    settings = load_settings(None, [*SMALL, *more])
+    return Task(case=case, algorithm=algorithm, seed=3, settings=settings, cache_folder=cache)
+
+
+def beliefs(algorithm: Algorithm, cache: Path, *more: str) -> list[Outcome]:
+    return list(Run(task(algorithm, cache, *more, updates=15)).outcomes())
+
+
+def kidnapped(algorithm: Algorithm, cache: Path) -> RunMeasures:
+    after_20 = task(algorithm, cache, updates=80, kidnapping=AfterStep(20))
+    return run_task(after_20, lambda _made: None).measures
+
+
+def test_who_is_kidnapped_is_found_again_with_random_particles_only(tmp_path: Path) -> None:
+    with_recovery, without = (
+        kidnapped("amcl-tuned", tmp_path),
+        kidnapped("mcl-visibility", tmp_path),
     )
-    counts = []
-    advance = global_search.GlobalSearch.advance
+    assert with_recovery.right_after_kidnap is not None
+    assert with_recovery.localized
+    assert without.right_within is not None
+    assert without.right_after_kidnap is None
 
-    def counted(search: global_search.GlobalSearch, *arguments: object) -> object:
-        result = advance(search, *arguments)  # type: ignore[arg-type] # passed on as they are
-        counts.append(len(search.cloud.log_weights))
-        return result
 
-    monkeypatch.setattr(global_search.GlobalSearch, "advance", counted)
-    model = computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), SENSOR)
-    scans = Drive(plain_room(), TRUTH, 6, first_step=0).scans
-    outcomes = list(ordinary_mcl.outcomes(scans, model, settings))
-    assert counts[0] == 9_000
-    assert counts[-1] == 4 * 300
-    assert len(outcomes) == 6
+def test_while_all_fits_there_are_no_random_particles(tmp_path: Path) -> None:
+    assert beliefs("amcl", tmp_path) == beliefs("mcl", tmp_path)
+
+
+@pytest.mark.parametrize("off", ["sensor.visibility_particles=0", "sensor.model=beam"])
+def test_visibility_can_be_turned_off_and_is_no_part_of_a_beam_model(
+    off: str, tmp_path: Path
+) -> None:
+    few = ("search.start_particles_per_m2=2", "search.min_start_particles=1000")
+    plain = beliefs("mcl", tmp_path, off, *few)
+    assert beliefs("mcl-visibility", tmp_path, off, *few) == plain
+
+
+def test_visibility_makes_a_difference(tmp_path: Path) -> None:
+    assert beliefs("mcl-visibility", tmp_path) != beliefs("mcl", tmp_path)
+
+
+@pytest.mark.parametrize("algorithm", WITH_VISIBILITY)
+def test_every_variant_finds_the_robot(algorithm: Algorithm, tmp_path: Path) -> None:
+    measures = run_task(task(algorithm, tmp_path, updates=25), lambda _made: None).measures
+    assert measures.localized
+
+
+def cloud(*poses: tuple[float, float, float], count: int = 2000) -> Cloud:
+    rows: Poses = np.repeat(np.array(poses), count // len(poses), axis=0)
+    return Cloud.even(rows)
+
+
+def drawn(before: Cloud, random_share: float, *, kld: bool = False) -> Cloud:
+    return redrawn(before, random_share, ROOM, SETTINGS, np.random.default_rng(7), kld=kld)
+
+
+def test_of_a_cloud_the_random_share_is_drawn_anywhere() -> None:
+    before = cloud((1.0, 1.0, 0.5))
+    after = drawn(before, 0.25)
+    moved = np.any(after.map_from_robot != before.map_from_robot, axis=1)
+    # 2000 draws of probability 0.25: six standard deviations are 0.058, missed once in 5e8
+    assert moved.mean() == pytest.approx(0.25, abs=0.058)
+    assert np.ptp(after.map_from_robot[moved], axis=0) == pytest.approx([5.9, 3.9, 6.28], abs=0.3)
+    assert (after.weights == 1.0 / 2000).all()
+    assert drawn(before, 0.0) is before
+
+
+def test_survivors_are_drawn_by_their_weights() -> None:
+    poses = cloud((1.0, 1.0, 0.0), (2.0, 1.0, 0.0)).map_from_robot
+    left_only = np.where(poses[:, 0] == 1.0, np.log(2.0), -50.0)
+    after = drawn(Cloud(poses, left_only), 0.5)
+    assert not np.any(np.all(after.map_from_robot == [2.0, 1.0, 0.0], axis=1))
+
+
+def test_kld_draws_few_of_what_is_in_one_place_and_many_of_what_is_not() -> None:
+    rng = np.random.default_rng(3)
+    uneven = np.where(np.arange(4000) % 4, -50.0, np.log(4.0))
+    narrow = Cloud(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
+    wide = Cloud(rng.uniform(0.5, 3.5, (4000, 3)), uneven)
+    assert len(drawn(narrow, 0.0, kld=True).log_weights) == KLD_LEAST_PARTICLES
+    assert len(drawn(wide, 0.0, kld=True).log_weights) == SETTINGS.search.particles
+    assert drawn(cloud((1.0, 1.0, 0.0)), 0.0, kld=True).log_weights.shape == (2000,)

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evaluation.experiments.catalogue import simulated_cases
-from evaluation.experiments.figures import mean, rate, read
+from evaluation.experiments.figures import mean, quantiles, rate, read
 from evaluation.experiments.measures import RunMeasures
 from tests.unit.evaluation.experiments.made_up import measures
 
@@ -99,3 +99,15 @@ def test_experiments_have_names_of_their_own_and_something_asked() -> None:
     cases = simulated_cases()
     assert len({case.name for case in cases}) == len(cases)
     assert all(any(figure.asks for figure in case.figures) for case in cases)
+
+
+def test_a_run_that_never_got_there_is_later_than_all_in_a_quantile() -> None:
+    median, most = quantiles("right for good", "settled_at_update", most_median=5, most_90=9)
+    runs = [measures(settled_at_update=n) for n in (9, 1, 5, 3, 7, 2, 4, 6, 8)]
+    assert [read(each, [*runs, None]).value for each in (median, most)] == [5, 9]
+    assert [read(each, [*runs, None]).met for each in (median, most)] == [True, True]
+    twice = [*runs, measures(), measures()]
+    assert [read(each, twice).value for each in (median, most)] == [6, None]
+    assert [read(each, twice).met for each in (median, most)] == [False, False]
+    assert (read(most, twice).measured, read(most, twice).runs) == (9, 11)
+    assert read(median, []).value is read(median, []).met is None

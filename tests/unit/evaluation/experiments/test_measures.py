@@ -3,13 +3,16 @@ import math
 import pytest
 
 from evaluation.experiments.measures import (
+    brier,
     entropy_of_copies,
     first_alarm,
     first_right,
     leader_changes,
+    log_score,
     measures_of,
     right_at,
 )
+from evaluation.experiments.step_facts import facts_of
 from tests.unit.evaluation.experiments.made_up import (
     COPIES,
     NOWHERE,
@@ -119,6 +122,55 @@ def test_before_the_feature_is_seen_is_a_share_of_its_own() -> None:
     assert made.all_tracked_until_seen_share == 1.0
     assert made.all_tracked_share == pytest.approx(4 / 7)
     assert measures_of(run).all_tracked_until_seen_share is None
+
+
+def test_the_log_score_adds_right_places_up_and_is_bounded() -> None:
+    split = facts(1, place(0.4, NOWHERE), place(0.35), place(0.15, (5.5, 0.5, 0.1)))
+    assert log_score(split) == pytest.approx(math.log(0.5))
+    assert log_score(facts(1, place(0.9995, NOWHERE), place(0.0005))) == math.log(0.001)
+    assert log_score(facts(1)) == math.log(0.001)
+
+
+def test_the_brier_score_is_0_for_the_truth_1_for_nothing_2_for_a_sure_error() -> None:
+    assert brier(facts(1, place(1.0))) == 0.0
+    assert brier(facts(1)) == 1.0
+    assert brier(facts(1, place(1.0, NOWHERE))) == 2.0
+    halves = facts(1, place(0.5), place(0.3, OPPOSITE), place(0.2, NOWHERE))
+    assert brier(halves) == pytest.approx(0.25 + 0.09 + 0.04)
+
+
+def test_what_a_first_search_tells_is_scored_but_is_no_estimate() -> None:
+    searching = facts(1, place(0.95), state="searching")
+    assert (searching.claims, searching.right, searching.tracked) == ((), False, False)
+    made = measures_of([searching, facts(2, place(0.5), place(0.5, OPPOSITE))])
+    assert made.log_score == pytest.approx((math.log(0.95) + math.log(0.5)) / 2)
+    assert made.brier == pytest.approx((0.05**2 + 0.5) / 2)
+    assert made.sure_and_right_at_update is made.truth_lowest_once_sure is None
+
+
+def test_sure_and_right_is_the_first_estimate_with_nine_tenths() -> None:
+    run = [
+        facts(1, place(0.95, NOWHERE), place(0.05)),
+        facts(2, place(0.5), place(0.45, (5.5, 0.5, 0.1)), place(0.05, NOWHERE)),
+        facts(3, place(0.9), place(0.1, NOWHERE)),
+        facts(4, place(0.7, NOWHERE), place(0.3)),
+        facts(5, place(1.0)),
+    ]
+    made = measures_of(run)
+    assert made.sure_and_right_at_update == 3  # what the places of update 2 add up to is no one's
+    assert made.truth_lowest_once_sure == 0.3
+    assert measures_of(run[:2]).sure_and_right_at_update is None
+
+
+def test_updates_that_nobody_can_judge_are_in_no_score() -> None:
+    unknown = facts_of(1, 0, "localized", [place(1.0, NOWHERE)], (), 0.7)
+    told = facts_of(2, 0, "localized", [place(0.8)], COPIES, 0.2)
+    made = measures_of([unknown, told])
+    assert made.log_score == pytest.approx(math.log(0.8))
+    assert made.brier == pytest.approx(0.04)
+    assert made.elsewhere_probability == 0.2
+    assert measures_of([unknown]).brier is measures_of([]).log_score is None
+    assert measures_of([facts(1, place(1.0))]).elsewhere_probability is None
 
 
 def test_a_run_of_nothing_has_no_numbers() -> None:

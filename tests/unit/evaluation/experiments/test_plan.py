@@ -2,7 +2,6 @@ from pathlib import Path
 
 import pytest
 
-from evaluation.experiments.case import Case
 from evaluation.experiments.plan import (
     Extent,
     Given,
@@ -19,10 +18,6 @@ CASES = (case("short"), case("long", typical_updates=1000, asked_seeds=5))
 CACHE = Path("cache")
 
 
-def seeds(of: Case) -> tuple[int, int]:
-    return of.seeds, of.ordinary_seeds
-
-
 def test_experiments_are_chosen_by_name_in_their_own_order() -> None:
     assert chosen(CASES, ["long", "short"], "") == CASES
     assert chosen(CASES, [], "") == CASES
@@ -34,20 +29,27 @@ def test_experiments_are_chosen_by_name_in_their_own_order() -> None:
 
 def test_the_extent_decides_how_many_runs() -> None:
     long = CASES[1]
-    assert seeds(extended(long, Extent())) == (2, 1)
-    assert seeds(extended(long, Extent(all_asked=True))) == (5, 1)
-    assert seeds(extended(long, Extent(seeds=7))) == (7, 7)
+    assert extended(long, Extent()).seeds == 2
+    assert extended(long, Extent(all_asked=True)).seeds == 5
+    assert extended(long, Extent(seeds=7)).seeds == 7
     assert extended(CASES[0], Extent(seeds=1)).asked_seeds == 2
-    alone = case(ordinary_seeds=0)
-    assert seeds(extended(alone, Extent(seeds=7))) == (7, 0)
     quick = extended(case(updates=3000, seeds=40), Extent(quick=True))
-    assert seeds(quick) == (2, 1)
+    assert quick.seeds == 2
     assert quick.updates == 120
 
 
 def test_what_ends_after_an_event_is_not_cut_short() -> None:
     ends = case(updates=3000, updates_after_event=40)
     assert extended(ends, Extent(quick=True)).updates == 3000
+
+
+def test_every_algorithm_gets_the_same_seeds() -> None:
+    of_all = case(seeds=3, baselines=("mcl", "amcl-visibility"))
+    tasks = tasks_of([of_all, case("alone", baselines=())], 4, Given(), CACHE)
+    runs = {(task.case.name, task.algorithm, task.seed) for task in tasks}
+    three = {("made-up", name, seed) for name in of_all.algorithms for seed in (4, 5, 6)}
+    assert runs == three | {("alone", "cluster-mcl", seed) for seed in (4, 5)}
+    assert len(tasks) == len(runs)
 
 
 def test_first_seeds_come_first_and_long_runs_before_short_ones() -> None:
@@ -58,11 +60,13 @@ def test_first_seeds_come_first_and_long_runs_before_short_ones() -> None:
         ("long", "cluster-mcl", 10),
         ("short", "mcl", 10),
         ("short", "cluster-mcl", 10),
+        ("long", "mcl", 11),
         ("long", "cluster-mcl", 11),
+        ("short", "mcl", 11),
         ("short", "cluster-mcl", 11),
     ]
     assert {task.settings.belief.clusters for task in tasks} == {3}
-    assert [task.with_trace for task in tasks] == [True] * 4 + [False] * 2
+    assert [task.with_trace for task in tasks] == [True] * 4 + [False] * 4
 
 
 def test_settings_of_the_experiment_win_over_those_of_the_command() -> None:
@@ -74,8 +78,8 @@ def test_settings_of_the_experiment_win_over_those_of_the_command() -> None:
 
 
 def test_the_estimate_is_the_work_over_the_processes_but_no_less_than_the_longest_run() -> None:
-    tasks = tasks_of([CASES[1]], 0, Given(), CACHE)  # 2 x 1 s and 1 x 2 s, and the setting up
+    tasks = tasks_of([CASES[1]], 0, Given(), CACHE)  # 2 x 1 s and 2 x 2 s, and the setting up
     setup_s = estimated_s(tasks, 40) - 2.0
     assert 0.0 < setup_s < 1.0
-    assert estimated_s(tasks, 1) == pytest.approx(4.0 + 3 * setup_s)
-    assert estimated_s(tasks, 2) == pytest.approx(2.4 + 1.1 * setup_s, rel=0.1)
+    assert estimated_s(tasks, 1) == pytest.approx(6.0 + 4 * setup_s)
+    assert estimated_s(tasks, 2) == pytest.approx(3.0 + 2 * setup_s)

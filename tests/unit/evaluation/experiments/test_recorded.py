@@ -4,6 +4,8 @@ from pathlib import Path
 import pytest
 
 from evaluation.experiments.case import RecordedRobot, SimulatedRobot
+from evaluation.experiments.catalogue import simulated_cases
+from evaluation.experiments.map_cases import map_cases
 from evaluation.experiments.recorded import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.run import available
 from tests.unit.recordings import data_folder
@@ -56,6 +58,38 @@ def test_absent_recordings_are_said_and_left_out(
     assert cases[-1].name == "shop"
     assert left_out == (f"Left out, not in {tmp_path}: wean-1, wean-2, wean-3.",)
     shutil.rmtree(tmp_path / "shop")
+
+
+def test_of_every_map_there_is_a_test_with_a_simulated_robot(tmp_path: Path) -> None:
+    touched(tmp_path, "ros-maps/big_depot.yaml", "carmen-maps/a.yaml", "carmen-maps/a.pgm")
+    a, depot = map_cases(tmp_path)
+    assert (a.name, depot.name) == ("map-a", "map-big-depot")
+    assert depot.robot == SimulatedRobot(world=str(tmp_path / "ros-maps/big_depot.yaml"))
+    assert a.role == depot.role == "test"
+    assert map_cases(None) == map_cases(tmp_path / "nowhere") == ()
+    assert {a.name, depot.name} <= {case.name for case in available(tmp_path)[0]}
+
+
+def test_buildings_that_constants_were_chosen_on_are_named_so() -> None:
+    training = [case.name for case in simulated_cases() if case.role == "training"]
+    assert training == ["gates", "gates-no-visibility"]
+    if data_folder().is_dir():
+        recorded = [case.name for case in recorded_cases(data_folder()) if case.role == "training"]
+        assert recorded == ["wean-1", "wean-2", "wean-3"]
+
+
+def test_with_and_without_visibility_are_the_same_experiment_but_for_that() -> None:
+    cases = {case.name: case for case in simulated_cases()}
+    on, off = cases["gates"], cases["gates-no-visibility"]
+    assert (on.robot, on.updates, on.symmetry) == (off.robot, off.updates, off.symmetry)
+    assert off.settings == ("sensor.visibility_particles=0",)
+    assert {"mcl", "mcl-visibility"} <= set(on.baselines)
+    assert off.baselines == ("mcl",)
+    asked = [[figure.measure for figure in case.figures if figure.asks] for case in (on, off)]
+    assert asked == [
+        ["all_tracked_until_seen_share", "localized"],
+        ["all_tracked_until_seen_share"],
+    ]
 
 
 def test_the_shared_recordings_are_all_found() -> None:

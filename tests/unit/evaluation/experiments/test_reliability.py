@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from evaluation.experiments.reliability import (
     Reliability,
-    balanced_calibration_error,
+    mean_calibration_error,
     pooled,
 )
 from tests.unit.evaluation.experiments.made_up import claims
@@ -29,13 +29,18 @@ def test_certainty_belongs_to_the_last_bin_and_none_to_the_first() -> None:
 
 def test_without_claims_there_is_no_error() -> None:
     assert Reliability().expected_calibration_error is None
-    assert balanced_calibration_error([Reliability()]) is None
+    assert mean_calibration_error([Reliability()]) is None
 
 
-def test_balanced_means_that_each_part_counts_alike() -> None:
+def test_one_part_does_not_make_good_what_another_does_wrong() -> None:
     long, short = claims(*[(0.95, True)] * 99), claims((0.95, False))
-    assert balanced_calibration_error([long, short]) == pytest.approx(abs(0.95 - 0.5))
+    assert mean_calibration_error([long, short, Reliability()]) == pytest.approx((0.05 + 0.95) / 2)
     assert pooled([long, short]).expected_calibration_error == pytest.approx(0.04)
+
+
+def test_claims_from_a_tenth_on_are_those_of_its_bin_and_above() -> None:
+    part = claims((0.95, True), (0.85, False), (0.8, True), (0.3, True)).at_least(8)
+    assert (part.claims, part.right, part.mean_probability) == (3, 2, pytest.approx(2.6 / 3))
 
 
 @given(st.lists(st.lists(st.tuples(st.floats(0, 1), st.booleans())), max_size=4))

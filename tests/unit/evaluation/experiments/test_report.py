@@ -36,7 +36,7 @@ def test_the_report_has_a_row_for_each_figure_with_interval_and_ordinary_mcl() -
     text = report(result(some_runs(), asked_seeds=5))
     assert (
         "| [made-up](#made-up) | right at the end | all runs | 1 of 2 | 9% to 91% | **no** "
-        "| 0 of 1 |"
+        "| 0 of 1 (p 1) |"
     ) in text
     assert ("| error once right | <= 0.15 m | 0.1 m (1 of 2 runs) | 0.1 to 0.1 | yes | – |") in text
     assert "1 of 2 targets are met." in text
@@ -71,10 +71,11 @@ def test_plots_are_shown_by_paths_relative_to_the_report() -> None:
 
 
 def test_the_file_holds_every_run_and_figure(tmp_path: Path) -> None:
-    path = write_result(result(some_runs(), ordinary_seeds=2), tmp_path / "new")
+    path = write_result(result(some_runs()), tmp_path / "new")
     assert path == tmp_path / "new" / "made-up.json"
     held = json.loads(path.read_text())
     assert held["complete"] is False
+    assert held["role"] == "validation"
     assert held["seeds"] == {"cluster-mcl": [0, 1], "mcl": [0]}
     assert held["provenance"]["command"] == ORIGIN.command
     assert held["figures"]["cluster-mcl"][0]["reading"]["passed"] == 1
@@ -110,12 +111,49 @@ def test_the_pool_leaves_out_experiments_with_settings_of_their_own() -> None:
     assert pool.confidently_wrong_each == pytest.approx(0.05)
     assert pool.estimates.claims == 3
     assert pool.right_when_sure == 0.5
+    assert pool.sure_share == pytest.approx(2 / 40)
+
+
+def test_where_each_experiment_counts_alike_its_updates_count_by_their_number() -> None:
+    long = [a_run(updates=30, log_score=-1.0, brier=0.4), a_run(updates=10, log_score=-0.2)]
+    short = [a_run(updates=1, log_score=-0.4, brier=0.2)]
+    pool = summary([result(long), result(short, name="short")], "cluster-mcl")
+    assert pool.log_score_each == pytest.approx((-0.8 - 0.4) / 2)
+    assert pool.brier_each == pytest.approx((0.4 + 0.2) / 2)  # one run was not judged
+
+
+def test_what_is_trusted_from_a_probability_on_is_told_with_what_is_right_of_it() -> None:
+    sure = RunRecord(
+        algorithm="cluster-mcl",
+        seed=0,
+        measures=measures(updates=8),
+        reliability=claims((0.95, True), (0.95, False), (0.5, True), (0.15, False)),
+    )
+    lines = report(result([sure])).splitlines()
+    assert (
+        "| trusted from | Cluster-MCL: trusted | right | ordinary MCL: trusted | right |" in lines
+    )
+    assert "| 0.0 | 0.500 | 0.500 | – | – |" in lines
+    assert "| 0.2 | 0.375 | 0.667 | – | – |" in lines
+    assert "| 0.9 | 0.250 | 0.500 | – | – |" in lines
+
+
+def test_every_baseline_has_a_column_and_none_where_it_did_not_run() -> None:
+    both = result([a_run(localized=True)], baselines=("mcl", "amcl-visibility"))
+    text = report(both, result([a_run(localized=True)], name="alone", baselines=()))
+    assert "| met | ordinary MCL | augmented MCL with visibility |" in text
+    assert (
+        "| [alone](#alone) | right at the end | all runs | 1 of 1 | 21% to 100% | yes | – | – |"
+        in text
+    )
+    assert "* Augmented MCL with visibility: no run." in text
+    assert "A validation building." in text
 
 
 def test_of_no_run_there_is_no_summary() -> None:
     pool = summary([], "mcl")
     assert pool.confidently_wrong is pool.right_when_sure is None
-    assert "| confidently wrong, share of the updates | <= 0.01 | – | **no** | – |" in report()
+    assert "| confidently wrong, share of the updates | <= 0.01 | – | **no** |" in report()
 
 
 def test_numbers_and_seeds_as_people_write_them() -> None:

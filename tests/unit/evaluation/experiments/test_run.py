@@ -80,7 +80,7 @@ def test_plots_are_drawn_where_matplotlib_is(
 def test_no_plots_are_drawn_when_nobody_wants_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offering(monkeypatch, case(seeds=1, ordinary_seeds=0))
+    offering(monkeypatch, case(seeds=1, baselines=()))
     report, said = run(tmp_path, plots=False)
     assert report is not None
     assert MISSING not in said
@@ -90,7 +90,7 @@ def test_no_plots_are_drawn_when_nobody_wants_them(
 def test_without_matplotlib_everything_else_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    offering(monkeypatch, case(seeds=1, ordinary_seeds=0))
+    offering(monkeypatch, case(seeds=1, baselines=()))
     monkeypatch.setattr(module, "can_plot", lambda: False)
     report, said = run(tmp_path)
     assert MISSING in said
@@ -102,8 +102,8 @@ def test_without_matplotlib_everything_else_is_written(
 def test_failing_runs_are_reported_beside_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = case("broken", robot=SimulatedRobot(world="atlantis"), seeds=1, ordinary_seeds=0)
-    offering(monkeypatch, case(seeds=1, ordinary_seeds=0), broken)
+    broken = case("broken", robot=SimulatedRobot(world="atlantis"), seeds=1, baselines=())
+    offering(monkeypatch, case(seeds=1, baselines=()), broken)
     with pytest.raises(FailedRunsError, match="1 of 2 runs failed"):
         run(tmp_path)
     text = (tmp_path / "experiments.md").read_text()
