@@ -162,4 +162,5 @@ def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
 
 
 def _job_state(state: JobState) -> JobState:
-    return replace(state, job=_job(state.job)) if isinstance(state.job, TrackJob) else state
+    """Of a cluster as if its worker held the particles."""
+    return replace(state, job=None) if isinstance(state.job, TrackJob) else state
