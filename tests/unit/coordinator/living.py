@@ -267,9 +267,7 @@ class Living:
                 copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
                 self._tell(lambda c, now: c.handle(ReportArrived(name, copy), now))
             case worker_instructions.Answer(message=OrderAnswer() as answer):
-                answer = msgspec.structs.replace(answer, term=self.trust.term(answer))
-                self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
-                self._tell(lambda c, now: c.handle(TimePassed(), now))
+                self.answer_order(name, answer)
             case worker_instructions.FetchMap():
                 self._tell_later(name, worker_events.MapArrived(MAP))
             case worker_instructions.BuildModel():
@@ -282,6 +280,12 @@ class Living:
                 self._tell_later(name, worker_events.HistoryArrived(missing, scans))
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
+
+    def answer_order(self, name: str, answer: OrderAnswer) -> None:
+        """A worker, or somebody in its name, answers an order."""
+        believed = msgspec.structs.replace(answer, term=self.trust.term(answer))
+        self._tell(lambda c, now: c.handle(OrderAnswered(name, believed), now))
+        self._tell(lambda c, now: c.handle(TimePassed(), now))
 
     def _tell_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:
