@@ -108,5 +108,5 @@ def test_a_lying_worker_neither_deposes_the_coordinator_nor_dictates_its_belief(
             }
             assert {order.term for order in liar.ordered} == {client.status().term}
             assert liar.asked[0].term == client.status().term, "it was not raised"
-    assert coordinator.running
+    assert coordinator.is_running()
     assert "stepping down" not in coordinator.err

@@ -25,5 +25,5 @@ def test_what_is_no_key_is_refused_with_the_setting(tmp_path: Path, content: byt
 
 
 def test_a_file_that_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SettingsError, match="coordinator.key_file = .*No such file"):
+    with pytest.raises(SettingsError, match=r"coordinator.key_file = .*No such file"):
         read_key(str(tmp_path / "nothing"))
