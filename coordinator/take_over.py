@@ -67,6 +67,7 @@ class TakeOver:
             self._recovery.answered(worker, told)
         if not self._term.begun:
             return []
+        self._recovery.forget_checkpoints()
         resumed = list[Instruction]()
         if not self._state.founded:
             founded = [one for one in told.checkpoints if one.founded]
@@ -106,6 +107,7 @@ class TakeOver:
         """All has been heard: carry on from another's state, or begin anew."""
         self._term.begin()
         instructions = self._resume_best(self._recovery.checkpoints, now_ns)
+        self._recovery.forget_checkpoints()
         if not instructions:
             for worker in self._recovery.told:
                 self._state.placement.held(worker, (), now_ns)

@@ -119,8 +119,13 @@ class StateRecovery:
     def answered(self, worker: str, told: Told) -> None:
         """A worker has answered."""
         self._asked_ns.pop(worker, None)
-        self._told[worker] = told
+        self._told[worker] = msgspec.structs.replace(told, checkpoint=None, earlier=())
         self._kept[worker] = told.checkpoints
+
+    def forget_checkpoints(self) -> None:
+        """This coordinator has begun, from one of them or from none: they are of no use."""
+        self._heard.clear()
+        self._kept.clear()
 
     def ask_all_again(self) -> None:
         """All must be asked anew: the term was too low."""

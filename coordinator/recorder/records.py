@@ -140,6 +140,7 @@ def _told(told: Told) -> Told:
         holds=tuple(map(_assignment, told.holds)),
         checkpoint=told.checkpoint and _checkpoint(told.checkpoint),
         reports=tuple(map(_report, told.reports)),
+        earlier=tuple(map(_checkpoint, told.earlier)),
     )
 
 
