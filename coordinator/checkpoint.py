@@ -5,16 +5,29 @@ together. The whole travels inside a `Checkpoint` as MessagePack that only coord
 its form may change with each `STATE_VERSION`; a state of another version is refused.
 """
 
-import math
-
 import msgspec
 
 from coordinator.belief.ensemble import EnsembleState
 from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
+from coordinator.state_checks import (
+    age_problem,
+    collector_problem,
+    commands_problem,
+    counts_problem,
+    ensemble_problem,
+    items_problem,
+    jobs_problem,
+    texts_problem,
+)
 from coordinator.step_collector import StepCollectorState
+from protocol.work import Checkpoint
 
 STATE_VERSION = 2
+
+
+class ImpossibleStateError(ValueError):
+    """No coordinator can have been in this state."""
 
 
 class CheckpointState(msgspec.Struct, frozen=True):
@@ -41,10 +54,11 @@ def to_bytes(state: CheckpointState) -> bytes:
 
 
 def from_bytes(data: bytes) -> CheckpointState:
-    """The state in a checkpoint.
+    """The state as it was before it travelled.
 
     Raises:
-        ValueError: it cannot be read, contradicts itself, or is of another version.
+        ImpossibleStateError: numbers in it cannot be, or contradict each other.
+        ValueError: it cannot be read, or is of another version.
     """
     try:
         version = msgspec.msgpack.decode(data, type=_Version).version
@@ -53,13 +67,37 @@ def from_bytes(data: bytes) -> CheckpointState:
         state = msgspec.msgpack.decode(data, type=CheckpointState)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
-    clusters = {cluster.job_id for cluster in state.ensemble.clusters}
-    held = {job.job_id for job in state.jobs if job.job is None}
-    if held - clusters or (held and state.collector.applied is None):
-        raise ValueError("a job whose particles a worker holds has no cluster")
-    if any(math.isnan(cluster.log_probability) for cluster in state.ensemble.clusters):
-        raise ValueError("a cluster's probability is not a number")
+    if problem := _problem(state):
+        raise ImpossibleStateError(problem)
     return state
+
+
+def state_in(checkpoint: Checkpoint) -> CheckpointState:
+    """The state in a checkpoint, which is of the step that the checkpoint says.
+
+    Raises:
+        ValueError: as `from_bytes`.
+    """
+    state = from_bytes(checkpoint.state)
+    applied = state.collector.applied
+    if checkpoint.step != (applied.step if applied else -1):
+        raise ImpossibleStateError(f"a checkpoint of step {checkpoint.step} with another's state")
+    return state
+
+
+def _problem(state: CheckpointState) -> str | None:
+    """Why the state is impossible; None where it can have been."""
+    counts = (state.steps_applied, state.reports_missing, *state.counters.values())
+    return (
+        items_problem(state.jobs)
+        or collector_problem(state.collector)
+        or ensemble_problem(state.ensemble, state.collector.applied)
+        or jobs_problem(state.jobs, state.ensemble)
+        or commands_problem(state.commands)
+        or age_problem(state.age_s)
+        or counts_problem(counts)
+        or texts_problem((state.map_digest, *state.missing, *state.counters))
+    )
 
 
 class _Version(msgspec.Struct, frozen=True):

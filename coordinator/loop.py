@@ -24,6 +24,7 @@ from coordinator.events import (
 )
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
+from coordinator.failover.trust import Trust
 from coordinator.instructions import AnswerCommand, Instruction, PublishBelief
 from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
@@ -73,18 +74,20 @@ class CoordinatorLoop:
         session: zenoh.Session,
         keeper: PoseKeeper,
         recorder: FlightRecorder,
+        trust: Trust,
+        causes: CauseCounter,
     ) -> None:
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
-        self._recorder = recorder
+        self._recorder, self._trust = recorder, trust
         self._inbox: Events = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
         )
-        self._causes, self._another_map = CauseCounter(), CauseCounter()
+        self._causes, self._another_map = causes, CauseCounter()
         self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
         self._board = HealthBoard()
         self._membership = Membership()
         self._fencing = SelfFencing(time.monotonic_ns())
-        self._outgoing = Outgoing(session, self._inbox)
+        self._outgoing = Outgoing(session, self._inbox, trust)
 
     def run(self, stop: StopFlag) -> None:
         """Coordinate until told to stop, or until another coordinator acts."""
@@ -159,11 +162,15 @@ class CoordinatorLoop:
             case keys.SCAN_HISTORY:
                 return HistoryArrived(decode(message.payload, ScanHistory).scans)
             case keys.CHECKPOINT:
-                return CheckpointHeard(decode(message.payload, Checkpoint))
+                checkpoint = decode(message.payload, Checkpoint)
+                believed = self._trust.believes(checkpoint)
+                return CheckpointHeard(checkpoint) if believed else TimePassed()
             case WorkerKey(worker, WorkerTopic.STATE):
-                return WorkerToldState(worker, told_by(message.payload))
+                return WorkerToldState(worker, told_by(message.payload, self._trust))
             case WorkerKey(worker, WorkerTopic.ORDER):
-                return OrderAnswered(worker, decode(message.payload, OrderAnswer))
+                answer = decode(message.payload, OrderAnswer)
+                term = self._trust.term(answer)
+                return OrderAnswered(worker, msgspec.structs.replace(answer, term=term))
             case WorkerKey(worker, WorkerTopic.REPORT):
                 report: Report = decode(message.payload, Report)  # type: ignore[arg-type] # a union
                 mark("arrived", report, message.at_ns)

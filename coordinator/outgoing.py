@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 
 import zenoh
 
+from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AnswerCommand,
     AskState,
@@ -33,8 +34,8 @@ _log = logging.getLogger(__name__)
 class Outgoing:
     """Publishes and asks; answers come through the inbox."""
 
-    def __init__(self, session: zenoh.Session, inbox: Events) -> None:
-        self._session, self._inbox = session, inbox
+    def __init__(self, session: zenoh.Session, inbox: Events, trust: Trust) -> None:
+        self._session, self._inbox, self._trust = session, inbox, trust
         self._events = Publisher(session, keys.EVENTS)
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
@@ -48,13 +49,13 @@ class Outgoing:
         for instruction in instructions:
             match instruction:
                 case SendOrder(worker, order):
-                    self._ask(keys.worker_order(worker), order)
+                    self._ask(keys.worker_order(worker), self._trust.signed(order))
                 case AskState(worker, question):
-                    self._ask(keys.worker_state(worker), question)
+                    self._ask(keys.worker_state(worker), self._trust.signed(question))
                 case FetchScans():
                     self._fetch(instruction, time.monotonic() + ASK_AGAIN_WITHIN_S)
                 case PublishCheckpoint(checkpoint):
-                    self._checkpoints.put(checkpoint)
+                    self._checkpoints.put(self._trust.signed(checkpoint))
                 case PublishEvents(events):
                     self._events.put(events)
                     for numbered in events.events:

@@ -9,6 +9,8 @@ from urllib.parse import quote
 
 import zenoh
 
+from coordinator.failover.trust import Trust
+from coordinator.key_file import read_key
 from coordinator.last_pose_files import default_state_folder, read_all
 from coordinator.loop import CoordinatorLoop
 from coordinator.pose_keeper import PoseKeeper
@@ -17,6 +19,7 @@ from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
 from coordinator.standby import StandbyLoop
 from particle_filter.settings import FilterSettings
+from process_runtime.logs import CauseCounter
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
 from protocol import keys
@@ -55,6 +58,13 @@ def run_coordinator(invocation: Invocation) -> None:
     """
     settings, stop = invocation.settings, invocation.stop
     may_wait = settings.coordinator.standby or invocation.arguments.standby
+    causes = CauseCounter()
+    trust = Trust(
+        read_key(settings.coordinator.key_file),
+        settings.robot.name,
+        time.time_ns,
+        lambda error: causes.warn(_log, error.cause, error, time.monotonic()),
+    )
     while not stop.is_set():
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
@@ -70,16 +80,22 @@ def run_coordinator(invocation: Invocation) -> None:
                         advice="stop it, start this one with --standby, "
                         "or choose another robot.name",
                     )
-                standby = StandbyLoop(session, settings.coordinator.take_over_after_s)
+                standby = StandbyLoop(session, settings.coordinator.take_over_after_s, trust)
                 if not standby.run(stop):
                     return
                 known = standby.newest
                 _log.warning("the coordinator is dead: taking over")
-            lead(invocation, session, known)
+            lead(invocation, session, known, trust, causes)
             may_wait = True  # another acts: whatever this one was told, it may only wait
 
 
-def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | None) -> None:
+def lead(
+    invocation: Invocation,
+    session: zenoh.Session,
+    known: Checkpoint | None,
+    trust: Trust,
+    causes: CauseCounter,
+) -> None:
     """Coordinate until told to stop, or until another coordinator acts."""
     settings = invocation.settings
     folder = state_folder(settings.coordinator)
@@ -99,7 +115,8 @@ def lead(invocation: Invocation, session: zenoh.Session, known: Checkpoint | Non
     keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
     recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
     with recorder.running():
-        CoordinatorLoop(coordinator, session, keeper, recorder).run(invocation.stop)
+        loop = CoordinatorLoop(coordinator, session, keeper, recorder, trust, causes)
+        loop.run(invocation.stop)
     if coordinator.outranked_by is not None:
         _log.warning(
             "another coordinator acts since term %d: stepping down", coordinator.outranked_by

@@ -6,6 +6,7 @@ import time
 import zenoh
 
 from coordinator.failover.failure_detector import FailureDetector
+from coordinator.failover.trust import Trust
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
@@ -22,8 +23,8 @@ _log = logging.getLogger(__name__)
 class StandbyLoop:
     """Listens for signs of life; the newest checkpoint heard is where it would carry on."""
 
-    def __init__(self, session: zenoh.Session, take_over_after_s: float) -> None:
-        self._session = session
+    def __init__(self, session: zenoh.Session, take_over_after_s: float, trust: Trust) -> None:
+        self._session, self._trust = session, trust
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
         self.newest: Checkpoint | None = None
@@ -56,6 +57,8 @@ class StandbyLoop:
             checkpoint = decode(payload, Checkpoint)
         except MalformedMessageError as error:
             _log.debug("malformed checkpoint: %s", error)
+            return
+        if not self._trust.believes(checkpoint):
             return
         if self.newest is None or checkpoint.rank >= self.newest.rank:
             self.newest = checkpoint

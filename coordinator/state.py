@@ -11,7 +11,12 @@ from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
-from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes
+from coordinator.checkpoint import (
+    STATE_VERSION,
+    CheckpointState,
+    ImpossibleStateError,
+    state_in,
+)
 from coordinator.commands import Commands
 from coordinator.event_log import EventLog
 from coordinator.map_change import MapChangeDetector
@@ -203,9 +208,11 @@ class CoordinatorState:
             The step that follows; None if the state is of no use, and nothing was changed.
         """
         try:
-            state = from_bytes(checkpoint.state)
-        except ValueError:
-            self.counters["checkpoint that cannot be read"] += 1
+            state = state_in(checkpoint)
+        except ValueError as error:
+            impossible = isinstance(error, ImpossibleStateError)
+            cause = "of an impossible state" if impossible else "that cannot be read"
+            self.counters[f"checkpoint {cause}"] += 1
             return None
         search, applied = state.ensemble.search, state.collector.applied
         newest = self.collector.newest_scan
@@ -247,7 +254,7 @@ class CoordinatorState:
     def _rebuilt(self, job_id: str, state: CheckpointState) -> TrackJob:
         """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
         applied = state.collector.applied
-        assert applied is not None  # `from_bytes` has looked
+        assert applied is not None  # `state_checks` has looked
         cluster = next(c for c in state.ensemble.clusters if c.job_id == job_id)
         again = candidate(
             1.0,

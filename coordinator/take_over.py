@@ -4,17 +4,17 @@ Before it begins it decides nothing. Workers that appear later are asked too, wh
 may matter: a belief that has never had clusters is given up for one that has.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from coordinator.answers import Answers
 from coordinator.belief.prior_pose import PriorPose
-from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told
+from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told, best_first
 from coordinator.failover.term import Term
 from coordinator.instructions import FetchScans, Instruction
 from coordinator.pose.last_pose import LastPose
 from coordinator.state import CoordinatorState
 from protocol.steps import Scan
-from protocol.work import Checkpoint, Report
+from protocol.work import Checkpoint, Report, SearchReport
 
 NEVER_LATER = 16
 """More steps than this lost before the first scan that is heard, and nobody looks for them."""
@@ -67,9 +67,11 @@ class TakeOver:
             self._recovery.answered(worker, told)
         if not self._term.begun:
             return []
-        newest, resumed = told.checkpoint, list[Instruction]()
-        if newest is not None and newest.founded and not self._state.founded:
-            resumed = self._resume(newest, now_ns)
+        self._recovery.forget_checkpoints()
+        resumed = list[Instruction]()
+        if not self._state.founded:
+            founded = [one for one in told.checkpoints if one.founded]
+            resumed = self._resume_best(best_first(founded), now_ns)
         if not resumed:
             self._hear_out(worker, told, now_ns)
         return resumed
@@ -104,8 +106,8 @@ class TakeOver:
     def _begin(self, now_ns: int) -> list[Instruction]:
         """All has been heard: carry on from another's state, or begin anew."""
         self._term.begin()
-        newest = self._recovery.newest
-        instructions = self._resume(newest, now_ns) if newest is not None else []
+        instructions = self._resume_best(self._recovery.checkpoints, now_ns)
+        self._recovery.forget_checkpoints()
         if not instructions:
             for worker in self._recovery.told:
                 self._state.placement.held(worker, (), now_ns)
@@ -134,6 +136,11 @@ class TakeOver:
         probability = self._last_pose_probability
         return last.as_prior_at(scan, probability) if last and probability > 0.0 else None
 
+    def _resume_best(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
+        """Carry on from the first of them that can be used; nothing is done if none can."""
+        resumed = (self._resume(checkpoint, now_ns) for checkpoint in checkpoints)
+        return next(filter(None, resumed), [])
+
     def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
         """Carry on from another's state; nothing is done if it cannot be used.
 
@@ -149,5 +156,7 @@ class TakeOver:
     def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
         """Take what a worker holds, and what it has reported while nobody was there."""
         self._state.placement.held(worker, told.holds, now_ns)
+        applied = self._state.collector.applied
         for report in told.reports:
-            self._state.on_report(report, worker)
+            if isinstance(report, SearchReport) or applied is None or report.step > applied.step:
+                self._state.on_report(report, worker)

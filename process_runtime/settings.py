@@ -117,6 +117,13 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         float,
         described("given to the last pose when a first search ends; 0: none", ge=0, le=0.5),
     ] = 0.1
+    key_file: Annotated[
+        str,
+        described(
+            "file with the key that the robot's coordinators alone have: they sign what workers "
+            "keep for them, and believe nothing else; empty: nothing is signed"
+        ),
+    ] = ""
 
 
 class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

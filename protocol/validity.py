@@ -21,6 +21,7 @@ from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
     Assignment,
     Checkpoint,
+    OrderAnswer,
     Particles,
     Place,
     SearchReport,
@@ -52,12 +53,12 @@ def _(message: OdometryReading) -> str | None:
 
 @problem_of.register
 def _(message: Scan) -> str | None:
-    return _number_problem("step", message.step) or laser_problem(message)
+    return number_problem("step", message.step) or laser_problem(message)
 
 
 @problem_of.register
 def _(message: ScanHistory) -> str | None:
-    return _first(problem_of(scan) for scan in message.scans)
+    return first_problem(problem_of(scan) for scan in message.scans)
 
 
 @problem_of.register
@@ -68,28 +69,41 @@ def _(message: TruePose) -> str | None:
 @problem_of.register
 def _(message: WorkOrder) -> str | None:
     return (
-        _number_problem("order", message.order)
-        or _number_problem("term", message.term)
-        or _number_problem("snapshot_every_steps", message.snapshot_every_steps)
-        or _first(_assignment_problem(given) for given in message.begin)
+        number_problem("order", message.order)
+        or number_problem("term", message.term)
+        or number_problem("snapshot_every_steps", message.snapshot_every_steps)
+        or first_problem(assignment_problem(given) for given in message.begin)
+    )
+
+
+@problem_of.register
+def _(message: OrderAnswer) -> str | None:
+    return (
+        number_problem("order", message.order)
+        or number_problem("term", message.term)
+        or first_problem(number_problem("epoch", epoch) for _, epoch, _ in message.jobs)
     )
 
 
 @problem_of.register
 def _(message: TakeOver) -> str | None:
-    return _number_problem("term", message.term)
+    return number_problem("term", message.term)
 
 
 @problem_of.register
 def _(message: WorkerState) -> str | None:
-    return _number_problem("term", message.term) or _first(
-        _assignment_problem(held) for held in message.holds
+    return number_problem("term", message.term) or first_problem(
+        assignment_problem(held) for held in message.holds
     )
 
 
 @problem_of.register
 def _(message: Checkpoint) -> str | None:
-    return _number_problem("term", message.term) or _number_problem("serial", message.serial)
+    return (
+        number_problem("term", message.term)
+        or number_problem("serial", message.serial)
+        or number_problem("step", message.step, least=-1)
+    )
 
 
 @problem_of.register
@@ -97,11 +111,11 @@ def _(message: TrackReport) -> str | None:
     snapshots = () if message.snapshot is None else (message.snapshot,)
     return (
         _report_problem(message)
-        or _finite_problem("log_weight_sum", message.log_weight_sum)
-        or _finite_problem("effective_sample_size", message.effective_sample_size)
-        or _gaussian_problem(message.mean, message.covariance)
-        or _first(_particles_problem(snapshot) for snapshot in snapshots)
-        or _first(_place_problem(place) for place in message.parts)
+        or finite_problem("log_weight_sum", message.log_weight_sum)
+        or finite_problem("effective_sample_size", message.effective_sample_size)
+        or gaussian_problem(message.mean, message.covariance)
+        or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
+        or first_problem(_place_problem(place) for place in message.parts)
     )
 
 
@@ -109,8 +123,8 @@ def _(message: TrackReport) -> str | None:
 def _(message: SearchReport) -> str | None:
     return (
         _report_problem(message)
-        or _finite_problem("log_evidence", message.log_evidence)
-        or _first(_place_problem(place) for place in message.places)
+        or finite_problem("log_evidence", message.log_evidence)
+        or first_problem(_place_problem(place) for place in message.places)
     )
 
 
@@ -126,7 +140,9 @@ def _(message: Health) -> str | None:
 
 @problem_of.register
 def _(message: JobEvents) -> str | None:
-    return _number_problem("term", message.term) or _first(map(_event_problem, message.events))
+    return number_problem("term", message.term) or first_problem(
+        map(_event_problem, message.events)
+    )
 
 
 @problem_of.register
@@ -148,7 +164,8 @@ def _(message: Kidnap) -> str | None:
     return _id_problem(message.command_id) or problem
 
 
-def _first(problems: Iterable[str | None]) -> str | None:
+def first_problem(problems: Iterable[str | None]) -> str | None:
+    """The first of them that is one."""
     return next((problem for problem in problems if problem), None)
 
 
@@ -157,14 +174,16 @@ def _report_problem(report: TrackReport | SearchReport) -> str | None:
         return "log_likelihood_per_beam is infinite"
     if report.particles < 1:
         return f"{report.particles} particles"
-    return _number_problem("step", report.step) or _number_problem("epoch", report.epoch)
+    return number_problem("step", report.step) or number_problem("epoch", report.epoch)
 
 
-def _number_problem(name: str, number: int) -> str | None:
-    return None if 0 <= number < MAX_STEP else f"{name} {number} is out of range"
+def number_problem(name: str, number: int, *, least: int = 0) -> str | None:
+    """Why a count of steps, epochs, orders or terms is none."""
+    return None if least <= number < MAX_STEP else f"{name} {number} is out of range"
 
 
-def _finite_problem(name: str, value: float) -> str | None:
+def finite_problem(name: str, value: float) -> str | None:
+    """Why a number cannot be computed with."""
     return None if math.isfinite(value) else f"{name} is {value}"
 
 
@@ -181,15 +200,17 @@ def _event_problem(numbered: NumberedEvent) -> str | None:
         return f"a job's id of more than {MAX_ID_CHARACTERS} characters"
     if not 0.0 <= event.probability <= 1.000001:  # sums of others
         return f"a probability of {event.probability}"
-    return _number_problem("number", numbered.number)
+    return number_problem("number", numbered.number)
 
 
-def _assignment_problem(given: Assignment) -> str | None:
+def assignment_problem(given: Assignment) -> str | None:
+    """Why a job cannot be done."""
     start = given.job.start if isinstance(given.job, TrackJob) else None
-    return _number_problem("epoch", given.epoch) or (_particles_problem(start) if start else None)
+    return number_problem("epoch", given.epoch) or (_particles_problem(start) if start else None)
 
 
-def _gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+    """Why a place is none; of the covariance only what is quickly seen."""
     variances = (covariance[0], covariance[4], covariance[8])
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
@@ -199,7 +220,7 @@ def _gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 def _place_problem(place: Place) -> str | None:
     if not 0.0 <= place.share <= 1.000001:  # shares are sums of weights
         return f"a share of {place.share}"
-    return _gaussian_problem(place.mean, place.covariance) or _particles_problem(place.sample)
+    return gaussian_problem(place.mean, place.covariance) or _particles_problem(place.sample)
 
 
 def _particles_problem(particles: Particles) -> str | None:
@@ -214,4 +235,4 @@ def _particles_problem(particles: Particles) -> str | None:
         return "a particle whose pose is not finite"
     if not (len(log_weights) and math.isfinite(float(np.max(log_weights)))):
         return "a cloud without weight"  # a NaN makes the largest one NaN
-    return _number_problem("step", particles.step) or pose_problem(particles.odom_from_robot)
+    return number_problem("step", particles.step) or pose_problem(particles.odom_from_robot)

@@ -76,6 +76,8 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     keep: tuple[tuple[str, int], ...]
     """(job id, epoch) of jobs that go on."""
     begin: tuple[Assignment, ...]
+    term_proof: bytes = b""
+    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
@@ -91,6 +93,8 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """Why the order was refused; empty when it was taken."""
     term: int = 0
     """The highest term that the worker knows."""
+    term_proof: bytes = b""
+    """As it came with that term."""
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -170,6 +174,10 @@ class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     """The belief has had clusters. One that has not replaces none that has."""
     state: bytes
     """MessagePack that only a coordinator reads; see `coordinator.checkpoint`."""
+    term_proof: bytes = b""
+    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
+    signature: bytes = b""
+    """Of all of the above but the sender; see `coordinator.failover.trust`."""
 
     @property
     def rank(self) -> tuple[bool, int, int]:
@@ -184,6 +192,8 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
     """
 
     term: int
+    term_proof: bytes = b""
+    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
 
 
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
@@ -197,4 +207,9 @@ class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     checkpoint: bytes
     """The newest that it has heard, as it came; empty: none."""
     reports: tuple[bytes, ...]
-    """Its reports since that checkpoint, as they went out; of searches, some before."""
+    """Its reports since the oldest of the checkpoints, as they went out; of searches, some
+    before."""
+    earlier: tuple[bytes, ...] = ()
+    """Checkpoints to carry on from where the newest one is of no use, newest first."""
+    term_proof: bytes = b""
+    """As it came with the term."""

@@ -3,6 +3,7 @@
 import logging
 import time
 from pathlib import Path
+from typing import TypeVar
 
 import zenoh
 
@@ -14,6 +15,7 @@ from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import MapMessage, Scan, ScanHistory
+from protocol.terms import check_term
 from protocol.work import Checkpoint, TakeOver, WorkOrder
 from worker.events import (
     BrokenOrderAsked,
@@ -44,6 +46,8 @@ KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""
 
 _log = logging.getLogger(__name__)
+
+T = TypeVar("T", WorkOrder, TakeOver, Checkpoint)
 
 
 class WorkerLoop:
@@ -118,7 +122,7 @@ class WorkerLoop:
 
     def _on_checkpoint(self, payload: bytes) -> None:
         try:
-            checkpoint = decode(payload, Checkpoint)
+            checkpoint = _with_term(payload, Checkpoint)
         except MalformedMessageError as error:
             self._warn(error)
             return
@@ -134,19 +138,26 @@ class WorkerLoop:
     def _on_order_asked(self, asked: Asked) -> None:
         question = self._outgoing.number(asked)
         try:
-            event: Event = OrderAsked(question, decode(asked.payload, WorkOrder))
+            event: Event = OrderAsked(question, _with_term(asked.payload, WorkOrder))
         except MalformedMessageError as error:
             event = BrokenOrderAsked(question, error)
         self._tell(event)
 
     def _on_state_asked(self, asked: Asked) -> None:
         try:
-            take_over = decode(asked.payload, TakeOver) if asked.payload else None
+            take_over = _with_term(asked.payload, TakeOver) if asked.payload else None
         except MalformedMessageError as error:
             self._warn(error)
             asked.refuse(str(error))
             return
         self._tell(StateAsked(self._outgoing.number(asked), take_over))
+
+
+def _with_term(payload: bytes, kind: type[T]) -> T:
+    """A message of a coordinator's, whose term can be."""
+    message = decode(payload, kind)
+    check_term(message, time.time_ns())
+    return message
 
 
 def _what_came(fetched: Fetched) -> Event:

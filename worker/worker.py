@@ -220,17 +220,20 @@ class Worker:
             incarnation=self._incarnation,
             jobs=self._table.summary(),
             problem=problem,
+            term_proof=self._fence.term_proof,
         )
 
     def _state(self, take_over: TakeOver) -> WorkerState:
         """All that a new coordinator needs to carry on."""
-        self._fence.hear(take_over.term)
+        self._fence.hear(take_over.term, take_over.term_proof)
         return WorkerState(
             sender=self._name,
             term=self._fence.term,
             incarnation=self._incarnation,
             holds=self._table.holds(),
             checkpoint=self._fence.checkpoint,
+            earlier=self._fence.earlier,
+            term_proof=self._fence.term_proof,
             reports=tuple(map(encode, self._table.reports_since(self._fence.step))),
         )
 

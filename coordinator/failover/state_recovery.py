@@ -1,10 +1,13 @@
 """What a new coordinator asks before it acts: the workers tell what the last one had decided."""
 
+from collections import deque
 from collections.abc import Iterable, Mapping
+from itertools import chain
 from typing import TypeVar
 
 import msgspec
 
+from coordinator.failover.trust import Trust
 from coordinator.instructions import AskState
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
@@ -14,6 +17,10 @@ ASK_AGAIN_NS = 200_000_000
 """A worker whose token is there may not serve the question yet."""
 ORDERS_AFTER_NS = 2_000_000_000
 """A worker that does not say what it does gets orders all the same after so long."""
+MAX_EARLIER = 3
+"""Checkpoints of one worker's beside the newest; see `worker.term_fence`."""
+MAX_HEARD = 4
+"""Checkpoints that others publish while this coordinator has not begun."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
 """So long a beginner waits for the last worker, with a checkpoint in hand and without."""
 
@@ -28,18 +35,39 @@ class Told(msgspec.Struct, frozen=True):
     holds: tuple[Assignment, ...]
     checkpoint: Checkpoint | None
     reports: tuple[Report, ...]
+    earlier: tuple[Checkpoint, ...] = ()
+    """Others to carry on from."""
+
+    @property
+    def checkpoints(self) -> tuple[Checkpoint, ...]:
+        """All of them."""
+        return ((self.checkpoint,) if self.checkpoint else ()) + self.earlier
 
 
-def told_by(payload: bytes) -> Told:
+def told_by(payload: bytes, trust: Trust) -> Told:
     """A worker's answer with all that is packed in it.
 
     Raises:
-        MalformedMessageError: it is no worker's answer; what is malformed inside one is left out.
+        MalformedMessageError: it is no worker's answer; what is malformed inside one, or not to
+            be believed, is left out.
     """
     state = decode(payload, WorkerState)
-    checkpoints = _decoded((state.checkpoint,) if state.checkpoint else (), Checkpoint)
+    packed = [one for one in (state.checkpoint, *state.earlier[:MAX_EARLIER]) if one]
+    checkpoints = [one for one in _decoded(packed, Checkpoint) if trust.believes(one)]
     reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
-    return Told(state.term, state.holds, next(iter(checkpoints), None), tuple(reports))
+    return Told(
+        term=trust.term(state),
+        holds=state.holds,
+        checkpoint=checkpoints[0] if checkpoints else None,
+        reports=tuple(reports),
+        earlier=tuple(checkpoints[1:]),
+    )
+
+
+def best_first(checkpoints: Iterable[Checkpoint]) -> list[Checkpoint]:
+    """Each once, in the order in which they are worth carrying on from."""
+    once = {(one.rank, one.state): one for one in checkpoints}
+    return sorted(once.values(), key=lambda one: one.rank, reverse=True)
 
 
 def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
@@ -60,7 +88,9 @@ class StateRecovery:
         self._began_ns = now_ns
         self._asked_ns: dict[str, int | None] = {}
         self._told: dict[str, Told] = {}
-        self._newest = known
+        self._heard = deque([known] if known else [], MAX_HEARD)
+        self._kept: dict[str, tuple[Checkpoint, ...]] = {}
+        """By the worker that told them, also if it has gone since."""
 
     @property
     def told(self) -> Mapping[str, Told]:
@@ -68,9 +98,9 @@ class StateRecovery:
         return self._told
 
     @property
-    def newest(self) -> Checkpoint | None:
-        """The newest checkpoint of another coordinator."""
-        return self._newest
+    def checkpoints(self) -> list[Checkpoint]:
+        """Those of other coordinators, the best to carry on from first."""
+        return best_first(chain(self._heard, *self._kept.values()))
 
     def expect(self, worker: str) -> None:
         """A worker is there and has to be asked."""
@@ -82,16 +112,20 @@ class StateRecovery:
         self._asked_ns.pop(worker, None)
         self._told.pop(worker, None)
 
-    def hear(self, checkpoint: Checkpoint | None) -> None:
-        """A checkpoint is known, from a worker or from another coordinator."""
-        if checkpoint and (self._newest is None or checkpoint.rank > self._newest.rank):
-            self._newest = checkpoint
+    def hear(self, checkpoint: Checkpoint) -> None:
+        """Another coordinator has published a checkpoint."""
+        self._heard.append(checkpoint)
 
     def answered(self, worker: str, told: Told) -> None:
         """A worker has answered."""
         self._asked_ns.pop(worker, None)
-        self._told[worker] = told
-        self.hear(told.checkpoint)
+        self._told[worker] = msgspec.structs.replace(told, checkpoint=None, earlier=())
+        self._kept[worker] = told.checkpoints
+
+    def forget_checkpoints(self) -> None:
+        """This coordinator has begun, from one of them or from none: they are of no use."""
+        self._heard.clear()
+        self._kept.clear()
 
     def ask_all_again(self) -> None:
         """All must be asked anew: the term was too low."""
@@ -112,4 +146,4 @@ class StateRecovery:
     def is_over(self, now_ns: int) -> bool:
         """Whether to wait for no more workers before beginning."""
         waited_ns = now_ns - self._began_ns
-        return not self._asked_ns or waited_ns >= (KNOWN_NS if self._newest else UNKNOWN_NS)
+        return not self._asked_ns or waited_ns >= (KNOWN_NS if self.checkpoints else UNKNOWN_NS)

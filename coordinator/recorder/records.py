@@ -141,6 +141,7 @@ def _told(told: Told) -> Told:
         holds=tuple(map(_assignment, told.holds)),
         checkpoint=told.checkpoint and _checkpoint(told.checkpoint),
         reports=tuple(map(_report, told.reports)),
+        earlier=tuple(map(_checkpoint, told.earlier)),
     )
 
 
@@ -163,4 +164,5 @@ def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
 
 
 def _job_state(state: JobState) -> JobState:
-    return replace(state, job=_job(state.job)) if isinstance(state.job, TrackJob) else state
+    """Of a cluster as if its worker held the particles."""
+    return replace(state, job=None) if isinstance(state.job, TrackJob) else state

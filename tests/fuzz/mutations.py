@@ -2,8 +2,11 @@
 
 import gzip
 import lzma
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
 
+import msgspec
 from hypothesis import strategies as st
 
 Mutation = Callable[[bytes], bytes]
@@ -54,3 +57,39 @@ def packed(draw: st.DrawFn, content: st.SearchStrategy[bytes]) -> bytes:
     """A file's bytes as they are, or compressed and perhaps damaged after that."""
     data = _PACKERS[draw(st.sampled_from(sorted(_PACKERS)))](draw(content))
     return draw(damaged(st.just(data), most=1))
+
+
+# --- numbers inside something that was packed -----------------------------------------------------
+
+_EXTREMES = (
+    *(math.nan, math.inf, -math.inf, 1e300, -1e300, 1e-320, 1e9, -0.5, 1.5),
+    *(0, -1, -2, 1, 7, 2**31, 2**53 - 1, 2**53, 2**62, 2**63 - 1, -(2**63), 2**64 - 1),
+)
+
+Path = tuple[str | int, ...]
+
+
+@st.composite
+def with_other_numbers(draw: st.DrawFn, valid: st.SearchStrategy[bytes], most: int = 2) -> bytes:
+    """MessagePack in which up to `most` numbers, wherever they are, were changed."""
+    tree = msgspec.msgpack.decode(draw(valid))
+    paths = st.sampled_from(sorted(_numbers(tree), key=str))
+    numbers = st.sampled_from(_EXTREMES) | st.floats() | st.integers(-(2**63), 2**64 - 1)
+    for path in draw(st.lists(paths, min_size=1, max_size=most, unique=True)):
+        _put(tree, path, draw(numbers))
+    return msgspec.msgpack.encode(tree)
+
+
+def _numbers(tree: Any, path: Path = ()) -> Iterator[Path]:
+    if isinstance(tree, int | float) and not isinstance(tree, bool):
+        yield path
+    elif isinstance(tree, dict | list):
+        for key, inner in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            yield from _numbers(inner, (*path, key))
+
+
+def _put(tree: Any, path: Path, value: float) -> None:
+    *before, last = path
+    for key in before:
+        tree = tree[key]
+    tree[last] = value

@@ -1,18 +1,36 @@
 """What a coordinator finds of the one before it, in a checkpoint or on disk."""
 
 import contextlib
+from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
+from coordinator.coordinator import Coordinator
+from coordinator.events import (
+    CommandArrived,
+    ScanArrived,
+    TimePassed,
+    WorkerJoined,
+    WorkerToldState,
+)
+from coordinator.failover.state_recovery import Told
+from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.last_pose_files import file_of, read_all, write
 from coordinator.pose.last_pose import LastPose
+from process_runtime.settings import CoordinatorSettings
+from protocol.answers import Belief, SetPose
+from protocol.codec import decode, encode
+from protocol.work import Checkpoint, WorkOrder
 from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
-from tests.fuzz.mutations import Mutation, damaged, mutations
+from tests.fuzz.mutations import Mutation, damaged, mutations, with_other_numbers
+from tests.unit.coordinator.living import SETTINGS, Living, scan_of, symmetric_room
 
 LAST = LastPose(
     map_digest="ab" * 32, stamp_ns=7, odom_from_robot=(1.0, 2.0, 3.0),
@@ -30,6 +48,90 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_checkpoints_state_is_read_or_refused(data: bytes) -> None:
     with contextlib.suppress(ValueError):
         from_bytes(data)
+
+
+# --- a real state, in which numbers were changed --------------------------------------------------
+
+SECOND = 1_000_000_000
+
+
+@cache
+def real_checkpoints() -> list[Checkpoint]:
+    """Of a search, of clusters that workers hold, of some that nobody holds, and of a command."""
+    living = Living(symmetric_room())
+    found = []
+    for step in range(14):
+        living.drive(step)
+        if step in (1, 6, 11, 13):
+            found.append(decode(living.state("w0").checkpoint, Checkpoint))
+    living.command(given_pose("1"))
+    for name in list(living.workers)[1:]:
+        living.kill_worker(name)
+    last = living.coordinator
+    assert last is not None
+    done = last.handle(WorkerJoined("new"), 20 * SECOND)
+    return [*found, *(do.checkpoint for do in done if isinstance(do, PublishCheckpoint))]
+
+
+def given_pose(command_id: str) -> SetPose:
+    return SetPose(sender="person", command_id=command_id, map_from_robot=(2.0, 2.0, 0.5))
+
+
+def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
+    """What a coordinator does that finds the checkpoint, and then lives for some steps."""
+    coordinator = Coordinator(
+        "c", SETTINGS, CoordinatorSettings(), "test", 0, term=1, known=checkpoint
+    )
+    nothing = Told(term=0, holds=(), checkpoint=None, reports=())
+    scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
+    told = (
+        *(WorkerJoined("w0"), WorkerToldState("w0", nothing), TimePassed(), *scans),
+        *(CommandArrived(given_pose("2")), TimePassed()),
+    )
+    done = []
+    for number, event in enumerate(told):
+        now_ns = (1 + 3 * number) * SECOND
+        done += coordinator.handle(event, now_ns)
+        for answer in (coordinator.pose, coordinator.hypotheses):
+            encode(answer(now_ns))
+        encode(coordinator.status(now_ns, {}))
+    assert coordinator.begun
+    return done
+
+
+def assert_all_can_be_read(done: Iterable[Instruction]) -> None:
+    for do in done:
+        match do:
+            case PublishBelief(belief):
+                told = decode(encode(belief), Belief).hypotheses
+                assert not told or sum(one.probability for one in told) == pytest.approx(1.0)
+            case SendOrder(order=order):
+                decode(encode(order), WorkOrder)
+            case PublishCheckpoint(checkpoint):
+                from_bytes(decode(encode(checkpoint), Checkpoint).state)
+
+
+def test_a_real_state_is_carried_on() -> None:
+    for checkpoint in real_checkpoints():
+        done = carried_on(checkpoint)
+        assert_all_can_be_read(done)
+        beliefs = [do.belief for do in done if isinstance(do, PublishBelief)]
+        assert beliefs[0].step == checkpoint.step
+
+
+@cases(0.05)
+@given(st.data())
+def test_whatever_number_of_a_real_state_is_changed_a_coordinator_lives_on(
+    data: st.DataObject,
+) -> None:
+    checkpoint = data.draw(st.sampled_from(real_checkpoints()))
+    state = data.draw(with_other_numbers(st.just(checkpoint.state)))
+    step = checkpoint.step
+    with contextlib.suppress(ValueError):
+        applied = from_bytes(state).collector.applied
+        step = applied.step if applied else -1
+    found = msgspec.structs.replace(checkpoint, state=state, step=step)
+    assert_all_can_be_read(carried_on(found))
 
 
 def test_a_state_of_deep_nesting_is_refused() -> None:

@@ -23,6 +23,7 @@ from coordinator.events import (
     WorkerToldState,
 )
 from coordinator.failover.state_recovery import told_by
+from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AskState,
     FetchScans,
@@ -77,6 +78,7 @@ SETTINGS = FilterSettings(
     belief=BeliefSettings(clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
 )
 EVENT_NS = 1_000_000
+NOBODY = TakeOver(sender="coordinator", term=0)
 MAP = MapMessage(
     sender="bridge", digest="map", cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0), rows=1, cols=1,
     zlib_cells=b"",
@@ -118,8 +120,13 @@ class Living:
         model: SensorModel,
         workers: int = 3,
         made: Callable[[Started], Coordinator] = Started.coordinator,
+        key: bytes | None = None,
     ) -> None:
         self._made = made
+        self.refused: list[str] = []
+        """Causes for which coordinators believed nothing."""
+        self.trust = self.trusting(key)
+        """Of the coordinators."""
         self.scans: list[Scan] = []
         self.beliefs: dict[int, list[Belief]] = {}
         self._model, self._now_ns, self._term = model, 0, 0
@@ -135,6 +142,10 @@ class Living:
         """Causes that workers have counted."""
         self.workers = {f"w{n}": Worker(f"w{n}", 1) for n in range(workers)}
         self.revive()
+
+    def trusting(self, key: bytes | None) -> Trust:
+        """Of a coordinator with this key."""
+        return Trust(key, "robot", lambda: 0, lambda error: self.refused.append(error.cause))
 
     def revive(self) -> None:
         """Start a coordinator that knows nothing."""
@@ -220,7 +231,7 @@ class Living:
             case PublishBelief(belief=belief):
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
             case PublishCheckpoint(checkpoint=checkpoint):
-                payload = encode(checkpoint)
+                payload = encode(self.trust.signed(checkpoint))
                 heard = worker_events.CheckpointHeard(decode(payload, Checkpoint), payload)
                 for worker in self.workers:
                     self.tell_worker(worker, heard)
@@ -229,11 +240,12 @@ class Living:
                 self._tell(lambda c, now: c.handle(HistoryArrived(found), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    told = told_by(encode(self.state(name, question.term)))
+                    asked = self.trust.signed(question)
+                    told = told_by(encode(self.state(name, asked)), self.trust)
                     self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
-                    copy = decode(encode(order), WorkOrder)
+                    copy = decode(encode(self.trust.signed(order)), WorkOrder)
                     self.tell_worker(name, worker_events.OrderAsked(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
@@ -257,8 +269,7 @@ class Living:
                 copy: Report = decode(encode(report), Report)  # type: ignore[arg-type] # a union
                 self._tell(lambda c, now: c.handle(ReportArrived(name, copy), now))
             case worker_instructions.Answer(message=OrderAnswer() as answer):
-                self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
-                self._tell(lambda c, now: c.handle(TimePassed(), now))
+                self.answer_order(name, answer)
             case worker_instructions.FetchMap():
                 told = msgspec.structs.replace(MAP, digest=self.map_digest)
                 self._tell_later(name, worker_events.MapArrived(told))
@@ -273,6 +284,12 @@ class Living:
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
 
+    def answer_order(self, name: str, answer: OrderAnswer) -> None:
+        """A worker, or somebody in its name, answers an order."""
+        believed = msgspec.structs.replace(answer, term=self.trust.term(answer))
+        self._tell(lambda c, now: c.handle(OrderAnswered(name, believed), now))
+        self._tell(lambda c, now: c.handle(TimePassed(), now))
+
     def _tell_later(self, name: str, event: worker_events.Event) -> None:
         def happen() -> None:
             if name in self.workers:
@@ -280,11 +297,9 @@ class Living:
 
         self._queue.append(happen)
 
-    def state(self, name: str, term: int = 0) -> WorkerState:
-        """What a worker tells a coordinator of this term that takes over."""
-        asked = worker_events.StateAsked(
-            self._question(), TakeOver(sender="coordinator", term=term)
-        )
+    def state(self, name: str, take_over: TakeOver = NOBODY) -> WorkerState:
+        """What a worker tells a coordinator that takes over."""
+        asked = worker_events.StateAsked(self._question(), take_over)
         (answer,) = self.workers[name].handle(asked)
         assert isinstance(answer, worker_instructions.Answer)
         assert isinstance(answer.message, WorkerState)

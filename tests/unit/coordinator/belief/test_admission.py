@@ -7,11 +7,10 @@ import pytest
 
 from coordinator.belief.admission import Terms, newcomers, terms
 from coordinator.belief.cluster_set import ClusterSet
-from coordinator.belief.fit_monitor import FitMonitor
+from coordinator.belief.fit_monitor import FitMonitor, FitState
 from coordinator.belief.given_places import cloud, diagonal
 from coordinator.belief.outcome import places_of
 from coordinator.belief.search_pool import Pool
-from coordinator.checkpoint import FitState
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
@@ -29,23 +28,23 @@ def pool(*found: tuple[float, PoseTuple], fit: float = -1.0) -> Pool:
 
 
 def entered(found: Pool, yielding: list[float], given: Terms) -> list[tuple[PoseTuple, float]]:
-    fresh = newcomers(found, HELD, yielding, given, SETTINGS)
+    fresh = newcomers(found, HELD, yielding, 1.0, given, SETTINGS)
     return [(place.mean, place.share) for place in fresh]
 
 
 def test_newcomers_share_what_is_given_by_their_shares_of_the_search() -> None:
     far, farther, least = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
     found = pool((0.3, HELD[0]), (0.4, far), (0.2, farther), (0.1, least))
-    given = Terms(most=2, least_share=0.1, probability=0.06)
+    given = Terms(most=2, least_share=0.1, probability=0.06, replaces_alternatives=True)
     assert entered(found, [0.0, 0.0, 0.0], given) == [
         (far, pytest.approx(0.04)),
         (farther, pytest.approx(0.02)),
     ]
     assert entered(found, [0.0], given) == [(far, pytest.approx(0.06))]
     assert entered(found, [], given) == []
-    all_of_them = Terms(most=9, least_share=0.1, probability=0.07)
+    all_of_them = Terms(most=9, least_share=0.1, probability=0.07, replaces_alternatives=True)
     assert len(entered(found, [0.0] * 9, all_of_them)) == 3
-    only_large = Terms(most=9, least_share=0.11, probability=0.07)
+    only_large = Terms(most=9, least_share=0.11, probability=0.07, replaces_alternatives=True)
     assert len(entered(found, [0.0] * 9, only_large)) == 2
 
 
@@ -53,7 +52,7 @@ def test_one_that_stays_out_leaves_its_part_to_the_others() -> None:
     """The one beside a cluster comes last, and nobody more probable leaves for it."""
     beside, far = (0.7, 0.0, 0.0), (9.0, 0.0, 0.0)
     found = pool((0.5, beside), (0.5, far))
-    given = Terms(most=2, least_share=0.1, probability=0.1)
+    given = Terms(most=2, least_share=0.1, probability=0.1, replaces_alternatives=True)
     assert entered(found, [0.2, 0.3], given) == [(far, pytest.approx(0.1))]
     both = entered(found, [0.2, 0.04], given)
     assert both == [(far, pytest.approx(0.05)), (beside, pytest.approx(0.05))]
@@ -61,7 +60,7 @@ def test_one_that_stays_out_leaves_its_part_to_the_others() -> None:
 
 def test_a_place_is_near_only_in_place_and_heading() -> None:
     turned, aside = (0.0, 0.0, 0.36), (0.51, 0.0, 0.0)
-    given = Terms(most=3, least_share=0.0, probability=0.1)
+    given = Terms(most=3, least_share=0.0, probability=0.1, replaces_alternatives=True)
     found = pool((0.3, turned), (0.3, aside), (0.3, (0.3, 0.3, 0.3)))
     assert {mean for mean, _ in entered(found, [0.0] * 4, given)} == {turned, aside}
 
@@ -69,9 +68,9 @@ def test_a_place_is_near_only_in_place_and_heading() -> None:
 @pytest.mark.parametrize(
     ("lost", "fit", "expected"),
     [
-        (False, -1.0, Terms(3, 0.1, 0.02)),
-        (True, -1.39, Terms(8, 0.01, 0.3)),
-        (True, -1.41, Terms(3, 0.1, 0.1)),
+        (False, -1.0, Terms(3, 0.1, 0.02, False)),
+        (True, -1.39, Terms(8, 0.01, 0.3, True)),
+        (True, -1.41, Terms(3, 0.1, 0.1, True)),
     ],
     ids=["tracking", "lost and found", "lost among people"],
 )

@@ -1,0 +1,88 @@
+"""docs/failures.md: a checkpoint that cannot be is left out, and the belief is kept."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from clustermcl.stack import COORDINATOR
+from coordinator.checkpoint import from_bytes, to_bytes
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode, encode
+from protocol.work import Checkpoint
+from tests.integration.faults.live_robot import with_live_robot
+from tests.integration.faults.system import System
+from tests.integration.faults.test_coordinator_dies import (
+    PATIENT,
+    alone_of,
+    assert_same,
+    kill_and_mend,
+)
+from tests.integration.waiting import wait_until
+
+
+def heard(tested: System) -> Checkpoint:
+    """A checkpoint of the acting coordinator, of clusters that are tracked."""
+    found: list[Checkpoint] = []
+    subscriber = tested.session.declare_subscriber(
+        keys.CHECKPOINT,
+        lambda sample: found.append(decode(sample.payload.to_bytes(), Checkpoint)),
+    )
+    wait_until(lambda: found and from_bytes(found[-1].state).ensemble.clusters)
+    subscriber.undeclare()
+    return found[-1]
+
+
+def poisoned(checkpoint: Checkpoint, *, terms_above: int, serial: int) -> Checkpoint:
+    """The same with a NaN in it, and of a higher rank than all that there are."""
+    state = from_bytes(checkpoint.state)
+    first, *rest = state.ensemble.clusters
+    first = replace(first, covariance=(math.nan,) * 9)
+    ensemble = replace(state.ensemble, clusters=(first, *rest))
+    return replace(
+        checkpoint,
+        sender="a stranger",
+        term=checkpoint.term + terms_above,
+        serial=serial,
+        state=to_bytes(replace(state, ensemble=ensemble)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("terms_above", "serial"), [(0, 2**50), (1, 0)], ids=["same term", "next term"]
+)
+def test_a_poisoned_checkpoint_ends_no_coordinator_and_no_belief(
+    terms_above: int, serial: int
+) -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        poison = poisoned(heard(tested), terms_above=terms_above, serial=serial)
+        tested.session.put(keys.CHECKPOINT, encode(poison))
+        kill_and_mend(tested)
+        first_term = tested.beliefs[0].term
+        wait_until(lambda: tested.beliefs[-1].term > first_term, 30.0)
+        tested.wait_for_steps(10)
+        assert "Traceback" not in tested.log(COORDINATOR)
+        with tested.client as client:
+            status = client.status()
+        assert status.counters["checkpoint of an impossible state"] == 1
+        assert status.steps_lost == 0
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+
+
+def test_a_term_that_would_be_the_last_is_followed_by_nobody() -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        last = replace(heard(tested), term=2**53 - 1)
+        tested.session.put(keys.CHECKPOINT, encode(last))
+        wait_until(lambda: "term far ahead" in tested.log(COORDINATOR))
+        tested.hurt(COORDINATOR)
+        wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
+        tested.mend()
+        terms = {belief.term for belief in tested.beliefs}
+        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms, 30.0)
+        tested.wait_for_steps(10)
+        assert max(belief.term for belief in tested.beliefs) < 2**52
+        believed: list[Belief] = list(tested.beliefs)
+        assert_same(believed, alone_of(tested, PATIENT))
