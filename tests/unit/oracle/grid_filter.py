@@ -18,15 +18,16 @@ class ExactField:
     """The likelihood field of a map whose corner is the origin (table 6.3), by brute force."""
 
     def __init__(self, cells: NDArray[np.int8], cell_m: float, settings: SensorSettings) -> None:
-        self.free, self._cell_m, self._settings = cells == 0, cell_m, settings
+        self._cell_m, self._settings = cell_m, settings
         rows, cols = np.indices(cells.shape)
-        walls = np.argwhere(cells == 1)
         apart = np.full(cells.shape, np.inf)
-        for row, col in walls:
+        for row, col in np.argwhere(cells == 1):
             apart = np.minimum(apart, np.hypot(rows - row, cols - col))
         far = settings.max_obstacle_distance_m
-        self._log = self._log_at(np.minimum(apart * cell_m, far))
-        self._log_far = float(self._log_at(np.array(far)))
+        # A rim of one cell stands for all that is outside the map.
+        self._log = self._log_at(np.pad(np.minimum(apart * cell_m, far), 1, constant_values=far))
+        penalties = np.where(cells == 0, 0.0, settings.not_free_log_penalty)
+        self._penalty = np.pad(penalties, 1, constant_values=settings.not_free_log_penalty)
 
     def _log_at(self, distance_m: Array) -> Array:
         s = self._settings
@@ -36,18 +37,16 @@ class ExactField:
 
     def log_weight(self, x: Array, y: Array, heading: Array, hits: Array, exponent: float) -> Array:
         """Of a scan's end points in the robot's frame, with the price of standing in a wall."""
-        total = np.zeros(np.broadcast_shapes(x.shape, heading.shape))
+        total = np.zeros(np.broadcast_shapes(x.shape, y.shape, heading.shape))
         c, s = np.cos(heading), np.sin(heading)
         for along, across in hits:
-            total += self._at(self._log, x + c * along - s * across, y + s * along + c * across,
-                              self._log_far)  # fmt: skip
-        stands = self._at(self.free.astype(float), x, y, 0.0) > 0.0
-        return exponent * total + np.where(stands, 0.0, self._settings.not_free_log_penalty)
+            total += self._at(self._log, x + (c * along - s * across), y + (s * along + c * across))
+        return exponent * total + self._at(self._penalty, x, y)
 
-    def _at(self, table: Array, x: Array, y: Array, outside: float) -> Array:
-        col, row = np.floor(x / self._cell_m).astype(int), np.floor(y / self._cell_m).astype(int)
-        inside = (col >= 0) & (row >= 0) & (col < table.shape[1]) & (row < table.shape[0])
-        return np.where(inside, table[np.where(inside, row, 0), np.where(inside, col, 0)], outside)
+    def _at(self, table: Array, x: Array, y: Array) -> Array:
+        col = np.clip(np.floor(x / self._cell_m).astype(int) + 1, 0, table.shape[1] - 1)
+        row = np.clip(np.floor(y / self._cell_m).astype(int) + 1, 0, table.shape[0] - 1)
+        return table[row, col]
 
 
 class GridFilter:
@@ -55,8 +54,9 @@ class GridFilter:
 
     def __init__(self, xs: Array, ys: Array, headings: Array) -> None:
         self.xs, self.ys, self.headings = xs, ys, headings
-        self.x, self.y, self.heading = np.meshgrid(xs, ys, headings, indexing="ij")
-        self.mass = np.full(self.x.shape, 1.0 / self.x.size)
+        self.x, self.y, self.heading = xs[:, None, None], ys[None, :, None], headings
+        shape = (len(xs), len(ys), len(headings))
+        self.mass = np.full(shape, 1.0 / np.prod(shape))
 
     @classmethod
     def round_gaussian(
@@ -104,7 +104,8 @@ class GridFilter:
 
     def gaussian(self) -> tuple[Array, Array]:
         """Mean and covariance of a patch, whose headings do not go round."""
-        poses = np.stack([self.x, self.y, self.heading], axis=-1).reshape(-1, 3)
+        every = np.meshgrid(self.xs, self.ys, self.headings, indexing="ij")
+        poses = np.stack(every, axis=-1).reshape(-1, 3)
         weights = self.mass.ravel()
         mean = weights @ poses
         return mean, (poses - mean).T @ ((poses - mean) * weights[:, None])
