@@ -66,7 +66,7 @@ def test_a_poisoned_checkpoint_ends_no_coordinator_and_no_belief(
         assert "Traceback" not in tested.log(COORDINATOR)
         with tested.client as client:
             status = client.status()
-        assert status.counters["checkpoint of an impossible state"] == 1
+        assert status.counters["checkpoint of an impossible state"] >= 1
         assert status.steps_lost == 0
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 
