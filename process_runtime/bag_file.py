@@ -10,9 +10,11 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
+from io import BufferedIOBase
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, BinaryIO, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from process_runtime.compressed import (
     BROKEN_STREAM_ERRORS,
@@ -26,6 +28,7 @@ from protocol.errors import InputFileError
 if TYPE_CHECKING:
     from rosbags import rosbag1, rosbag2
     from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
 
 LASER_SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -92,6 +95,7 @@ class BagFile:
     def __init__(self, path: Path, error: type[InputFileError]) -> None:
         self._path, self._error = path, error
         self.left_out: list[LeftOut] = []
+        self._cut: str | None = None
         with ExitStack() as stack:
             self._reader = self._opened(stack)
             self._closing = stack.pop_all()
@@ -131,9 +135,11 @@ class BagFile:
             try:
                 connection, time_ns, content = next(stream)
             except StopIteration:
+                if self._cut:
+                    self.left_out.append(LeftOut(number, self._cut))
                 return
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
-                problem = f"from here on the bag is damaged ({_library_problem(broken)})"
+                problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
                 self.left_out.append(LeftOut(number, problem))
                 return
             try:
@@ -147,23 +153,24 @@ class BagFile:
     def _opened(self, stack: ExitStack) -> "rosbag1.Reader | rosbag2.Reader":
         try:
             from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - an extra, and 0.2 s
-            from rosbags.typesys import (  # noqa: PLC0415 - see above
-                Stores,
-                get_types_from_msg,
-                get_typestore,
-            )
         except ImportError as missing:
             problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
             raise self._error(self._path, problem) from missing
         try:
             path = self._as_library_wants(stack)
-            if path.suffix == ".bag":
-                store = get_typestore(Stores.ROS1_NOETIC)  # which lacks tf
-                store.register(get_types_from_msg(_TF_DEFINITION, TF_MESSAGE))
-                self._decode = store.deserialize_ros1
-                return stack.enter_context(rosbag1.Reader(path))
-            self._decode = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr
-            return stack.enter_context(rosbag2.Reader(path))
+            ros1 = path.suffix == ".bag"
+            store = _definitions(ros1=ros1)
+            self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+
+            def entered(file: Path) -> rosbag1.Reader | rosbag2.Reader:
+                if ros1:
+                    return stack.enter_context(rosbag1.Reader(file))
+                return stack.enter_context(rosbag2.Reader(file))
+
+            try:
+                return entered(path)
+            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+                return entered(self._mended(path, broken, stack))
         except InputFileError:
             raise
         except OSError as failed:
@@ -172,6 +179,24 @@ class BagFile:
             problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
             remedy = "if it is cut off or damaged, copy it again or mend it with ROS's own tools"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
+
+    def _mended(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
+        """A bag with what a damaged one still holds; raises what is wrong with that, if nothing."""
+        from process_runtime.damaged_bag import mend  # noqa: PLC0415 - for few bags
+
+        file = path
+        if path.is_dir():
+            files = _storage_files(path)
+            if len(files) != 1:
+                raise broken
+            file = files[0]
+        mended = _new_folder(stack) / f"mended{file.suffix}"
+        try:
+            mend(file, mended)
+        except Exception:  # noqa: BLE001 - see `_library_problem`
+            raise broken from None
+        self._cut = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
+        return mended
 
     def _as_library_wants(self, stack: ExitStack) -> Path:
         """The bag as a folder, or as a file that is not packed and has the name of its kind."""
@@ -187,8 +212,7 @@ class BagFile:
         suffix = None if _starts_as_zstd(path) else _suffix_of(path)
         if path.suffix == suffix and not _is_packed(path):
             return path
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="clustermcl-bag-")))
-        unpacked = folder / "bag"
+        unpacked = _new_folder(stack) / "bag"
         self._unpack(path, unpacked)
         suffix = _suffix_of(unpacked)
         if suffix is None:
@@ -198,18 +222,38 @@ class BagFile:
     def _unpack(self, path: Path, unpacked: Path) -> None:
         with _open_unpacked(path) as source, unpacked.open("wb") as target:
             try:
-                while piece := source.read(2**20):
+                while piece := source.read1(2**20):
                     target.write(piece)
                     if target.tell() > _MAX_UNPACKED_BYTES:
                         raise self._error(self._path, too_long_problem())
             except BROKEN_STREAM_ERRORS as broken:
-                raise self._error(self._path, broken_stream_problem(broken)) from broken
+                self._cut = f"from here on {broken_stream_problem(broken)}"
 
     def _check_encoding(self, connection: "Connection") -> None:
         encoding = getattr(connection.ext, "serialization_format", "cdr")
         if encoding != "cdr":
             problem = f"{connection.topic} is encoded as {encoding!r:.40}, not as ROS's CDR"
             raise self._error(self._path, problem)
+
+
+@cache
+def _definitions(*, ros1: bool) -> "Typestore":
+    """The library's definitions of messages, which take it 0.2 s."""
+    from rosbags.typesys import (  # noqa: PLC0415 - an extra
+        Stores,
+        get_types_from_msg,
+        get_typestore,
+    )
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    if ros1:  # whose definitions lack tf
+        store.register(get_types_from_msg(_TF_DEFINITION, TF_MESSAGE))
+    return store
+
+
+def _new_folder(stack: ExitStack) -> Path:
+    folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
+    return Path(stack.enter_context(folder))
 
 
 def _type_of(connection: "Connection") -> str:
@@ -245,12 +289,12 @@ def _suffix_of(path: Path) -> str | None:
     return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
 
 
-def _open_unpacked(path: Path) -> BinaryIO:
+def _open_unpacked(path: Path) -> BufferedIOBase:
     if not _starts_as_zstd(path):
-        return open_decompressed(path)
+        return cast(BufferedIOBase, open_decompressed(path))
     from backports import zstd  # noqa: PLC0415 - comes with rosbags
 
-    return cast(BinaryIO, zstd.open(path, "rb"))
+    return cast(BufferedIOBase, zstd.open(path, "rb"))
 
 
 def _library_problem(broken: Exception) -> str:
