@@ -43,9 +43,7 @@ def drive(steps: int = 10, *, beams: int = 3) -> list[Sent]:
     return sent
 
 
-def opened(
-    folder: Path, sent: Sequence[Sent], form: str = "mcap", **settings: Any
-) -> Recording:
+def opened(folder: Path, sent: Sequence[Sent], form: str = "mcap", **settings: Any) -> Recording:
     path = written(folder, form, sent)
     return open_recording(path, BridgeSettings(**settings))
 
