@@ -170,7 +170,10 @@ class BagFile:
             try:
                 return entered(path)
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
-                return entered(self._mended(path, broken, stack))
+                reader = entered(self._mended(path, broken, stack))
+                if not any(one.msgcount for one in reader.connections):
+                    raise
+                return reader
         except InputFileError:
             raise
         except OSError as failed:

@@ -91,7 +91,7 @@ def test_the_beliefs_are_those_of_the_log(believed: list[Outcome], cache_folder:
         own = {place.cluster: place.probability for place in ours.hypotheses}
         assert own == pytest.approx({p.cluster: p.probability for p in theirs.hypotheses})
         if ours.hypotheses:
-            # Rounding lets single particles be drawn or not: measured 1.0 cm and 0.4 degrees.
+            # Rounding lets single particles be drawn or not: 0.0101 m or rad at most.
             np.testing.assert_allclose(best(ours), best(theirs), atol=0.02)
     assert believed[-1].state == "localized"
 
