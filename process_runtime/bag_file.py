@@ -169,7 +169,7 @@ class BagFile:
 
             try:
                 return entered(path)
-            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+            except Exception as broken:
                 reader = entered(self._mended(path, broken, stack))
                 if not any(one.msgcount for one in reader.connections):
                     raise

@@ -6,6 +6,7 @@ new bag; of a chunk that the cut went through, too, as far as it can be unpacked
 
 import bz2
 import io
+import shutil
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
@@ -150,7 +151,15 @@ def _mcap_unpacked(chunk: bytes) -> bytes:
 
 
 def _mend_sqlite(damaged: Path, mended: Path) -> None:
-    address = f"{damaged.resolve().as_uri()}?immutable=1"
+    padded = mended.with_name("padded.db3")
+    shutil.copyfile(damaged, padded)
+    with padded.open("r+b") as file:
+        head = file.read(32)
+        # sqlite opens no file that is shorter than its first page says; pages of zeros it refuses
+        # only when it comes to them. A page size of 1 stands for 65,536.
+        page_bytes, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+        file.truncate(pages * (page_bytes if page_bytes > 1 else 65_536))
+    address = f"{padded.resolve().as_uri()}?immutable=1"
     with (
         closing(sqlite3.connect(address, uri=True)) as source,
         closing(sqlite3.connect(mended)) as target,
