@@ -60,6 +60,10 @@ Assignments = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
 ]
+ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a ROS bag.")]
+OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
+OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="tf's odometry frame, of a ROS bag.")]
+BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame, of a ROS bag.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
@@ -98,6 +102,10 @@ def demo(
     ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -105,7 +113,7 @@ def demo(
     """Start everything on this machine and watch it localize; without options, a simulation."""
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
 
-    given = list(assignments or ())
+    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
@@ -172,6 +180,10 @@ def evaluate(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
@@ -190,7 +202,19 @@ def evaluate(
         jobs=jobs,
         json_file=json_file,
     )
-    run_evaluate(options, load_settings(settings_file, assignments or ()))
+    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_evaluate(options, load_settings(settings_file, given))
+
+
+def _of_bag(scan_topic: str, odom_topic: str, odom_frame: str, base_frame: str) -> list[str]:
+    """The settings that say which topics and frames of a bag are meant, where they are named."""
+    named = {
+        "scan_topic": scan_topic,
+        "odom_topic": odom_topic,
+        "odom_frame": odom_frame,
+        "base_frame": base_frame,
+    }
+    return [f"bridge.{setting}={name}" for setting, name in named.items() if name]
 
 
 @app.command()

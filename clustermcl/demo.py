@@ -19,7 +19,7 @@ from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
-from grid_maps.load import load_map
+from grid_maps.load import load_map, map_file_of
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
@@ -136,7 +136,7 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
     """The settings of all processes of the demo; nothing of it is kept."""
     rate = usual_rate if options.rate is None else options.rate
-    map_file = options.map_file or settings.bridge.map
+    map_file = map_file_of(options.map_file or settings.bridge.map, source)
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
     nothing_kept = msgspec.structs.replace(settings.coordinator, state_folder="off")
     return msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)

@@ -7,7 +7,7 @@ import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from coordinator.last_pose_files import default_state_folder
-from grid_maps.load import load_map
+from grid_maps.load import load_map, map_file_of
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
@@ -65,7 +65,7 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
         case Simulated() as robot:
             simulated_world(robot)
         case Recorded(path):
-            _refuse_map(bridge.map)
+            _refuse_map(map_file_of(bridge.map, path))
             open_recording(path, bridge)
         case Live():
             _refuse_map(bridge.map)

@@ -34,6 +34,7 @@ from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
 from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
+from grid_maps.load import map_file_of
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
@@ -171,7 +172,8 @@ def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
 
 
 def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
-    map_file = Path(options.map_file) if options.map_file else None
+    named = map_file_of(options.map_file or "", options.recording)
+    map_file = Path(named) if named else None
     source = parsed_source(options.recording)
     if isinstance(source, Simulated):
         if options.reference:

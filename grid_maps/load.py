@@ -1,9 +1,11 @@
-"""From a file to a map, whatever the format: ROS map_server YAML or wean.dat, perhaps packed."""
+"""From a file to a map: ROS map_server YAML or wean.dat, perhaps packed, or a ROS bag's map."""
 
 from pathlib import Path
 
 from grid_maps.grid_map import GridMap
+from grid_maps.occupancy_grid import load_bag_map, split_topic
 from grid_maps.wean_map import is_wean_map, parse_wean_map
+from process_runtime.bag_file import is_bag
 from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError
 
@@ -12,18 +14,26 @@ def load_map(path: Path | str) -> GridMap:
     """Read a map. The format shows in the content; gzip and xz are unpacked on the way.
 
     Args:
-        path: a map_server YAML file (its image is looked for beside it) or a wean.dat file.
+        path: a map_server YAML file (its image is looked for beside it), a wean.dat file, or a ROS
+            bag that holds its map; ``BAG#TOPIC`` names one of several.
 
     Raises:
         MapFileError: with file, line where there is one, cause and remedy.
     """
-    path = Path(path)
+    path, topic = split_topic(Path(path))
+    if is_bag(path):
+        return load_bag_map(path, topic)
     content = read_decompressed(path, MapFileError)
     if not content.strip():
         raise MapFileError(path, "empty; expected a map_server YAML file or wean.dat")
     if is_wean_map(content):
         return parse_wean_map(content, path)
     return _load_ros_map(content, path)
+
+
+def map_file_of(named: str, recording: str) -> str:
+    """The map file that is named; else the recording, if it is a bag: it may hold its map."""
+    return named or (recording if is_bag(Path(recording)) else "")
 
 
 def _load_ros_map(content: bytes, path: Path) -> GridMap:

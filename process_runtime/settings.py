@@ -69,6 +69,16 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     laser_heading_rad: Annotated[
         float, described("laser's heading, where the source does not say", "rad")
     ] = 0.0
+    scan_topic: Annotated[
+        str, described("of a ROS bag: the laser's topic; empty: the only one there is")
+    ] = ""
+    odom_topic: Annotated[
+        str, described("of a ROS bag: the topic of odometry; empty: odometry is tf's, if it has it")
+    ] = ""
+    odom_frame: Annotated[str, described("of a ROS bag: tf's frame of odometry; empty: odom")] = ""
+    base_frame: Annotated[
+        str, described("of a ROS bag: the robot's frame; empty: the one below that of odometry")
+    ] = ""
     history_steps: Annotated[
         int, described("steps kept for workers that join late", "steps", gt=0)
     ] = 300

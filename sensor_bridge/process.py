@@ -8,7 +8,7 @@ from typing import assert_never
 import zenoh
 
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
+from grid_maps.load import load_map, map_file_of
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
@@ -65,13 +65,14 @@ def run_bridge(invocation: Invocation) -> None:
         RecordingError: the recording cannot be used.
     """
     settings, arguments = invocation.settings.bridge, invocation.arguments
-    map_file = arguments.map or settings.map
+    source = arguments.source or settings.source
+    map_file = map_file_of(arguments.map or settings.map, source)
     if not map_file:
         raise SettingsError(
             key="bridge.map", problem="bridge.map is empty: name the map file there, or by --map"
         )
     grid_map = load_map(map_file)
-    serve_robot(invocation, grid_map, source_of(arguments.source or settings.source, settings))
+    serve_robot(invocation, grid_map, source_of(source, settings))
 
 
 def source_of(named: str, settings: BridgeSettings) -> Source | None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from process_runtime.bag_file import is_bag
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
@@ -21,6 +22,7 @@ from sensor_bridge.log_file import (
 from sensor_bridge.no_return import range_limit_m
 from sensor_bridge.reading import Reading
 from sensor_bridge.recording_time import merged, plausible
+from sensor_bridge.ros_bag import bag_entries
 from sensor_bridge.step_maker import StepMaker, steps_from
 from sensor_bridge.wean_log import WeanParser, is_wean_line
 
@@ -51,18 +53,20 @@ class Recording:
 
 
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a Wean Hall or CARMEN log; the format shows in the lines, gzip and xz are unpacked.
+    """Read a ROS bag, a Wean Hall or CARMEN log; the format shows in the content.
 
     Args:
-        path: the file.
-        settings: where the laser sits on the robot, if the recording does not say.
+        path: the file, perhaps packed by gzip or xz, or the folder of a rosbag2.
+        settings: where the laser sits on the robot, if the recording does not say; which topics
+            and frames of a bag are meant, if there are several.
 
     Raises:
-        RecordingError: the file is missing, no recording, or holds no scan. Bad lines, and the
-            end of a compressed file that is cut off, are skipped and named instead.
+        RecordingError: the file is missing, no recording, holds no scan, or leaves a choice. Bad
+            lines, and the end of a file that is cut off, are skipped and named instead; of a
+            bag, a line is a message that was read.
     """
     path = Path(path)
-    entries, skipped = _entries(path)
+    entries, skipped = bag_entries(path, settings) if is_bag(path) else _entries(path)
     entries, misplaced = plausible(entries)
     skipped += misplaced
     lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]

@@ -228,7 +228,7 @@ def test_of_a_cut_archive_what_was_read_is_used(
         (b"", "empty"),
         (b"\n\n# nothing\n", "empty"),
         (b"image: map.pgm\nresolution: 0.05\n", "not a recording"),
-        (b"#ROSBAG V2.0\n\x00\x01\n", "not a recording"),
+        (b"#ROSBAG V2.0\n\x00\x01\n", "cannot be read as a ROS bag"),
         (bytes(range(256)) * 400, "not a recording"),
         (odom(1).encode() + b"\nFLASER 1 2\n", "no scan in it: 1 lines of odometry, 1 bad lines"),
     ],

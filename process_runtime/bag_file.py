@@ -1,0 +1,305 @@
+"""ROS bags, whatever their storage: ROS 1 `.bag`, rosbag2 of sqlite3 or MCAP, folders or files.
+
+The library `rosbags` reads them (extra ``ros2``). The messages that are read here have had the
+same fields in every ROS, so their definitions are the library's: what else a bag defines, rightly
+or not, is never looked at.
+"""
+
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from io import BufferedIOBase
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, cast
+
+from process_runtime.compressed import (
+    BROKEN_STREAM_ERRORS,
+    broken_stream_problem,
+    open_decompressed,
+    os_problem,
+    too_long_problem,
+)
+from protocol.errors import InputFileError
+
+if TYPE_CHECKING:
+    from rosbags import rosbag1, rosbag2
+    from rosbags.interfaces import Connection
+    from rosbags.typesys.store import Typestore
+
+LASER_SCAN = "sensor_msgs/msg/LaserScan"
+ODOMETRY = "nav_msgs/msg/Odometry"
+OCCUPANCY_GRID = "nav_msgs/msg/OccupancyGrid"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
+_TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
+_RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # of ROS before 2013, with the same fields
+_SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_MAGIC_BYTES = 16
+_METADATA = "metadata.yaml"
+_MAX_UNPACKED_BYTES = 2**33
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message of a bag.
+
+    Args:
+        number: which of the messages that were asked for it is, from 1.
+        time_ns: when the recorder got it.
+        topic: its name.
+        content: its fields, as ROS names them.
+    """
+
+    number: int
+    time_ns: int
+    topic: str
+    content: Any
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A message that could not be read, or the first after which nothing could be, and why."""
+
+    number: int
+    problem: str
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS bag by its first bytes, or a folder that holds one."""
+    if path.is_dir():
+        return (path / _METADATA).is_file() or bool(_storage_files(path))
+    return _starts_as_zstd(path) or _suffix_of(path) is not None
+
+
+class BagFile:
+    """An open bag.
+
+    Args:
+        path: a file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
+        error: what to raise when it cannot be read.
+
+    Attributes:
+        topics: message types by topic, of the topics that hold any message.
+        counts: messages of each topic.
+        left_out: messages that `messages` could not read.
+
+    Raises:
+        InputFileError: as `error`: the library is not installed, or the bag cannot be read.
+    """
+
+    def __init__(self, path: Path, error: type[InputFileError]) -> None:
+        self._path, self._error = path, error
+        self.left_out: list[LeftOut] = []
+        self._cut: str | None = None
+        with ExitStack() as stack:
+            self._reader = self._opened(stack)
+            self._closing = stack.pop_all()
+        connections = [one for one in self._reader.connections if one.msgcount]
+        self.topics: Mapping[str, str] = {one.topic: _type_of(one) for one in connections}
+        self.counts: Mapping[str, int] = sum(
+            (Counter({one.topic: one.msgcount}) for one in connections), Counter()
+        )
+
+    def __enter__(self) -> "BagFile":
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _traceback: TracebackType | None,
+    ) -> None:
+        self._closing.close()
+
+    def of_type(self, message_type: str) -> list[str]:
+        """The topics of a message type, in the order of their names."""
+        return sorted(topic for topic, kind in self.topics.items() if kind == message_type)
+
+    def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
+        """The messages of some topics in the order of their recording.
+
+        Raises:
+            InputFileError: as the `error` of this bag: a topic's encoding is not that of ROS.
+        """
+        wanted = [one for one in self._reader.connections if one.topic in topics and one.msgcount]
+        for connection in wanted:
+            self._check_encoding(connection)
+        stream, number = self._reader.messages(wanted) if wanted else iter(()), 0
+        while True:
+            number += 1
+            try:
+                connection, time_ns, content = next(stream)
+            except StopIteration:
+                if self._cut:
+                    self.left_out.append(LeftOut(number, self._cut))
+                return
+            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+                problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
+                self.left_out.append(LeftOut(number, problem))
+                return
+            try:
+                message = self._decode(content, _type_of(connection))
+            except Exception as broken:  # noqa: BLE001 - see `_library_problem`
+                problem = f"a message of {connection.topic} is damaged"
+                self.left_out.append(LeftOut(number, f"{problem} ({_library_problem(broken)})"))
+            else:
+                yield BagMessage(number, time_ns, connection.topic, message)
+
+    def _opened(self, stack: ExitStack) -> "rosbag1.Reader | rosbag2.Reader":
+        try:
+            from rosbags import rosbag1, rosbag2  # noqa: PLC0415 - an extra, and 0.2 s
+        except ImportError as missing:
+            problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
+            raise self._error(self._path, problem) from missing
+        try:
+            path = self._as_library_wants(stack)
+            ros1 = path.suffix == ".bag"
+            store = _definitions(ros1=ros1)
+            self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
+
+            def entered(file: Path) -> rosbag1.Reader | rosbag2.Reader:
+                if ros1:
+                    return stack.enter_context(rosbag1.Reader(file))
+                return stack.enter_context(rosbag2.Reader(file))
+
+            try:
+                return entered(path)
+            except Exception as broken:
+                reader = entered(self._mended(path, broken, stack))
+                if not any(one.msgcount for one in reader.connections):
+                    raise
+                return reader
+        except InputFileError:
+            raise
+        except OSError as failed:
+            raise self._error(self._path, os_problem(failed)) from failed
+        except Exception as broken:
+            problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
+            remedy = "if it is cut off or damaged, copy it again or mend it with ROS's own tools"
+            raise self._error(self._path, f"{problem}; {remedy}") from broken
+
+    def _mended(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
+        """A bag with what a damaged one still holds; raises what is wrong with that, if nothing."""
+        from process_runtime.damaged_bag import mend  # noqa: PLC0415 - for few bags
+
+        file = path
+        if path.is_dir():
+            files = _storage_files(path)
+            if len(files) != 1:
+                raise broken
+            file = files[0]
+        mended = _new_folder(stack) / f"mended{file.suffix}"
+        try:
+            mend(file, mended)
+        except Exception:  # noqa: BLE001 - see `_library_problem`
+            raise broken from None
+        self._cut = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
+        return mended
+
+    def _as_library_wants(self, stack: ExitStack) -> Path:
+        """The bag as a folder, or as a file that is not packed and has the name of its kind."""
+        path = self._path
+        if path.is_dir():
+            if (path / _METADATA).is_file():
+                return path
+            files = _storage_files(path)
+            if len(files) > 1:  # a recorder that crashed has written no metadata
+                problem = f"{len(files)} bag files without {_METADATA}; name one, or reindex"
+                raise self._error(path, problem)
+            path = files[0]
+        suffix = None if _starts_as_zstd(path) else _suffix_of(path)
+        if path.suffix == suffix and not _is_packed(path):
+            return path
+        unpacked = _new_folder(stack) / "bag"
+        self._unpack(path, unpacked)
+        suffix = _suffix_of(unpacked)
+        if suffix is None:
+            raise self._error(self._path, "what is packed in it is no ROS bag")
+        return unpacked.rename(unpacked.with_suffix(suffix))
+
+    def _unpack(self, path: Path, unpacked: Path) -> None:
+        with _open_unpacked(path) as source, unpacked.open("wb") as target:
+            try:
+                while piece := source.read1(2**20):
+                    target.write(piece)
+                    if target.tell() > _MAX_UNPACKED_BYTES:
+                        raise self._error(self._path, too_long_problem())
+            except BROKEN_STREAM_ERRORS as broken:
+                self._cut = f"from here on {broken_stream_problem(broken)}"
+
+    def _check_encoding(self, connection: "Connection") -> None:
+        encoding = getattr(connection.ext, "serialization_format", "cdr")
+        if encoding != "cdr":
+            problem = f"{connection.topic} is encoded as {encoding!r:.40}, not as ROS's CDR"
+            raise self._error(self._path, problem)
+
+
+@cache
+def _definitions(*, ros1: bool) -> "Typestore":
+    """The library's definitions of messages, which take it 0.2 s."""
+    from rosbags.typesys import (  # noqa: PLC0415 - an extra
+        Stores,
+        get_types_from_msg,
+        get_typestore,
+    )
+
+    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    if ros1:  # whose definitions lack tf
+        store.register(get_types_from_msg(_TF_DEFINITION, TF_MESSAGE))
+    return store
+
+
+def _new_folder(stack: ExitStack) -> Path:
+    folder = tempfile.TemporaryDirectory(prefix="clustermcl-bag-")
+    return Path(stack.enter_context(folder))
+
+
+def _type_of(connection: "Connection") -> str:
+    return _RENAMED.get(connection.msgtype, connection.msgtype)
+
+
+def _storage_files(folder: Path) -> list[Path]:
+    return sorted(
+        file for file in folder.iterdir() if file.is_file() and file.suffix in (".mcap", ".db3")
+    )
+
+
+def _is_packed(path: Path) -> bool:
+    with path.open("rb") as plain, open_decompressed(path) as unpacked:
+        return plain.read(_MAGIC_BYTES) != unpacked.read(_MAGIC_BYTES)
+
+
+def _starts_as_zstd(path: Path) -> bool:
+    try:
+        with path.open("rb") as plain:
+            return plain.read(len(_ZSTD_MAGIC)) == _ZSTD_MAGIC
+    except OSError:
+        return False
+
+
+def _suffix_of(path: Path) -> str | None:
+    """The name that files of this kind have, by the first bytes once unpacked; None: no bag."""
+    try:
+        with open_decompressed(path) as stream:
+            start = stream.read(_MAGIC_BYTES)
+    except (OSError, *BROKEN_STREAM_ERRORS):
+        return None
+    return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
+
+
+def _open_unpacked(path: Path) -> BufferedIOBase:
+    if not _starts_as_zstd(path):
+        return cast(BufferedIOBase, open_decompressed(path))
+    from backports import zstd  # noqa: PLC0415 - comes with rosbags
+
+    return cast(BufferedIOBase, zstd.open(path, "rb"))
+
+
+def _library_problem(broken: Exception) -> str:
+    """What the library says. Of damaged bytes it raises whatever it stumbles over."""
+    return f"{broken}" if str(broken) else type(broken).__name__

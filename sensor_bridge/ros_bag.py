@@ -1,0 +1,348 @@
+"""ROS bags as recordings: laser scans, with odometry and the laser's place from tf.
+
+As for AMCL, odometry is tf's, in the frame `odom`, and the robot's own frame is the one below it
+on the laser's way up. Where a bag leaves a choice, it is asked for by name and never guessed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from process_runtime.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
+from process_runtime.settings import BridgeSettings
+from protocol.errors import RecordingError
+from protocol.message import PoseTuple
+from sensor_bridge.laser_mount import MAX_MOUNT_M
+from sensor_bridge.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
+from sensor_bridge.transforms import Placements, Transform, TransformTree
+
+ODOM_FRAME = "odom"
+"""ROS's name for the frame of odometry (REP 105), and AMCL's default."""
+MAX_TILT_RAD = 0.1
+"""A laser may look so far above or below the horizon; at 10 m that is an error of 5 cm."""
+
+
+@dataclass(frozen=True)
+class _Stamped:
+    """What a message is, before it is known what becomes of it."""
+
+    number: int
+    time_ns: int
+    stamp_ns: int
+
+
+@dataclass(frozen=True)
+class _Pose(_Stamped):
+    base: str
+    pose: PoseTuple
+
+
+@dataclass(frozen=True)
+class _Fan(_Stamped):
+    frame: str
+    ranges: NDArray[np.float32]
+    angle_min_rad: float
+    angle_step_rad: float
+    range_limit_m: float | None
+
+
+@dataclass
+class _Content:
+    """What of a bag is used."""
+
+    fans: list[_Fan] = field(default_factory=list)
+    poses: list[_Pose] = field(default_factory=list)
+    transforms: list[tuple[_Stamped, Transform]] = field(default_factory=list)
+    skipped: list[SkippedLine] = field(default_factory=list)
+
+
+def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list[SkippedLine]]:
+    """What a bag says, in the order of its recording, and messages that say nothing.
+
+    Args:
+        path: the bag.
+        settings: topics and frames, where they are named.
+
+    Raises:
+        RecordingError: the bag cannot be read, holds no scan, leaves a choice that is not made,
+            or lacks a transform.
+    """
+    with BagFile(path, RecordingError) as bag:
+        try:
+            scan_topic = _one_of(bag, LASER_SCAN, settings.scan_topic, "scan_topic")
+            odom_topics = _odometry_topics(bag, settings)
+            tf_topics = _tf_topics(bag, scan_topic)
+            content = _content(bag, {scan_topic, *tf_topics, *odom_topics})
+            return _entries(content, odom_topics, settings), content.skipped
+        except ValueError as problem:
+            raise RecordingError(path, str(problem)) from problem
+
+
+def _one_of(bag: BagFile, message_type: str, named: str, setting: str) -> str:
+    """The topic that is named, or the only one of a type."""
+    topics = bag.of_type(message_type)
+    held = ", ".join(f"{topic} ({bag.counts[topic]} messages)" for topic in topics) or "none"
+    if named in topics:
+        return named
+    short = message_type.replace("/msg/", "/")
+    if named:
+        raise ValueError(f"no {short} on {named}; the bag has {held}: {_by_name(setting)}")
+    if len(topics) == 1:
+        return topics[0]
+    if not topics:
+        others = ", ".join(sorted(bag.topics)) or "nothing"
+        raise ValueError(f"no {short} in it; the bag has {others}")
+    raise ValueError(f"{len(topics)} topics of {short}: {held}; {_by_name(setting)}")
+
+
+def _by_name(setting: str) -> str:
+    return f"name one by --{setting.replace('_', '-')} (bridge.{setting})"
+
+
+def _odometry_topics(bag: BagFile, settings: BridgeSettings) -> list[str]:
+    """The topic that is named; else all, which are asked when tf holds no odometry."""
+    if settings.odom_topic:
+        return [_one_of(bag, ODOMETRY, settings.odom_topic, "odom_topic")]
+    return [] if settings.odom_frame else bag.of_type(ODOMETRY)
+
+
+def _tf_topics(bag: BagFile, scan_topic: str) -> list[str]:
+    """The tf of the robot whose scans are read: of the scan topic's namespace or one above."""
+    topics = bag.of_type(TF_MESSAGE)
+    namespaces = {topic.rpartition("/")[0] for topic in topics}
+    above = scan_topic.rpartition("/")[0]
+    while above and above not in namespaces:
+        above = above.rpartition("/")[0]
+    if above not in namespaces and len(namespaces) > 1:
+        raise ValueError(f"several robots' tf ({', '.join(topics)}), none above {scan_topic}")
+    return [topic for topic in topics if len(namespaces) == 1 or topic.rpartition("/")[0] == above]
+
+
+def _content(bag: BagFile, topics: set[str]) -> _Content:
+    content = _Content()
+    for message in bag.messages(topics):
+        at = (message.number, message.time_ns)
+        match bag.topics[message.topic]:
+            case kind if kind == LASER_SCAN:
+                content.fans.append(_fan(message.content, *at))
+            case kind if kind == ODOMETRY:
+                content.poses.append(_odometry(message.content, *at))
+            case _:
+                fixed = message.topic.endswith("tf_static")
+                for one in message.content.transforms:
+                    stamped = _Stamped(*at, _stamp_ns(one.header))
+                    try:
+                        content.transforms.append((stamped, _transform(one, fixed=fixed)))
+                    except ValueError as problem:
+                        content.skipped.append(SkippedLine(message.number, str(problem)))
+    content.skipped += [SkippedLine(one.number, one.problem) for one in bag.left_out]
+    return content
+
+
+def _entries(
+    content: _Content, odom_topics: Sequence[str], settings: BridgeSettings
+) -> list[Entry]:
+    if not content.fans:
+        why = f": {content.skipped[0].problem}" if content.skipped else ""
+        raise ValueError(f"no scan in it can be read{why}")
+    tree = TransformTree(transform for _, transform in content.transforms)
+    base, odometry = _odometry_of(content, tree, odom_topics, settings)
+    entries = odometry + _laser_entries(content, tree, base, settings)
+    return [entry for _, _, entry in sorted(entries, key=lambda one: one[:2])]
+
+
+_Sorted = tuple[int, int, Entry]
+"""Time of recording, rank of the sensor, entry: equal times come in one order in every storage."""
+
+
+def _odometry_of(
+    content: _Content, tree: TransformTree, odom_topics: Sequence[str], settings: BridgeSettings
+) -> tuple[str, list[_Sorted]]:
+    """The robot's frame, and odometry."""
+    frames = list(dict.fromkeys(fan.frame for fan in content.fans))
+    if settings.odom_topic:
+        return _topic_odometry(content, settings)
+    way = next((way for way in map(tree.way_up, frames) if len(way) > 1), frames[:1])
+    odom_frame = settings.odom_frame or ODOM_FRAME
+    if odom_frame in way[1:]:
+        base = settings.base_frame or way[way.index(odom_frame) - 1]
+        return base, _tf_odometry(content, tree, odom_frame, base)
+    if len(odom_topics) == 1:
+        return _topic_odometry(content, settings)
+    if odom_topics:
+        held = ", ".join(odom_topics)
+        raise ValueError(
+            f"tf has no frame {odom_frame!r} above the laser's and there are "
+            f"{len(odom_topics)} topics of odometry: {held}; {_by_name('odom_topic')}"
+        )
+    raise ValueError(
+        f"no odometry: above the laser's frame tf has {' <- '.join(reversed(way))}, "
+        f"without {odom_frame!r}; {_by_name('odom_frame')}; tf holds {tree}"
+    )
+
+
+def _topic_odometry(content: _Content, settings: BridgeSettings) -> tuple[str, list[_Sorted]]:
+    bases = sorted({pose.base for pose in content.poses})
+    base = settings.base_frame or (bases[0] if len(bases) == 1 else "")
+    if not base:
+        raise ValueError(f"odometry is of the frames {bases}; {_by_name('base_frame')}")
+    return base, [
+        (one.time_ns, 0, OdometryEntry(one.number, one.stamp_ns, one.pose)) for one in content.poses
+    ]
+
+
+def _tf_odometry(
+    content: _Content, tree: TransformTree, odom_frame: str, base: str
+) -> list[_Sorted]:
+    """The robot's pose at each transform of the uppermost link that moves."""
+    way = tree.way_up(base, to=odom_frame)
+    if way[-1] != odom_frame or len(way) == 1:
+        raise ValueError(f"no transform from {odom_frame!r} to {base!r}; tf holds {tree}")
+    links = list(pairwise(way))
+    child, parent = next((link for link in reversed(links) if tree.moves(*link)), links[-1])
+    sent = [at for at, one in content.transforms if (one.child, one.parent) == (child, parent)]
+    places = tree.placements(odom_frame, base, np.array([at.stamp_ns for at in sent], np.int64))
+    return [
+        (at.time_ns, 0, OdometryEntry(at.number, at.stamp_ns, pose))
+        for at, pose, known in zip(sent, _planar(places), places.known, strict=True)
+        if known
+    ]
+
+
+def _laser_entries(
+    content: _Content, tree: TransformTree, base: str, settings: BridgeSettings
+) -> list[_Sorted]:
+    entries: list[_Sorted] = []
+    problems: list[str] = []
+    for frame in dict.fromkeys(fan.frame for fan in content.fans):
+        fans = [fan for fan in content.fans if fan.frame == frame]
+        try:
+            places = _mounts(tree, base, fans, settings)
+        except ValueError as problem:
+            problems.append(str(problem))
+            content.skipped += [SkippedLine(fan.number, str(problem)) for fan in fans]
+            continue
+        for index, fan in enumerate(fans):
+            try:
+                entry = _laser_entry(fan, places, index, base)
+            except ValueError as problem:
+                problems.append(str(problem))
+                content.skipped.append(SkippedLine(fan.number, str(problem)))
+            else:
+                entries.append((fan.time_ns, 1, entry))
+    if not entries:
+        raise ValueError(problems[0])
+    return entries
+
+
+def _mounts(
+    tree: TransformTree, base: str, fans: Sequence[_Fan], settings: BridgeSettings
+) -> Placements | None:
+    """Where the laser is on the robot at each scan; None: only the settings say."""
+    frame = fans[0].frame
+    mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
+    if frame != base and not tree.knows(frame):
+        if any(mounted):
+            return None
+        raise ValueError(
+            f"no transform from {base!r} to the laser's frame {frame!r}; tf holds {tree}; say "
+            "where the laser is by bridge.laser_x_m, laser_y_m and laser_heading_rad"
+        )
+    return tree.placements(base, frame, np.array([fan.stamp_ns for fan in fans], np.int64))
+
+
+def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) -> LaserEntry:
+    mount, upside_down = None, False
+    if places is not None:
+        if not places.known[index]:
+            raise ValueError(f"no transform from {base!r} to {fan.frame!r} at the scan's time")
+        up = float(places.rotations[index].as_matrix()[2, 2])
+        tilt_rad = math.acos(min(abs(up), 1.0))
+        if tilt_rad > MAX_TILT_RAD:
+            tilt_deg = math.degrees(tilt_rad)
+            raise ValueError(f"the laser {fan.frame!r} is tilted by {tilt_deg:.0f} degrees")
+        upside_down = up < 0.0
+        mount = _planar(places)[index]
+        if math.hypot(*mount[:2]) > MAX_MOUNT_M:
+            raise ValueError(f"the laser {fan.frame!r} is {math.hypot(*mount[:2]):.0f} m away")
+    start, step, ranges = fan.angle_min_rad, fan.angle_step_rad, fan.ranges
+    if upside_down:
+        start, step = -start, -step
+    if step < 0.0:  # clockwise: the last beam becomes the first
+        start, step, ranges = start + step * (len(ranges) - 1), -step, ranges[::-1]
+    return LaserEntry(
+        line_number=fan.number,
+        stamp_ns=fan.stamp_ns,
+        ranges=ranges,
+        angle_min_rad=start,
+        angle_step_rad=step,
+        robot_from_laser=mount,
+        odom_from_robot=None,
+        range_limit_m=fan.range_limit_m,
+    )
+
+
+def _planar(places: Placements) -> list[PoseTuple]:
+    """Places as seen from above."""
+    turned = places.rotations.as_matrix()
+    headings = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
+    return [tuple(row) for row in np.column_stack([places.translations[:, :2], headings]).tolist()]
+
+
+def _fan(scan: Any, number: int, time_ns: int) -> _Fan:
+    ranges = np.array(scan.ranges, np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < scan.range_min] = 0.0  # no return, whatever it was
+    limit = float(scan.range_max)
+    return _Fan(
+        number=number,
+        time_ns=time_ns,
+        stamp_ns=_stamp_ns(scan.header),
+        frame=_frame(scan.header.frame_id),
+        ranges=ranges,
+        angle_min_rad=float(scan.angle_min),
+        angle_step_rad=float(scan.angle_increment),
+        range_limit_m=limit if limit > 0.0 and math.isfinite(limit) else None,
+    )
+
+
+def _odometry(message: Any, number: int, time_ns: int) -> _Pose:
+    position, rotation = message.pose.pose.position, message.pose.pose.orientation
+    x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
+    heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return _Pose(
+        number=number,
+        time_ns=time_ns,
+        stamp_ns=_stamp_ns(message.header),
+        base=_frame(message.child_frame_id),
+        pose=(position.x, position.y, heading),
+    )
+
+
+def _transform(message: Any, *, fixed: bool) -> Transform:
+    """One transform of a tf message.
+
+    Raises:
+        ValueError: its numbers are no transform.
+    """
+    shift, turn = message.transform.translation, message.transform.rotation
+    parent, child = _frame(message.header.frame_id), _frame(message.child_frame_id)
+    translation, quaternion = (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w)
+    length = math.hypot(*quaternion)
+    if not (all(map(math.isfinite, translation)) and 0.5 < length < 2.0):
+        raise ValueError(f"from {parent!r} to {child!r} tf has {translation} and {quaternion}")
+    return Transform(_stamp_ns(message.header), parent, child, translation, quaternion, fixed)
+
+
+def _stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def _frame(name: str) -> str:
+    return name.removeprefix("/")  # ROS 1 had it, tf2 has not

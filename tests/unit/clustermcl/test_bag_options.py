@@ -1,0 +1,48 @@
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from clustermcl.command import app
+from clustermcl.demo import DemoOptions
+from evaluation.evaluate import EvaluateOptions
+from process_runtime.settings import Settings
+from protocol.errors import RecordingError
+from tests.unit.sensor_bridge.bags import grid, scan, written
+
+NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--base-frame", "d"]
+
+
+@pytest.mark.parametrize(
+    ("command", "runs"),
+    [
+        (["evaluate", "robot.bag"], "evaluation.evaluate.run_evaluate"),
+        (["demo", "--recording", "robot.bag"], "clustermcl.demo.run_demo"),
+    ],
+)
+def test_topics_and_frames_named_on_the_command_line_are_settings(
+    command: list[str], runs: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[Settings] = []
+
+    def told_of(_options: DemoOptions | EvaluateOptions, settings: Settings) -> None:
+        told.append(settings)
+
+    monkeypatch.setattr(runs, told_of)
+    result = CliRunner().invoke(app, [*command, *NAMES, "--set", "bridge.laser_x_m=0.2"])
+    assert result.exit_code == 0, result.output
+    bridge = told[0].bridge
+    named = (bridge.scan_topic, bridge.odom_topic, bridge.odom_frame, bridge.base_frame)
+    assert named == ("/a", "/b", "c", "d")
+    assert bridge.laser_x_m == 0.2
+
+
+@pytest.mark.parametrize("command", [["evaluate"], ["demo", "--recording"]])
+def test_a_bag_with_its_map_needs_no_other_and_asks_which_laser(
+    tmp_path: Path, command: list[str]
+) -> None:
+    sent = [grid(1, [[0, 100]]), scan(2), scan(3, topic="/rear/scan")]
+    path = written(tmp_path, "mcap", sent)
+    result = CliRunner().invoke(app, [*command, str(path)])
+    assert isinstance(result.exception, RecordingError)
+    assert "--scan-topic" in str(result.exception)

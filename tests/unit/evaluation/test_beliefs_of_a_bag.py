@@ -1,0 +1,105 @@
+"""A real ROS 1 bag against the CARMEN log that others made of it, and against its other forms."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from coordinator.belief.outcome import Outcome
+from evaluation.experiments.case import Case, RecordedRobot
+from evaluation.experiments.task import Run, Task
+from process_runtime.settings import BridgeSettings, Settings
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from sensor_bridge.recording import open_recording, steps_of
+from tests.unit.recordings import recording_or_skip
+from tests.unit.sensor_bridge.bags import converted
+
+LASER = "/driver_laser_security/laser_scan"
+SETTINGS = Settings(bridge=BridgeSettings(scan_topic=LASER))
+
+
+@pytest.fixture(scope="module")
+def bag() -> Path:
+    return recording_or_skip("crob-jarvis/jarvis_circular_path_fast.bag")
+
+
+@pytest.fixture(scope="module")
+def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def believed(bag: Path, cache_folder: Path) -> list[Outcome]:
+    return list(beliefs(bag, cache_folder))
+
+
+def beliefs(recording: Path, cache_folder: Path) -> Iterator[Outcome]:
+    grid_map = recording_or_skip("crob-jarvis/map.yaml")
+    robot = RecordedRobot(recording=recording, map=grid_map, reference=None)
+    case = Case(name="jarvis", title="Jarvis", robot=robot, seeds=1, ordinary_seeds=0)
+    task = Task(
+        case=case,
+        algorithm="cluster-mcl",
+        seed=0,
+        settings=SETTINGS,
+        cache_folder=cache_folder,
+    )
+    return Run(task).outcomes()
+
+
+def steps(recording: Path) -> list[Scan]:
+    bridge = SETTINGS.bridge
+    return list(steps_of(open_recording(recording, bridge), bridge, "digest"))
+
+
+def facts(outcomes: list[Outcome]) -> list[str]:
+    """All that is believed, to the last bit."""
+    return [repr((one.step, one.state, one.begin, one.end, one.hypotheses)) for one in outcomes]
+
+
+def best(outcome: Outcome) -> PoseTuple:
+    return max(outcome.hypotheses, key=lambda place: place.probability).mean
+
+
+def test_the_steps_are_those_of_the_log_but_for_the_log_s_rounding(bag: Path) -> None:
+    log = steps(recording_or_skip("crob-jarvis/log.clf.gz"))
+    own = steps(bag)
+    assert len(own) == len(log) == 53
+    for ours, theirs in zip(own, log, strict=True):
+        assert ours.ranges == theirs.ranges
+        assert ours.robot_from_laser == theirs.robot_from_laser
+        assert abs(ours.stamp_ns - theirs.stamp_ns) < 600  # of 1e-6 s, and their seconds are floats
+        # Six digits, interpolated at the rounded time: 5.6e-7 at most.
+        np.testing.assert_allclose(ours.odom_from_robot, theirs.odom_from_robot, atol=1e-6)
+        # A LaserScan has its angles as 32 bit numbers.
+        assert ours.angle_min_rad == pytest.approx(theirs.angle_min_rad, abs=3e-8)
+        assert ours.angle_step_rad == pytest.approx(theirs.angle_step_rad, abs=4e-11)
+        assert ours.range_max_m == theirs.range_max_m
+
+
+def test_the_beliefs_are_those_of_the_log(believed: list[Outcome], cache_folder: Path) -> None:
+    log = list(beliefs(recording_or_skip("crob-jarvis/log.clf.gz"), cache_folder))
+    assert len(believed) == len(log)
+    for ours, theirs in zip(believed, log, strict=True):
+        assert (ours.state, sorted(ours.begin), sorted(ours.end)) == (
+            theirs.state,
+            sorted(theirs.begin),
+            sorted(theirs.end),
+        )
+        own = {place.cluster: place.probability for place in ours.hypotheses}
+        assert own == pytest.approx({p.cluster: p.probability for p in theirs.hypotheses})
+        if ours.hypotheses:
+            # Rounding lets single particles be drawn or not: 0.0101 m or rad at most.
+            np.testing.assert_allclose(best(ours), best(theirs), atol=0.02)
+    assert believed[-1].state == "localized"
+
+
+@pytest.mark.parametrize("form", ["sqlite3", "mcap", "mcap zstd file", "mcap zstd storage"])
+def test_every_form_of_the_bag_gives_the_same_beliefs_bit_for_bit(
+    bag: Path, believed: list[Outcome], cache_folder: Path, tmp_path: Path, form: str
+) -> None:
+    other = converted(bag, tmp_path, form)
+    assert steps(other) == steps(bag)
+    assert facts(list(beliefs(other, cache_folder))) == facts(believed)

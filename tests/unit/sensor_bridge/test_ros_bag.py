@@ -1,0 +1,375 @@
+import math
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from process_runtime.settings import BridgeSettings
+from protocol.errors import RecordingError
+from protocol.steps import LaserReading
+from sensor_bridge.recording import Recording, open_recording
+from tests.unit.sensor_bridge.bags import (
+    FORMS,
+    LEVEL,
+    ROLLED_OVER,
+    Sent,
+    about_z,
+    copy_of_first_bytes,
+    fixed_tf,
+    odometry,
+    scan,
+    tf,
+    written,
+)
+from tests.unit.sensor_bridge.logs import odometry_of, scans_of
+
+MOUNT = fixed_tf("base_link", "laser", (0.3, 0.1, 0.2), about_z(0.25))
+S = 1_000_000_000
+
+
+def drive(steps: int = 10, *, beams: int = 3) -> list[Sent]:
+    """A robot that drives along x at 1 m/s and turns by 0.1 rad/s, scans between odometry."""
+    sent: list[Sent] = []
+    for second in range(1, steps + 1):
+        place, turn = (float(second), 0.0, 0.0), about_z(0.1 * second)
+        sent.append(tf(second * S, "odom", "base_link", place, turn))
+        ranges = np.random.default_rng(second).uniform(1, 5, beams).tolist()
+        sent.append(scan(second * S + S // 2, ranges, step=0.5 if beams < 10 else 0.001))
+    return sent
+
+
+def opened(folder: Path, sent: Sequence[Sent], form: str = "mcap", **settings: Any) -> Recording:
+    path = written(folder, form, sent)
+    return open_recording(path, BridgeSettings(**settings))
+
+
+def only_scan(folder: Path, *sent: Sent, **settings: Any) -> LaserReading:
+    moves = [tf(t * S, "odom", "base_link", (float(t), 0, 0)) for t in range(3)]
+    return scans_of(opened(folder, [*moves, *sent], **settings))[0]
+
+
+def refusal(folder: Path, sent: Sequence[Sent], **settings: str) -> str:
+    with pytest.raises(RecordingError) as caught:
+        opened(folder, sent, **settings)
+    assert "\n" not in str(caught.value)
+    return caught.value.problem
+
+
+# --- forms --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_gives_the_same_readings(tmp_path: Path, form: str) -> None:
+    sent = [MOUNT, *drive()]
+    recording = opened(tmp_path, sent, form)
+    assert recording.readings == opened(tmp_path / "plain", sent, "mcap bare").readings
+    assert [reading.stamp_ns for reading in scans_of(recording)] == [
+        second * S + S // 2 for second in range(1, 11)
+    ]
+    assert recording.skipped == ()
+    poses = [reading.odom_from_robot for reading in odometry_of(recording)]
+    expected = [(t, 0.0, 0.1 * t) for t in range(1, 11)]
+    np.testing.assert_allclose(poses, expected, atol=1e-12)  # rounding of quaternions
+    np.testing.assert_allclose(scans_of(recording)[0].robot_from_laser, (0.3, 0.1, 0.25))
+
+
+def test_a_bag_may_have_any_name(tmp_path: Path) -> None:
+    path = written(tmp_path, "ros1", [MOUNT, *drive()])
+    recording = open_recording(path.rename(tmp_path / "recording"), BridgeSettings())
+    assert recording.laser_count == 10
+
+
+def test_several_bags_in_a_folder_without_metadata_are_not_chosen_from(tmp_path: Path) -> None:
+    folder = written(tmp_path, "mcap without metadata", [MOUNT, *drive()])
+    file = next(folder.iterdir())
+    shutil.copyfile(file, folder / "second.mcap")
+    with pytest.raises(RecordingError, match=r"2 bag files without metadata\.yaml; name one"):
+        open_recording(folder, BridgeSettings())
+
+
+def test_without_the_extra_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = written(tmp_path, "mcap", drive())
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(RecordingError, match=r"pip install 'clustermcl\[ros2\]'"):
+        open_recording(path, BridgeSettings())
+
+
+def test_an_unknown_encoding_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path, "mcap bare", drive(), encoding="flatbuffer")
+    with pytest.raises(RecordingError, match="is encoded as 'flatbuffer', not as ROS's CDR"):
+        open_recording(path, BridgeSettings())
+
+
+# --- what is chosen -----------------------------------------------------------------------------
+
+
+def test_of_two_lasers_one_must_be_named(tmp_path: Path) -> None:
+    sent = [MOUNT, *drive(), scan(S, (4.0,), topic="/rear/scan")]
+    problem = refusal(tmp_path, sent)
+    assert "/rear/scan (1 messages), /scan (10 messages)" in problem
+    assert "--scan-topic" in problem
+    named = opened(tmp_path / "named", sent, scan_topic="/rear/scan")
+    assert named.laser_count == 1
+
+
+def test_a_topic_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    problem = refusal(tmp_path, [MOUNT, *drive()], scan_topic="/front")
+    assert problem.startswith("no sensor_msgs/LaserScan on /front; the bag has /scan")
+
+
+def test_a_bag_without_scans_names_its_topics(tmp_path: Path) -> None:
+    assert refusal(tmp_path, [MOUNT]) == "no sensor_msgs/LaserScan in it; the bag has /tf_static"
+
+
+def test_two_lasers_on_one_topic_keep_their_own_places(tmp_path: Path) -> None:
+    rear = fixed_tf("base_link", "rear", (-0.4, 0.0, 0.2), about_z(math.pi / 2))
+    sent = [MOUNT, rear, *drive(), scan(2 * S, frame="rear")]
+    mounts = {reading.robot_from_laser for reading in scans_of(opened(tmp_path, sent))}
+    np.testing.assert_allclose(
+        sorted(mounts), [(-0.4, 0.0, math.pi / 2), (0.3, 0.1, 0.25)], atol=1e-12
+    )
+
+
+def test_scans_of_a_frame_without_a_place_are_left_out_and_named(tmp_path: Path) -> None:
+    recording = opened(tmp_path, [MOUNT, *drive(), scan(2 * S, frame="lost")])
+    assert recording.laser_count == 10
+    assert "no transform from 'base_link' to the laser's frame 'lost'" in (
+        recording.skipped[0].problem
+    )
+
+
+def test_a_missing_transform_is_named(tmp_path: Path) -> None:
+    problem = refusal(tmp_path, drive())
+    assert "no odometry" in problem
+    problem = refusal(tmp_path / "odom", [*drive(), odometry(S, (0, 0, 0))])
+    assert "no transform from 'base_link' to the laser's frame 'laser'" in problem
+    assert "tf holds odom -> base_link" in problem
+
+
+def test_the_settings_say_where_a_laser_is_that_tf_does_not_know(tmp_path: Path) -> None:
+    sent = [odometry(t * S, (t, 0, 0), 0.1 * t) for t in range(5)] + [scan(2 * S)]
+    recording = opened(tmp_path, sent, laser_x_m=0.2)
+    assert scans_of(recording)[0].robot_from_laser == (0.2, 0.0, 0.0)
+    poses = [reading.odom_from_robot for reading in odometry_of(recording)]
+    np.testing.assert_allclose(poses, [(t, 0.0, 0.1 * t) for t in range(5)], atol=1e-12)
+
+
+def test_tf_goes_before_a_topic_of_odometry_that_is_not_named(tmp_path: Path) -> None:
+    sent = [MOUNT, *drive(), odometry(3 * S, (99, 0, 0)), odometry(4 * S, (98, 0, 0))]
+    places = [reading.odom_from_robot[0] for reading in odometry_of(opened(tmp_path, sent))]
+    assert places == list(range(1, 11))
+    named = opened(tmp_path / "named", sent, odom_topic="/odom")
+    assert [reading.odom_from_robot[0] for reading in odometry_of(named)] == [99, 98]
+
+
+def test_of_two_topics_of_odometry_one_must_be_named(tmp_path: Path) -> None:
+    two = [odometry(S, (0, 0, 0)), odometry(S, (0, 0, 0), topic="/visual")]
+    problem = refusal(tmp_path, [MOUNT, scan(S), *two])
+    assert "/odom, /visual" in problem
+    assert "--odom-topic" in problem
+
+
+def test_an_odometry_frame_of_another_name_must_be_named(tmp_path: Path) -> None:
+    moves = [tf(t * S, "r1/odom", "r1/base", (t, 0, 0)) for t in range(4)]
+    sent = [*moves, fixed_tf("r1/base", "laser", (0.1, 0, 0)), scan(S)]
+    problem = refusal(tmp_path, sent)
+    assert "r1/odom <- r1/base <- laser" in problem
+    assert "--odom-frame" in problem
+    named = opened(tmp_path / "named", sent, odom_frame="r1/odom")
+    assert scans_of(named)[0].robot_from_laser == (0.1, 0.0, 0.0)
+
+
+def test_the_tf_of_another_robot_is_not_used(tmp_path: Path) -> None:
+    other = [tf(t * S, "odom", "base_link", (-t, 0, 0), topic="/r2/tf") for t in range(4)]
+    own = [tf(t * S, "odom", "base_link", (t, 0, 0), topic="/r1/tf") for t in range(4)]
+    mount = tf(0, "base_link", "laser", (0.1, 0, 0), topic="/r1/tf")
+    sent = [mount, *other, *own, scan(S, topic="/r1/front/scan")]
+    places = [reading.odom_from_robot[0] for reading in odometry_of(opened(tmp_path, sent))]
+    assert places == [0, 1, 2, 3]
+    stray = [mount, *other, *own, scan(S, topic="/scan")]
+    assert "several robots' tf" in refusal(tmp_path / "stray", stray)
+
+
+# --- frames -------------------------------------------------------------------------------------
+
+
+def test_the_robot_s_frame_is_the_one_on_the_laser_s_way_up(tmp_path: Path) -> None:
+    beside = [tf(t * S, "odom", "navigation", (50 + t, 0, 0)) for t in range(4)]
+    assert len(odometry_of(opened(tmp_path, [MOUNT, *beside, *drive()]))) == 10
+
+
+def test_a_named_frame_of_the_robot_moves_odometry_and_mount(tmp_path: Path) -> None:
+    axle = fixed_tf("base_link", "axle", (-1.0, 0.0, 0.0))
+    recording = opened(tmp_path, [MOUNT, axle, *drive()], base_frame="axle")
+    np.testing.assert_allclose(scans_of(recording)[0].robot_from_laser, (1.3, 0.1, 0.25))
+    first = odometry_of(recording)[0].odom_from_robot
+    np.testing.assert_allclose(first, (1 - math.cos(0.1), -math.sin(0.1), 0.1))
+
+
+def beam_ends(reading: LaserReading) -> list[tuple[float, float]]:
+    x, y, heading = reading.robot_from_laser
+    ranges = reading.ranges.array()
+    angles = heading + reading.angle_min_rad + reading.angle_step_rad * np.arange(len(ranges))
+    ends = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
+    return sorted((round(float(u), 5), round(float(v), 5)) for u, v in ends)
+
+
+@pytest.mark.parametrize("turn", [LEVEL, ROLLED_OVER, (0.0, 1.0, 0.0, 0.0), about_z(2.0)])
+def test_beams_end_where_tf_puts_them_also_of_a_laser_upside_down(
+    tmp_path: Path, turn: tuple[float, float, float, float]
+) -> None:
+    mount = fixed_tf("base_link", "laser", (0.3, 0.1, 0.2), turn)
+    reading = only_scan(tmp_path, mount, scan(S, (1.0, 2.0, 4.0)))
+    angles = -0.25 + 0.5 * np.arange(3)
+    beams = np.array([1.0, 2.0, 4.0])[:, None] * np.column_stack(
+        [np.cos(angles), np.sin(angles), np.zeros(3)]
+    )
+    ends = Rotation.from_quat(turn).apply(beams) + np.array([0.3, 0.1, 0.2])
+    expected = sorted((float(x), float(y)) for x, y, _ in ends)
+    np.testing.assert_allclose(beam_ends(reading), expected, atol=2e-5)  # ends are rounded
+    assert reading.angle_step_rad > 0.0
+
+
+def test_beams_that_run_clockwise_are_turned_round(tmp_path: Path) -> None:
+    mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
+    reading = only_scan(tmp_path, mount, scan(S, (1.0, 2.0, 4.0), step=-0.5))
+    assert reading.ranges.array().tolist() == [4.0, 2.0, 1.0]
+    assert (reading.angle_min_rad, reading.angle_step_rad) == (-1.25, 0.5)
+
+
+def test_a_laser_on_a_chain_of_frames_is_placed_at_the_scan_s_time(tmp_path: Path) -> None:
+    mast = fixed_tf("base_link", "mast", (0.5, 0.0, 1.0), about_z(math.pi / 2))
+    turret = [tf(t * S, "mast", "turret", (0, 0, 0), about_z(0.2 * t)) for t in range(3)]
+    laser = fixed_tf("turret", "laser", (0.1, 0.0, 0.0))
+    reading = only_scan(tmp_path, mast, *turret, laser, scan(S + S // 2))
+    heading = math.pi / 2 + 0.3
+    expected = (0.5 + 0.1 * math.cos(heading), 0.1 * math.sin(heading), heading)
+    np.testing.assert_allclose(reading.robot_from_laser, expected)
+
+
+def test_a_moving_mount_is_not_guessed_long_after_its_last_transform(tmp_path: Path) -> None:
+    turret = [tf(t * S, "base_link", "laser", (0, 0, 0), about_z(0.2 * t)) for t in range(3)]
+    moves = [tf(t * S, "odom", "base_link", (t, 0, 0)) for t in range(9)]
+    recording = opened(tmp_path, [*moves, *turret, scan(S), scan(8 * S)])
+    assert recording.laser_count == 1
+    assert "no transform from 'base_link' to 'laser' at the scan's time" in (
+        recording.skipped[0].problem
+    )
+
+
+def test_a_tilted_laser_is_refused_and_a_little_tilt_is_not(tmp_path: Path) -> None:
+    def pitched(degrees: float) -> Sent:
+        x, y, z, w = Rotation.from_euler("y", degrees, degrees=True).as_quat().tolist()
+        return fixed_tf("base_link", "laser", (0.0, 0.0, 0.2), (x, y, z, w))
+
+    problem = refusal(tmp_path, [pitched(20), *drive()])
+    assert problem == "the laser 'laser' is tilted by 20 degrees"
+    assert only_scan(tmp_path / "little", pitched(3), scan(S)).robot_from_laser[2] == 0.0
+
+
+def test_frames_in_a_loop_are_named(tmp_path: Path) -> None:
+    loop = [tf(S, "a", "laser"), tf(S, "b", "a"), tf(S, "laser", "b")]
+    assert refusal(tmp_path, [*loop, scan(S)]) == "tf loops: laser -> b -> a -> laser"
+
+
+def test_a_frame_with_two_parents_is_named(tmp_path: Path) -> None:
+    two = [tf(S, "base_link", "laser"), tf(S, "camera", "laser")]
+    problem = refusal(tmp_path, [*two, *drive()])
+    assert problem == "tf gives the frame 'laser' 2 parents: base_link and camera"
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0)])
+def test_a_transform_that_is_none_is_left_out_and_named(
+    tmp_path: Path, turn: tuple[float, float, float, float]
+) -> None:
+    recording = opened(tmp_path, [MOUNT, tf(S, "odom", "base_link", (0, 0, 0), turn), *drive()])
+    assert len(odometry_of(recording)) == 10
+    assert "from 'odom' to 'base_link' tf has" in recording.skipped[0].problem
+
+
+# --- ranges -------------------------------------------------------------------------------------
+
+
+def test_what_laser_scan_calls_no_return_is_none(tmp_path: Path) -> None:
+    ranges = (0.05, 0.5, math.inf, math.nan, -math.inf, 9.0, 11.0, 0.1)
+    mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
+    reading = only_scan(tmp_path, mount, scan(S, ranges, step=0.1))
+    values = reading.ranges.array()
+    used = np.isfinite(values) & (values > 0.0) & (values < reading.range_max_m)
+    assert values[used].tolist() == np.array([0.5, 9.0, 0.1], np.float32).tolist()
+
+
+@pytest.mark.parametrize("range_max", [math.inf, math.nan, 0.0])
+def test_a_largest_range_that_is_none_limits_nothing(tmp_path: Path, range_max: float) -> None:
+    mount = fixed_tf("base_link", "laser", (0.0, 0.0, 0.0))
+    reading = only_scan(tmp_path, mount, scan(S, (24.0, 25.0), range_max=range_max))
+    assert reading.range_max_m > 25.0
+
+
+# --- damage -------------------------------------------------------------------------------------
+
+
+def read_or_refused(path: Path) -> Recording | str:
+    try:
+        return open_recording(path, BridgeSettings())
+    except RecordingError as refused:
+        return str(refused)
+
+
+def is_beginning(part: Recording, whole: Recording) -> bool:
+    stamps = {reading.stamp_ns: reading for reading in scans_of(whole)}
+    same = [reading.ranges == stamps[reading.stamp_ns].ranges for reading in scans_of(part)]
+    return all(same)
+
+
+@pytest.mark.parametrize(
+    "form", ["ros1", "ros1 bz2", "ros1 lz4", "sqlite3 bare", "mcap bare", "mcap packed"]
+)
+def test_a_cut_off_bag_gives_what_it_holds_or_one_line(tmp_path: Path, form: str) -> None:
+    sent = [MOUNT, *drive(60, beams=2000)]
+    whole_path = written(tmp_path, form, sent)
+    whole = open_recording(whole_path, BridgeSettings())
+    counts = []
+    (tmp_path / "cut").mkdir()
+    for share in np.linspace(0.0, 0.999, 20):
+        cut = copy_of_first_bytes(whole_path, tmp_path / "cut", share)
+        part = read_or_refused(cut)
+        if isinstance(part, str):
+            assert "\n" not in part
+            counts.append(0)
+        else:
+            assert is_beginning(part, whole)
+            named = part.skipped and "cut off" in part.skipped[-1].problem
+            assert named or part.readings == whole.readings
+            counts.append(part.laser_count)
+    assert counts == sorted(counts)  # the more there is, the more is read
+    if form != "ros1 bz2":  # which unpacks in blocks larger than this bag
+        assert counts[len(counts) // 2] > 10
+
+
+def test_a_recorder_that_was_killed_leaves_a_bag_that_can_be_read(tmp_path: Path) -> None:
+    path = written(tmp_path, "ros1", [MOUNT, *drive(60, beams=2000)])
+    content = bytearray(path.read_bytes())
+    at = content.index(b"index_pos=") + len(b"index_pos=")
+    content[at : at + 8] = bytes(8)  # as it stands there until the recorder ends
+    path.write_bytes(content)
+    recording = open_recording(path, BridgeSettings())
+    assert recording.laser_count == 60
+    assert "not indexed" in recording.skipped[-1].problem
+
+
+@pytest.mark.parametrize("form", ["ros1", "sqlite3 bare", "mcap bare"])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_damaged_bag_is_read_or_refused_in_one_line(tmp_path: Path, form: str, seed: int) -> None:
+    path = written(tmp_path, form, [MOUNT, *drive()])
+    random = np.random.default_rng(seed)
+    content = np.frombuffer(path.read_bytes(), np.uint8).copy()
+    content[random.integers(0, len(content), 40)] = random.integers(0, 256, 40)
+    path.write_bytes(content.tobytes())
+    outcome = read_or_refused(path)
+    assert isinstance(outcome, Recording) or "\n" not in outcome
