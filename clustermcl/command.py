@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
+from live_view.admission import DEFAULT_PORT
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
@@ -60,6 +61,10 @@ Assignments = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
 ]
+Listen = Annotated[
+    str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
+]
+HERE = f"127.0.0.1:{DEFAULT_PORT}"
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
@@ -98,6 +103,10 @@ def demo(
     ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
+    ] = False,
+    listen: Listen = HERE,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -114,6 +123,7 @@ def demo(
         reference=reference,
         rate=rate,
         steps=steps,
+        view_at=listen if view else None,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
@@ -243,6 +253,30 @@ def watch(
 
     _until_interrupted(
         lambda: stream(load_settings(settings_file, assignments or ()), as_json=as_json)
+    )
+
+
+@app.command("view")
+def serve_view(
+    open_browser: Annotated[
+        bool, typer.Option("--open", help="Open the page in this machine's browser.")
+    ] = False,
+    listen: Listen = HERE,
+    allow_commands: Annotated[
+        bool,
+        typer.Option("--allow-commands", help="Show the buttons on other addresses too."),
+    ] = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
+    from clustermcl.view import run_view  # noqa: PLC0415 - see the module
+
+    run_view(
+        load_settings(settings_file, assignments or ()),
+        listen=listen,
+        allow_commands=allow_commands,
+        open_browser=open_browser,
     )
 
 
