@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
+from live_view.admission import DEFAULT_PORT
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
@@ -64,6 +65,10 @@ ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a
 OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
 OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="tf's odometry frame, of a ROS bag.")]
 BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame, of a ROS bag.")]
+Listen = Annotated[
+    str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
+]
+HERE = f"127.0.0.1:{DEFAULT_PORT}"
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
@@ -106,6 +111,10 @@ def demo(
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
     base_frame: BaseFrame = "",
+    view: Annotated[
+        bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
+    ] = False,
+    listen: Listen = HERE,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -122,6 +131,7 @@ def demo(
         reference=reference,
         rate=rate,
         steps=steps,
+        view_at=listen if view else None,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
@@ -281,6 +291,30 @@ def watch(
 
     _until_interrupted(
         lambda: stream(load_settings(settings_file, assignments or ()), as_json=as_json)
+    )
+
+
+@app.command("view")
+def serve_view(
+    open_browser: Annotated[
+        bool, typer.Option("--open", help="Open the page in this machine's browser.")
+    ] = False,
+    listen: Listen = HERE,
+    allow_commands: Annotated[
+        bool,
+        typer.Option("--allow-commands", help="Show the buttons on other addresses too."),
+    ] = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
+    from clustermcl.view import run_view  # noqa: PLC0415 - see the module
+
+    run_view(
+        load_settings(settings_file, assignments or ()),
+        listen=listen,
+        allow_commands=allow_commands,
+        open_browser=open_browser,
     )
 
 

@@ -16,6 +16,7 @@ from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
+from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
@@ -39,6 +40,8 @@ from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 DEFAULT_SOURCE = "sim:cross_feature"
 DEFAULT_SIMULATION_RATE = 3.0
 DEFAULT_SIMULATION_STEPS = 300
+VIEWED_SIMULATION_STEPS = 10_000
+"""Of a robot that somebody looks at: about 20 minutes, if nobody ends it before."""
 LOCALIZED_STEPS = 20
 """A simulated robot that has been localized for so long has shown what there is to see."""
 
@@ -68,6 +71,8 @@ class DemoOptions:
     rate: float | None = None
     steps: int | None = None
     """Steps of a simulated robot."""
+    view_at: str | None = None
+    """``HOST:PORT`` where a page draws it; None: nowhere."""
     as_json: bool = False
 
 
@@ -100,6 +105,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     started_s = time.monotonic()
+    if options.view_at is not None:
+        _say_where(options.view_at)
     stop = stop_on_signals(exit_after_s=5.0)
     show = _prepared(options, settings)
     view = _view(options, show)
@@ -107,7 +114,13 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         arguments = ["--steps", str(show.steps)] if show.simulated else []
         arguments += ["--map", options.map_file] if show.simulated and options.map_file else []
         met = meeting_in(folder, show.settings)
-        stack = Stack(met, folder, logs_in_folder=True, simulator_arguments=arguments)
+        stack = Stack(
+            met,
+            folder,
+            logs_in_folder=True,
+            simulator_arguments=arguments,
+            view_at=options.view_at,
+        )
         with running(stack):
             result = _run(stack, met, show, view, stop)
     wall_s = time.monotonic() - started_s
@@ -115,6 +128,19 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         _print(dumped(_as_object(result, wall_s)))
     else:
         _print("\n".join(_summary(result, wall_s)))
+
+
+def _say_where(view_at: str) -> None:
+    """Say what to open.
+
+    Raises:
+        SettingsError: others would reach it: that wants a token, as of `clustermcl view`.
+    """
+    address = page_address(view_at)
+    if not address.is_loopback or not address.port:
+        problem = "--listen: a demo is shown on this machine alone, at a port that is named"
+        raise SettingsError(key="--listen", problem=problem)
+    say_link(f"http://{address.netloc}/")
 
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Show:
@@ -149,9 +175,11 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _S
     simulated_world(robot)
     if options.map_file:
         load_map(options.map_file)
-    steps = options.steps or DEFAULT_SIMULATION_STEPS
+    usual_steps = VIEWED_SIMULATION_STEPS if options.view_at else DEFAULT_SIMULATION_STEPS
+    steps = options.steps or usual_steps
     title = f"simulated robot in {robot.world}"
-    return _Show(settings, title, steps, True, options.steps is None, None)
+    ends_when_localized = options.steps is None and options.view_at is None
+    return _Show(settings, title, steps, True, ends_when_localized, None)
 
 
 def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:

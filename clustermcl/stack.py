@@ -53,6 +53,7 @@ class Stack:
         folder: for the settings file that they read, and for their logs.
         logs_in_folder: whether their logs go there; else to this process's standard error.
         simulator_arguments: more arguments for the simulator.
+        view_at: ``HOST:PORT`` where a page draws it; None: nowhere.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class Stack:
         *,
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
+        view_at: str | None = None,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -75,7 +77,8 @@ class Stack:
                 assert_never(choice)
         router = self._child("zenoh_link.router", name=ROUTER)
         self._coordinator = self._child("coordinator")
-        self._supervisor = Supervisor([router, self._child("worker"), source])
+        views = [] if view_at is None else [self._child("live_view", "--listen", view_at)]
+        self._supervisor = Supervisor([router, *views, self._child("worker"), source])
 
     def start_all(self) -> None:
         """Start everything."""

@@ -1,0 +1,5 @@
+"""Run the page's server."""
+
+from live_view.process import main
+
+main()

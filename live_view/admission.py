@@ -1,0 +1,118 @@
+"""Who may open the page: decided from the head of a request, before anything is answered."""
+
+import hmac
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from protocol.errors import SettingsError
+
+DEFAULT_PORT = 8350
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where the page is served."""
+
+    host: str
+    port: int
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only programs of this machine reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def netloc(self) -> str:
+        """As it stands in a link."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parsed_address(text: str) -> Address:
+    """``HOST:PORT``, ``HOST`` or ``:PORT``; an IPv6 address stands in brackets.
+
+    Raises:
+        SettingsError: it is none of them.
+    """
+    try:
+        parts = urlsplit(f"//{text}")
+        port = parts.port
+    except ValueError as error:
+        raise SettingsError(key="--listen", problem=f"--listen: {text!r}: {error}") from None
+    if parts.netloc != text or not text or parts.username is not None:
+        raise SettingsError(key="--listen", problem=f"--listen: {text!r} is not HOST:PORT")
+    return Address(parts.hostname or "127.0.0.1", DEFAULT_PORT if port is None else port)
+
+
+@dataclass(frozen=True)
+class Admission:
+    """Decides about requests.
+
+    On loopback a stranger's page could have its own name point here, so only the names of this
+    machine are answered. Elsewhere a token is wanted: in the link, and then in the cookie that the
+    page is sent with.
+
+    Args:
+        address: where the page is served, with the port that was given in the end.
+        token: what the link must hold; empty: nothing, as on loopback.
+    """
+
+    address: Address
+    token: str = ""
+
+    @property
+    def link(self) -> str:
+        """What a person opens."""
+        token = f"?token={self.token}" if self.token else ""
+        return f"http://{self.address.netloc}/{token}"
+
+    @property
+    def cookie(self) -> str:
+        """What the page is sent with, for the requests that follow; empty without a token."""
+        if not self.token:
+            return ""
+        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+
+    def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
+        """Why a request is refused; empty: it is not.
+
+        Args:
+            target: path and query.
+            headers: of the request, by lower-case name.
+            socket: whether it opens a WebSocket: then its page must be ours.
+        """
+        host = headers.get("host", "")
+        if self.address.is_loopback and host not in self._own_names():
+            return f"this page is served at {self.address.netloc}, not at {host!r}"
+        if socket and urlsplit(headers.get("origin", "")).netloc != host:
+            return f"a page of {headers.get('origin', 'nowhere')!r} may not listen here"
+        if self.token and not self._knows_token(target, headers):
+            return "the token is missing or wrong: open the link that `clustermcl view` printed"
+        return ""
+
+    def _own_names(self) -> set[str]:
+        port = self.address.port
+        names = {f"{name}:{port}" for name in LOOPBACK_NAMES} | {self.address.netloc}
+        return names | (set(LOOPBACK_NAMES) if port == 80 else set())
+
+    def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
+        given = parse_qs(urlsplit(target).query).get("token", [""])[0]
+        try:
+            cookies = SimpleCookie(headers.get("cookie", ""))
+        except CookieError:
+            cookies = SimpleCookie()
+        if self._cookie_name in cookies:
+            given = given or cookies[self._cookie_name].value
+        return hmac.compare_digest(given.encode(), self.token.encode())
+
+    @property
+    def _cookie_name(self) -> str:
+        return f"clustermcl-{self.address.port}"  # cookies do not tell ports apart

@@ -1,0 +1,141 @@
+"""Messages as the page reads them: plain objects with short names, rounded for the screen.
+
+The page's `app.js` is the only reader and is served by the same process, so these have no versions.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
+from protocol.job_events import NumberedEvent, event_text
+from protocol.message import PoseTuple
+from protocol.steps import MapMessage, Scan
+
+Frame: TypeAlias = dict[str, Any]
+
+MAX_BEAMS = 360
+"""Of a scan on the page; of more, every second, third and so on is drawn."""
+
+
+def map_frame(message: MapMessage) -> Frame:
+    """Where the map lies and how large it is; the page fetches its cells by the digest."""
+    return {
+        "digest": message.digest,
+        "rows": message.rows,
+        "cols": message.cols,
+        "cell_m": message.cell_m,
+        "origin": message.map_from_grid,
+    }
+
+
+def step_frame(
+    belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
+) -> Frame:
+    """All that is drawn after one step."""
+    return {
+        "step": belief.step,
+        "state": belief.state,
+        "searching": belief.searching,
+        "missing": belief.missing,
+        "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
+        "scan": [] if scan is None else scan_points_cm(scan),
+        "truth": truth,
+    }
+
+
+def _place(place: Hypothesis, slot: int) -> Frame:
+    xx, xy, _, _, yy, _, _, _, heading = place.covariance
+    return {
+        "cluster": place.cluster,
+        "slot": slot,
+        "p": place.probability,
+        "pose": place.mean,
+        "cov": (xx, xy, yy, heading),
+        "age": place.age_steps,
+    }
+
+
+def history_row(frame: Frame) -> list[Any]:
+    """What the way and the plot need of a step: step, places as (cluster, slot, p, x, y), truth."""
+    places = [
+        (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
+        for p in frame["places"]
+    ]
+    return [frame["step"], places, frame["truth"]]
+
+
+def scan_points_cm(scan: Scan) -> list[int]:
+    """End points of the beams that returned, in the robot's frame [cm]: x, y, x, y, ..."""
+    ranges = scan.ranges.array().ravel().astype(np.float64)
+    every = -(-len(ranges) // MAX_BEAMS) or 1
+    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))
+    ranges, angles = ranges[::every], angles[::every]
+    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < scan.range_max_m)
+    x, y, heading = scan.robot_from_laser
+    angles = angles[returned] + heading
+    points = np.column_stack([np.cos(angles), np.sin(angles)]) * ranges[returned, None] + (x, y)
+    cm: list[int] = np.rint(points * 100.0).astype(int).ravel().tolist()
+    return cm
+
+
+def pose_frame(answer: PoseAnswer) -> Frame:
+    """Where the robot is now."""
+    frame: Frame = {
+        "state": answer.state,
+        "freshness": answer.freshness,
+        "age_s": answer.age_s,
+        "step": answer.step,
+        "p": answer.probability,
+        "pose": answer.map_from_robot,
+        "workers": answer.workers,
+    }
+    if answer.covariance is not None:
+        xx, _, _, _, yy, _, _, _, heading = answer.covariance
+        frame["sigma"] = [float(np.sqrt(max(value, 0.0))) for value in (xx, yy, heading)]
+    return frame
+
+
+def status_frame(status: Status) -> Frame:
+    """How the system is."""
+    return {
+        "version": status.version,
+        "state": status.state,
+        "freshness": status.freshness,
+        "age_s": status.age_s,
+        "step": status.step,
+        "applied": status.steps_applied,
+        "lost": status.steps_lost,
+        "reports_missing": status.reports_missing,
+        "searching": status.searching,
+        "uptime_s": status.uptime_s,
+        "workers": [
+            {"name": name, "jobs": jobs, **_rates(name, status)}
+            for name, jobs in status.workers.items()
+        ],
+        "dropped": {cause: count for cause, count in status.counters.items() if count},
+    }
+
+
+def _rates(name: str, status: Status) -> Frame:
+    for health in status.processes:
+        if health.sender == name:
+            rates = {what: round(rate, 1) for what, rate in health.rates_per_s.items()}
+            return {"rates": rates, "mb": round(health.memory_bytes / 1e6)}
+    return {}
+
+
+def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
+    """What began and ended, and why, oldest first."""
+    return [
+        {
+            "number": numbered.number,
+            "step": numbered.step,
+            "job": numbered.event.job_id,
+            "cause": numbered.event.cause,
+            "kind": type(numbered.event).__name__.lower(),
+            "text": event_text(numbered.event),
+        }
+        for numbered in events
+    ]

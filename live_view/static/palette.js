@@ -1,0 +1,27 @@
+// Okabe and Ito's colours, which the colour-blind tell apart; the last one stands for their yellow
+// and black, which vanish on one of the two grounds. Clusters beyond them are drawn dashed.
+export const PALETTE = [
+  "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
+];
+
+export const colourOf = (slot) => PALETTE[slot % PALETTE.length];
+export const isDashed = (slot) => slot >= PALETTE.length;
+
+/** The value of a colour variable of style.css in the theme of now. */
+export const themed = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+/** Fit a canvas to its box in device pixels; its drawing context, in CSS pixels. */
+export function prepared(canvas) {
+  const ratio = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return { context, width, height, ratio };
+}
+
+export const percent = (p) => (p >= 0.9995 ? "100 %" : p < 0.001 ? "< 0.1 %" : `${(100 * p).toFixed(p < 0.0995 ? 1 : 0)} %`);

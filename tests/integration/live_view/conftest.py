@@ -1,0 +1,115 @@
+"""A robot's system, the page's process, and a browser that looks at it."""
+
+import importlib.util
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from clustermcl.client import Client
+from clustermcl.stack import Stack, meeting_in
+from process_runtime.settings import Settings
+from process_runtime.supervisor import python_module
+from tests.integration.free_port import free_port
+from tests.integration.live_view.page import Page
+from tests.integration.processes import RunningProcess
+from tests.integration.system.conftest import SMALL
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+DRIVERS = ("chromedriver",)
+
+
+class System:
+    """A simulated robot in a cross of four equal arms, which can be ended and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        bridge = msgspec.structs.replace(SMALL.bridge, source="sim:cross", rate=2.0)
+        nothing_kept = msgspec.structs.replace(SMALL.coordinator, state_folder="off")
+        worker = msgspec.structs.replace(SMALL.worker, count=2, cache_folder=str(folder / "cache"))
+        zenoh = msgspec.structs.replace(SMALL.zenoh, connect_timeout_s=30.0)
+        self.settings: Settings = meeting_in(
+            folder,
+            msgspec.structs.replace(
+                SMALL, bridge=bridge, coordinator=nothing_kept, worker=worker, zenoh=zenoh
+            ),
+        )
+        self._folder = folder
+        self._stack: Stack | None = None
+
+    def start(self) -> None:
+        self._stack = Stack(self.settings, self._folder, logs_in_folder=True)
+        self._stack.start_all()
+
+    def stop(self) -> None:
+        if self._stack is not None:
+            self._stack.stop()
+            self._stack = None
+
+    def causes(self) -> list[str]:
+        """Why clusters and searches began and ended so far."""
+        with Client(self.settings) as client:
+            return [numbered.event.cause for numbered in client.events().events]
+
+
+@pytest.fixture(scope="module")
+def folder() -> Iterator[Path]:
+    """For a socket: its path has at most 107 bytes."""
+    with tempfile.TemporaryDirectory(prefix="mcl-") as made:
+        yield Path(made)
+
+
+@pytest.fixture(scope="module")
+def system(folder: Path) -> Iterator[System]:
+    """Not started yet."""
+    made = System(folder)
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope="module")
+def link(folder: Path, system: System) -> Iterator[str]:
+    """Where the page of that system is served."""
+    with ExitStack() as ended:
+        endpoint = f"zenoh.router={system.settings.zenoh.router}"
+        listen = f"127.0.0.1:{free_port()}"
+        command = python_module("live_view", "--set", endpoint, "--listen", listen)
+        process = RunningProcess(command, folder, "live_view")
+        ended.callback(process.kill)
+        process.wait_for("look at")
+        yield f"http://{listen}/"
+
+
+@pytest.fixture(scope="module")
+def page(link: str) -> Iterator[Page]:
+    """The page, open in a browser without a screen."""
+    with ExitStack() as ended:
+        driver = _driver()
+        ended.callback(driver.quit)
+        yield Page(driver, link)
+
+
+def _driver() -> Any:
+    """A browser and what drives it; skips where one of them is not installed."""
+    if importlib.util.find_spec("selenium") is None:
+        pytest.skip("selenium is not installed: pip install 'clustermcl[browser]'")
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    driver = next(filter(None, map(shutil.which, DRIVERS)), None)
+    if browser is None or driver is None:
+        pytest.skip("no Chromium with its driver: apt-get install chromium chromium-driver")
+    from selenium import webdriver  # noqa: PLC0415 - an extra
+    from selenium.webdriver.chrome.service import Service  # noqa: PLC0415 - an extra
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for argument in (
+        "--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--no-proxy-server",
+        "--disable-background-networking", "--window-size=1360,900",
+    ):  # fmt: skip
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    return webdriver.Chrome(options=options, service=Service(driver))

@@ -1,0 +1,119 @@
+"""What a test sees of the page, and does on it."""
+
+import base64
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from tests.integration.waiting import wait_until
+
+SNAPSHOT = """
+const view = liveView.view;
+view.draw();
+return JSON.stringify({
+  step: view.step, view: view.view, image: view.canvas.toDataURL(),
+  size: [view.canvas.clientWidth, view.canvas.clientHeight],
+});
+"""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The map's canvas at one moment, and what was drawn on it."""
+
+    step: dict[str, Any]
+    view: dict[str, float]
+    size: tuple[int, int]
+    pixels: NDArray[np.uint8]
+
+    def pixel_at(self, x_m: float, y_m: float) -> tuple[int, int, int]:
+        """Colour where a place of the map is drawn."""
+        left, top = self.screen_of(x_m, y_m)
+        red, green, blue = self.pixels[round(top), round(left)]
+        return int(red), int(green), int(blue)
+
+    def screen_of(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where a place of the map is drawn, by the view's middle and scale."""
+        width, height = self.size
+        view = self.view
+        left = width / 2 + (x_m - view["x"]) * view["scale"]
+        return left, height / 2 - (y_m - view["y"]) * view["scale"]
+
+
+class Page:
+    """The open page."""
+
+    def __init__(self, driver: Any, link: str) -> None:
+        self.driver, self.link = driver, link
+        driver.get(link)
+
+    def run(self, script: str) -> Any:
+        """What a script returns."""
+        return self.driver.execute_script(script)
+
+    @property
+    def system(self) -> str:
+        """What the page says of the system: ``running``, ``no router`` and so on."""
+        said: str = self.run("return document.documentElement.dataset.link ?? ''")
+        return said
+
+    def text(self, element: str) -> str:
+        """Visible text of an element by its id."""
+        said: str = self.run(f"return document.getElementById('{element}').innerText")
+        return said
+
+    def is_visible(self, element: str) -> bool:
+        """Whether an element is shown."""
+        shown: bool = self.run(f"return document.getElementById('{element}').checkVisibility()")
+        return shown
+
+    def click(self, element: str) -> None:
+        """Click on an element as a person does."""
+        self.driver.find_element("id", element).click()
+
+    def drag_on_map(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        """Press, drag and release on the map's canvas [px from its corner]."""
+        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
+
+        canvas = self.driver.find_element("id", "map")
+        width, height = self.snapshot().size
+        x, y = round(start[0] - width / 2), round(start[1] - height / 2)
+        chain = ActionChains(self.driver).move_to_element_with_offset(canvas, x, y)
+        chain.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1]))
+        chain.release().perform()
+
+    def history(self) -> list[Any]:
+        """Steps that the page knows: step, places, truth."""
+        rows: list[Any] = self.run("return liveView.history()")
+        return rows
+
+    def snapshot(self) -> Snapshot:
+        """The map as it is drawn now."""
+        taken = json.loads(self.run(SNAPSHOT))
+        png = base64.b64decode(taken["image"].partition(",")[2])
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
+        return Snapshot(taken["step"], taken["view"], tuple(taken["size"]), pixels)
+
+    def plot(self) -> bytes:
+        """The picture of the probabilities."""
+        url: str = self.run("return document.getElementById('plot').toDataURL()")
+        return base64.b64decode(url.partition(",")[2])
+
+    def console(self) -> list[str]:
+        """Messages on the browser's console since the last look."""
+        return [entry["message"] for entry in self.driver.get_log("browser")]
+
+    def wait_for_places(self, count: int, deadline_s: float = 90.0) -> None:
+        """Wait until so many places are drawn that are not improbable."""
+        probable = "return (liveView.view.step?.places ?? []).filter(one => one.p > 0.04).length"
+        wait_until(lambda: self.run(probable) == count, deadline_s)
+
+    def save(self, file: Path) -> None:
+        """Keep a picture of the window."""
+        self.driver.save_screenshot(str(file))

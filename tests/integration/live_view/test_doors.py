@@ -1,0 +1,166 @@
+"""Who gets in, and what a page may ask: a real server, without a browser."""
+
+import http.client
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from websockets.exceptions import ConnectionClosedError, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+from process_runtime.supervisor import python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.free_port import free_port
+from tests.integration.processes import RunningProcess
+
+
+@pytest.fixture
+def nobody(tmp_path: Path) -> str:
+    """A router's endpoint where nobody listens."""
+    return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
+
+
+@pytest.fixture
+def port(start_process: StartProcess, nobody: str) -> int:
+    """Of a page on loopback."""
+    chosen = free_port()
+    served(start_process, nobody, "--listen", f"127.0.0.1:{chosen}")
+    return chosen
+
+
+@pytest.fixture
+def open_to_all(start_process: StartProcess, nobody: str) -> Iterator[tuple[int, str]]:
+    """Port and token of a page that other machines reach."""
+    chosen = free_port()
+    process = served(start_process, nobody, "--listen", f"0.0.0.0:{chosen}")
+    token = re.search(r"\?token=([\w-]+)", process.err)
+    assert token is not None
+    yield chosen, token[1]
+    assert process.is_running()
+
+
+def served(start_process: StartProcess, nobody: str, *arguments: str) -> RunningProcess:
+    process = start_process(python_module("live_view", "--set", nobody, *arguments))
+    process.wait_for("look at")
+    return process
+
+
+def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+    connection.request("GET", path, headers={"Host": host or f"127.0.0.1:{port}"})
+    answer = connection.getresponse()
+    headers = {name.lower(): value for name, value in answer.getheaders()}
+    said = answer.status, headers, answer.read().decode()
+    connection.close()
+    return said
+
+
+def opened(port: int, *, origin: str = "", cookie: str = "") -> ClientConnection:
+    headers = {"Cookie": cookie} if cookie else {}
+    return connect(
+        f"ws://127.0.0.1:{port}/live",
+        origin=origin or f"http://127.0.0.1:{port}",  # type: ignore[arg-type]  # a NewType of str
+        additional_headers=headers,
+        proxy=None,
+    )
+
+
+def test_the_page_is_served_and_may_load_nothing_from_elsewhere(port: int) -> None:
+    status, headers, text = got(port, "/")
+    assert status == 200
+    policy = headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    assert "://" not in policy
+    for file in re.findall(r'(?:src|href)="([^"]+)"', text):
+        found, about, content = got(port, f"/{file}")
+        assert found == 200, file
+        assert about["x-content-type-options"] == "nosniff"
+        assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", content), file
+
+
+@pytest.mark.parametrize("path", ["/nothing", "/../pyproject.toml", "/map/abc", "/static/app.js"])
+def test_nothing_else_is_served(port: int, path: str) -> None:
+    assert got(port, path)[0] == 404
+
+
+def test_a_foreign_page_is_refused(port: int) -> None:
+    for origin in ("http://evil.example", "null"):
+        with pytest.raises(InvalidStatus) as refused:
+            opened(port, origin=origin)
+        assert refused.value.response.status_code == 403
+
+
+def test_a_strangers_name_for_this_machine_is_refused(port: int) -> None:
+    assert got(port, "/", host=f"evil.example:{port}")[0] == 403
+
+
+def test_away_from_loopback_nothing_is_served_without_the_token(
+    open_to_all: tuple[int, str],
+) -> None:
+    port, token = open_to_all
+    assert got(port, "/")[0] == 403
+    assert got(port, "/app.js")[0] == 403
+    status, headers, _ = got(port, f"/?token={token}")
+    assert status == 200
+    cookie = headers["set-cookie"].partition(";")[0]
+    with opened(port, cookie=cookie) as page:
+        assert json.loads(page.recv(5))["system"]["link"] == "no router"
+    with pytest.raises(InvalidStatus):
+        opened(port)
+
+
+def test_away_from_loopback_a_page_may_only_look(open_to_all: tuple[int, str]) -> None:
+    port, token = open_to_all
+    cookie = got(port, f"/?token={token}")[1]["set-cookie"].partition(";")[0]
+    with opened(port, cookie=cookie) as page:
+        assert json.loads(page.recv(5))["system"]["commands"] is False
+        page.send('{"type": "relocalize"}')
+        page.send('{"type": "drawn"}')
+        assert "may only look" in json.loads(page.recv(5))["done"]["problem"]
+
+
+def test_without_a_system_a_command_is_answered_that_nobody_is_there(port: int) -> None:
+    with opened(port) as page:
+        page.recv(5)
+        page.send('{"type": "drawn"}')
+        page.send('{"type": "relocalize"}')
+        assert "nobody answers" in json.loads(page.recv(10))["done"]["problem"]
+
+
+@pytest.mark.parametrize(
+    "rubbish", ["{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}']
+)
+def test_a_browser_that_talks_rubbish_is_shown_out_and_harms_nobody(
+    port: int, rubbish: str
+) -> None:
+    with opened(port) as page:
+        page.recv(5)
+        page.send(rubbish)
+        with pytest.raises(ConnectionClosedError):
+            page.recv(5)
+    with opened(port) as page:
+        assert "system" in json.loads(page.recv(5))
+
+
+def test_a_port_that_is_taken_is_said_in_one_line(
+    start_process: StartProcess, nobody: str, port: int
+) -> None:
+    second = python_module("live_view", "--set", nobody, "--listen", f"127.0.0.1:{port}")
+    process = start_process(second)
+    assert process.wait() == 2
+    assert "in use" in process.err
+    assert process.err.count("\n") == 1
+
+
+def test_it_ends_within_two_seconds_of_being_asked(
+    start_process: StartProcess, nobody: str
+) -> None:
+    port = free_port()
+    process = served(start_process, nobody, "--listen", f"127.0.0.1:{port}")
+    with opened(port) as page:
+        page.recv(5)
+        process.send_signal(15)
+        assert process.wait(10.0) == 0

@@ -1,0 +1,196 @@
+"""The page in a real browser, on a real system. The tests follow one another, as a person would."""
+
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from particle_filter.arrays import FREE, OCCUPIED
+from robot_simulator.worlds.catalogue import world
+from tests.integration.live_view.conftest import System
+from tests.integration.live_view.page import Page, Snapshot
+from tests.integration.waiting import wait_until
+
+STATIC = Path(__file__).parents[3] / "live_view" / "static"
+NEAR_M = 0.6
+"""A cluster of few particles trails the robot by less."""
+
+
+@pytest.fixture(autouse=True)
+def quiet_console(page: Page) -> Iterator[None]:
+    """Nothing is said on the browser's console: no error, no refused resource."""
+    yield
+    assert page.console() == []
+
+
+@pytest.fixture
+def running(system: System, page: Page) -> Page:
+    """The page once it has found the system."""
+    if page.system != "running":
+        system.start()
+        wait_until(lambda: page.system == "running", 90.0)
+    return page
+
+
+def colours(file: str, pattern: str) -> list[tuple[int, int, int]]:
+    found = re.findall(pattern, (STATIC / file).read_text())
+    return [(int(c[0:2], 16), int(c[2:4], 16), int(c[4:6], 16)) for c in found]
+
+
+PALETTE = colours("palette.js", r'"#([0-9A-F]{6})"')
+(FREE_COLOUR, *_), (OCCUPIED_COLOUR, *_) = (
+    colours("style.css", rf"--map-{kind}: #([0-9a-f]{{6}})") for kind in ("free", "occupied")
+)
+
+
+def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
+    wait_until(lambda: page.system == "no router")
+    assert page.is_visible("banner")
+    assert "waiting for the system" in page.text("banner-text")
+    assert page.text("state") == "waiting"
+
+
+def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None:
+    assert not running.is_visible("banner")
+    wait_until(lambda: running.run("return liveView.view.map !== null"))
+    wait_until(lambda: running.text("worker-count") == "2")
+
+
+def test_the_map_is_drawn_where_it_lies(running: Page) -> None:
+    wait_until(lambda: running.run("return liveView.view.map !== null"))
+    snapshot, drawn = running.snapshot(), world("cross").map
+    assert drawn.map_from_grid[2] == 0.0
+    right, looked_at = 0, 0
+    for kind, colour in ((FREE, FREE_COLOUR), (OCCUPIED, OCCUPIED_COLOUR)):
+        for row, col in np.argwhere(drawn.cells == kind)[::7]:
+            x_m = drawn.map_from_grid[0] + (col + 0.5) * drawn.cell_m
+            y_m = drawn.map_from_grid[1] + (row + 0.5) * drawn.cell_m
+            distance = np.abs(np.subtract(snapshot.pixel_at(x_m, y_m), colour)).max()
+            right += distance < 40  # a small cell is blended with its neighbours
+            looked_at += 1
+    assert looked_at > 500
+    assert right > 0.85 * looked_at  # clusters, ways and scan hide the others
+
+
+def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, tmp_path: Path) -> None:
+    running.wait_for_places(4)
+    taken: list[Snapshot] = []
+
+    def stand_in_four_arms() -> bool:
+        taken.append(running.snapshot())
+        return in_four_arms(taken[-1])
+
+    wait_until(stand_in_four_arms, 60.0)
+    running.save(tmp_path / "four.png")
+    places = probable(taken[-1])
+    assert len({place["slot"] for place in places}) == 4
+    for place in places:
+        assert taken[-1].pixel_at(*place["pose"][:2]) == PALETTE[place["slot"]]
+
+
+def probable(snapshot: Snapshot) -> list[dict[str, Any]]:
+    return [place for place in snapshot.step["places"] if place["p"] > 0.04]
+
+
+def in_four_arms(snapshot: Snapshot) -> bool:
+    """Whether each arm of the cross has a place like the true one, and none hides another."""
+    places, truth = probable(snapshot), snapshot.step["truth"]
+    if len(places) != 4 or truth is None:
+        return False
+    everywhere = snapshot.step["places"]
+    nearest_m = min(apart(place, other) for place in places for other in everywhere)
+    x, y, _ = truth
+    arms = [(x, y), (-y, x), (-x, -y), (y, -x)]
+    return nearest_m * snapshot.view["scale"] > 60 and all(
+        any(math.dist(place["pose"][:2], arm) < NEAR_M for place in places) for arm in arms
+    )
+
+
+def apart(place: dict[str, list[float]], other: dict[str, list[float]]) -> float:
+    if place is other:
+        return math.inf
+    return math.dist(place["pose"][:2], other["pose"][:2])
+
+
+def test_the_plot_grows_with_the_steps(running: Page) -> None:
+    before, picture = len(running.history()), running.plot()
+    wait_until(lambda: len(running.history()) >= before + 10, 60.0)
+    assert running.plot() != picture
+    steps = [row[0] for row in running.history()]
+    assert steps == sorted(set(steps))
+
+
+def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) -> None:
+    wait_until(lambda: running.snapshot().step["places"], 60.0)
+    running.click("set-pose")
+    snapshot = running.snapshot()
+    dropped = snapshot.step["places"][-1]["pose"]  # the least probable
+    x, y = snapshot.screen_of(*dropped[:2])
+    nose = (x + 60 * math.cos(dropped[2]), y - 60 * math.sin(dropped[2]))
+    running.drag_on_map((x, y), nose)
+    wait_until(lambda: "given" in system.causes())
+    wait_until(lambda: "was given by a person" in running.text("events"))
+    wait_until(lambda: probability_near(running, dropped) > 0.5)
+    assert running.text("hint") in ("", "done")
+
+
+def probability_near(page: Page, pose: list[float]) -> float:
+    """The most that was held of a place near a pose in the last steps."""
+    places = [place for row in page.history()[-30:] for place in row[1]]
+    return max((p[2] for p in places if math.dist(p[3:5], pose[:2]) < 1.5), default=0.0)
+
+
+def test_relocalize_asks_first_and_then_searches(running: Page, system: System) -> None:
+    running.click("relocalize")
+    assert running.is_visible("confirm")
+    running.click("confirm-no")
+    assert not running.is_visible("confirm")
+    assert "forgotten" not in system.causes()
+    running.click("relocalize")
+    running.click("confirm-yes")
+    wait_until(lambda: "forgotten" in system.causes())
+    wait_until(lambda: "was forgotten by command" in running.text("events"))
+
+
+def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+
+    def press(keys: str) -> dict[str, float]:
+        ActionChains(running.driver).send_keys(keys).perform()
+        return running.snapshot().view
+
+    fitted = press("f")
+    assert press("++")["scale"] == pytest.approx(fitted["scale"] * 1.3**2)
+    assert press("\ue014")["x"] > fitted["x"]  # the right arrow
+    assert press("f") == fitted
+    press("l")
+    assert running.run("return liveView.view.follow")
+    press("f")
+    assert not running.run("return liveView.view.follow")
+
+
+def test_the_page_survives_that_the_system_ends_and_begins_anew(
+    running: Page, system: System
+) -> None:
+    wait_until(lambda: len(running.history()) > 20, 60.0)
+    before = running.history()[-1][0]
+    system.stop()
+    wait_until(lambda: running.system == "no router")
+    assert running.is_visible("banner")
+    assert running.history()[-1][0] >= before  # the last picture stays
+    system.start()
+    wait_until(lambda: running.system == "running", 60.0)
+    wait_until(lambda: len(running.history()) > 0 and running.history()[-1][0] < before, 60.0)
+    assert not running.is_visible("banner")
+
+
+def test_a_page_that_is_loaded_again_shows_the_steps_so_far(running: Page) -> None:
+    wait_until(lambda: len(running.history()) > 10, 60.0)
+    steps = [row[0] for row in running.history()]
+    running.driver.refresh()
+    wait_until(lambda: running.system == "running")
+    wait_until(lambda: {*steps} <= {row[0] for row in running.history()})

@@ -1,0 +1,104 @@
+"""Messages as a system sends them, small."""
+
+import numpy as np
+
+from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
+from protocol.arrays import ArrayBlob
+from protocol.job_events import Began, JobEvents, NumberedEvent
+from protocol.steps import MapMessage, Scan
+
+
+def hypothesis(cluster: int, probability: float) -> Hypothesis:
+    return Hypothesis(
+        cluster=cluster,
+        probability=probability,
+        log_probability=float(np.log(probability)),
+        mean=(float(cluster), 2.0, 0.5),
+        covariance=(0.4, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.2),
+        effective_sample_size=100.0,
+        age_steps=3,
+    )
+
+
+def belief(step: int, *clusters: int, term: int = 1) -> Belief:
+    return Belief(
+        sender="coordinator",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        state="ambiguous",
+        hypotheses=tuple(hypothesis(cluster, 1.0 / len(clusters)) for cluster in clusters),
+        searching=False,
+        term=term,
+    )
+
+
+def scan(step: int, ranges: list[float], *, digest: str = "d1") -> Scan:
+    return Scan(
+        sender="bridge",
+        step=step,
+        stamp_ns=step,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        robot_from_laser=(1.0, 0.0, 0.0),
+        angle_min_rad=0.0,
+        angle_step_rad=np.pi / 2,
+        range_max_m=10.0,
+        ranges=ArrayBlob.of(np.array(ranges), "float32"),
+        map_digest=digest,
+    )
+
+
+def events(*numbers: int, term: int = 1) -> JobEvents:
+    told = tuple(
+        NumberedEvent(number=n, step=n, stamp_ns=n, event=Began(f"c{n}", "restart", 0.1))
+        for n in numbers
+    )
+    return JobEvents(sender="coordinator", events=told, term=term)
+
+
+def pose(step: int, *, term: int = 1) -> PoseAnswer:
+    return PoseAnswer(
+        sender="coordinator",
+        state="ambiguous",
+        freshness="fresh",
+        stamp_ns=step,
+        age_s=0.1,
+        step=step,
+        probability=0.5,
+        map_from_robot=(1.0, 2.0, 0.5),
+        covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01),
+        workers=2,
+        term=term,
+    )
+
+
+def status(*, digest: str = "d1") -> Status:
+    return Status(
+        sender="coordinator",
+        version="1",
+        state="ambiguous",
+        freshness="fresh",
+        age_s=0.1,
+        step=5,
+        steps_applied=6,
+        steps_lost=0,
+        reports_missing=0,
+        map_digest=digest,
+        clusters=2,
+        searching=False,
+        workers={"w-0": ("c1", "c2"), "w-1": ()},
+        counters={"late": 2, "never": 0},
+        uptime_s=9.0,
+    )
+
+
+def map_message(digest: str = "d1") -> MapMessage:
+    return MapMessage(
+        sender="bridge",
+        digest=digest,
+        cell_m=0.5,
+        map_from_grid=(0.0, 0.0, 0.0),
+        rows=2,
+        cols=3,
+        zlib_cells=b"",
+    )

@@ -1,0 +1,30 @@
+"""A slow browser skips frames and takes no more memory for it."""
+
+from live_view.backlog import Backlog
+
+
+def test_a_page_is_sent_everything_first() -> None:
+    assert Backlog({"map": b"m", "step": b"1"}).take() == [b"m", b"1"]
+
+
+def test_nothing_is_sent_while_a_page_draws() -> None:
+    backlog = Backlog({"step": b"1"})
+    backlog.take()
+    backlog.offer({"step": b"2"})
+    assert backlog.take() == []
+    backlog.on_drawn()
+    assert backlog.take() == [b"2"]
+
+
+def test_a_slow_page_gets_only_the_newest_of_each_topic() -> None:
+    backlog = Backlog({})
+    for number in range(1000):
+        backlog.offer({"step": b"%d" % number, "pose": b"p"})
+    assert backlog.take() == [b"999", b"p"]
+
+
+def test_a_page_that_has_everything_is_sent_nothing() -> None:
+    backlog = Backlog({})
+    assert backlog.take() == []
+    backlog.offer({"step": b"1"})
+    assert backlog.take() == [b"1"]

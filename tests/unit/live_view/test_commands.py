@@ -1,0 +1,52 @@
+"""What a browser may ask for."""
+
+import pytest
+
+from live_view.commands import Drawn, PlaceRobot, SearchAgain, message_of, parsed_request
+from protocol import keys
+from protocol.answers import Relocalize, SetPose
+from protocol.errors import MalformedMessageError
+
+
+def test_what_the_page_sends_is_understood() -> None:
+    assert parsed_request('{"type": "drawn"}') == Drawn()
+    assert parsed_request('{"type": "relocalize"}') == SearchAgain()
+    assert parsed_request('{"type": "set_pose", "pose": [1, 2.5, -3]}') == PlaceRobot((1, 2.5, -3))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        '{"type": "shutdown"}',
+        '{"type": "set_pose"}',
+        '{"type": "set_pose", "pose": [1, 2]}',
+        '{"type": "set_pose", "pose": [1, 2, 1e999]}',
+        '{"type": "set_pose", "pose": [1, 2, 3], "position_sigma_m": 0}',
+        '{"type": "set_pose", "pose": [1e9, 2, 3]}',
+        '{"type": "drawn", "more": 1}',
+        b"\xff",
+    ],
+)
+def test_anything_else_is_refused(text: str | bytes) -> None:
+    with pytest.raises(MalformedMessageError):
+        parsed_request(text)
+
+
+def test_a_command_becomes_the_systems_own_message() -> None:
+    key, message = message_of(PlaceRobot((1.0, 2.0, 3.0), 0.2, 0.1), "me", "id")
+    assert (key, message) == (
+        keys.SET_POSE,
+        SetPose(
+            sender="me",
+            command_id="id",
+            map_from_robot=(1.0, 2.0, 3.0),
+            position_sigma_m=0.2,
+            heading_sigma_rad=0.1,
+        ),
+    )
+    assert message_of(SearchAgain(), "me", "id") == (
+        keys.RELOCALIZE,
+        Relocalize(sender="me", command_id="id"),
+    )

@@ -1,0 +1,136 @@
+"""What the page is told, message by message."""
+
+import pytest
+
+from live_view.picture import MAX_HISTORY_STEPS, Picture
+from protocol.steps import TruePose
+from tests.unit.live_view.messages import belief, events, map_message, pose, scan, status
+
+
+@pytest.fixture
+def picture() -> Picture:
+    made = Picture({"robot": "r", "router": "tcp/x:1", "commands": True})
+    made.changes()
+    return made
+
+
+def test_a_new_page_gets_everything_there_is(picture: Picture) -> None:
+    picture.on_status(status())
+    picture.on_map(map_message())
+    picture.on_belief(belief(5, 1, 2))
+    picture.on_pose(pose(5))
+    picture.on_events(events(0))
+    shown = picture.everything()
+    assert set(shown) == {"system", "history", "status", "map", "step", "pose", "events"}
+    assert shown["system"] == {
+        "robot": "r", "router": "tcp/x:1", "commands": True, "link": "running",
+    }  # fmt: skip
+    assert [row[0] for row in shown["history"]] == [5]
+
+
+def test_only_what_has_changed_is_sent_again(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    assert set(picture.changes()) == {"step"}
+    assert picture.changes() == {}
+
+
+def test_the_scan_of_a_step_is_drawn_with_its_belief(picture: Picture) -> None:
+    picture.on_scan(scan(5, [2.0, 3.0, 10.0, 0.0]))  # the last two did not return
+    picture.on_belief(belief(5, 1))
+    assert picture.changes()["step"]["scan"] == [300, 0, 100, 300]
+    picture.on_belief(belief(6, 1))
+    assert picture.changes()["step"]["scan"] == []
+
+
+def test_a_true_pose_that_comes_late_is_drawn_all_the_same(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
+    assert picture.changes()["step"]["truth"] == (1.0, 1.0, 0.0)
+
+
+def test_a_true_pose_that_comes_late_stands_in_the_way_so_far(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
+    assert picture.everything()["history"][-1][2] == (1.0, 1.0, 0.0)
+
+
+def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1, 2, 3))
+    first = {p["cluster"]: p["slot"] for p in picture.changes()["step"]["places"]}
+    picture.on_belief(belief(6, 3, 1))
+    second = {p["cluster"]: p["slot"] for p in picture.changes()["step"]["places"]}
+    assert len(set(first.values())) == 3
+    assert second == {3: first[3], 1: first[1]}
+
+
+def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_belief(belief(5, 1, 2))
+    history = picture.everything()["history"]
+    assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
+
+
+def test_steps_that_begin_anew_begin_the_history_anew(picture: Picture) -> None:
+    picture.on_belief(belief(500, 1))
+    picture.changes()
+    picture.on_belief(belief(0, 1))
+    assert [row[0] for row in picture.changes()["history"]] == [0]
+
+
+def test_the_history_has_an_end(picture: Picture) -> None:
+    for step in range(MAX_HISTORY_STEPS + 5):
+        picture.on_belief(belief(step, 1))
+    assert len(picture.everything()["history"]) == MAX_HISTORY_STEPS
+
+
+def test_a_coordinator_of_the_past_is_not_heard(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1, term=2))
+    picture.changes()
+    picture.on_belief(belief(6, 1, term=1))
+    picture.on_pose(pose(6, term=1))
+    assert picture.changes() == {}
+
+
+def test_a_system_that_is_started_again_counts_its_terms_anew(picture: Picture) -> None:
+    picture.on_status(status())
+    picture.on_belief(belief(50, 1, term=7))
+    picture.on_link("no router")
+    picture.on_belief(belief(0, 1, term=1))
+    assert picture.changes()["step"]["step"] == 0
+
+
+def test_events_are_shown_in_order_and_a_gap_is_noticed(picture: Picture) -> None:
+    assert picture.on_events(events(0, 1))
+    assert not picture.on_events(events(4))
+    assert picture.on_events(events(0, 1, 2, 3, 4))
+    assert [e["number"] for e in picture.changes()["events"]] == [0, 1, 2, 3, 4]
+
+
+def test_the_events_of_a_new_term_replace_the_old_ones(picture: Picture) -> None:
+    picture.on_events(events(0, 1))
+    assert picture.on_events(events(0, term=2))
+    assert [e["number"] for e in picture.changes()["events"]] == [0]
+
+
+def test_the_map_is_wanted_until_it_is_the_systems_own(picture: Picture) -> None:
+    assert not picture.has_wanted_map
+    picture.on_map(map_message("d1"))
+    assert picture.has_wanted_map
+    picture.on_scan(scan(1, [1.0], digest="d2"))
+    assert not picture.has_wanted_map
+    picture.on_map(map_message("d2"))
+    assert picture.has_wanted_map
+
+
+def test_a_status_says_who_works_on_what_and_what_was_dropped(picture: Picture) -> None:
+    picture.on_status(status())
+    shown = picture.changes()["status"]
+    assert [(w["name"], w["jobs"]) for w in shown["workers"]] == [
+        ("w-0", ("c1", "c2")), ("w-1", ()),
+    ]  # fmt: skip
+    assert shown["dropped"] == {"late": 2}
+
+
+def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> None:
+    picture.on_pose(pose(5))
+    assert picture.changes()["pose"]["sigma"] == pytest.approx([0.2, 0.3, 0.1])
