@@ -33,7 +33,7 @@ MOTION = MotionSettings(
     turn_noise_per_turn=0.3,
     turn_noise_per_metre=0.4,
     drive_noise_per_metre=0.4,
-    drive_noise_per_turn=0.1,
+    drive_noise_per_turn=0.8,
     strafe_noise_per_metre=0.3,
 )
 SENSOR = SensorSettings(scan_likelihood_exponent=0.3, visibility_particles=0, hit_sigma_m=0.2)
