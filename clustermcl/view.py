@@ -13,7 +13,8 @@ class PageNotInstalledError(ClusterMclError):
     """What serves the page is an extra, and it is not there."""
 
     def __init__(self) -> None:
-        super().__init__("the page needs 'websockets': pip install 'clustermcl[view]'")
+        self.package, self.extra = "websockets", "view"
+        super().__init__(f"the page needs {self.package!r}: pip install 'clustermcl[{self.extra}]'")
 
 
 def page_address(listen: str) -> Address:

@@ -38,7 +38,7 @@ def believed(bag: Path, cache_folder: Path) -> list[Outcome]:
 def beliefs(recording: Path, cache_folder: Path) -> Iterator[Outcome]:
     grid_map = recording_or_skip("crob-jarvis/map.yaml")
     robot = RecordedRobot(recording=recording, map=grid_map, reference=None)
-    case = Case(name="jarvis", title="Jarvis", robot=robot, seeds=1, ordinary_seeds=0)
+    case = Case(name="jarvis", title="Jarvis", robot=robot, seeds=1)
     task = Task(
         case=case,
         algorithm="cluster-mcl",
