@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
-from particle_filter.motion import along_across_turn, turn_drive_turn
+from particle_filter.motion_noise import along_across_turn, turn_drive_turn
 from particle_filter.settings import MotionSettings
 
 

@@ -22,7 +22,6 @@ from sensor_bridge.log_file import (
 from sensor_bridge.no_return import range_limit_m
 from sensor_bridge.reading import Reading
 from sensor_bridge.recording_time import merged, plausible
-from sensor_bridge.ros_bag import bag_entries
 from sensor_bridge.step_maker import StepMaker, steps_from
 from sensor_bridge.wean_log import WeanParser, is_wean_line
 
@@ -66,7 +65,13 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
             bag, a line is a message that was read.
     """
     path = Path(path)
-    entries, skipped = bag_entries(path, settings) if is_bag(path) else _entries(path)
+    if is_bag(path):
+        # Imported here: bags need scipy for turns, and a live robot's bridge is to start fast.
+        from sensor_bridge.ros_bag import bag_entries  # noqa: PLC0415
+
+        entries, skipped = bag_entries(path, settings)
+    else:
+        entries, skipped = _entries(path)
     entries, misplaced = plausible(entries)
     skipped += misplaced
     lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
