@@ -31,8 +31,11 @@ PACED = msgspec.structs.replace(
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
 )
 """As fast as the workers follow, with searches and newcomers all along."""
-PATIENT = msgspec.structs.replace(SMALL, coordinator=CoordinatorSettings(step_deadline_s=10.0))
-"""So that a busy machine costs no report: what is compared is what was decided."""
+PATIENT = msgspec.structs.replace(
+    SMALL, coordinator=CoordinatorSettings(step_deadline_s=10.0, state_folder="off")
+)
+"""So that a busy machine costs no report, and no last pose of another test is a hypothesis: what is
+compared is what was decided."""
 
 
 def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
