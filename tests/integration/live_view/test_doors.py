@@ -129,6 +129,7 @@ def test_without_a_system_a_command_is_answered_that_nobody_is_there(port: int) 
         page.send('{"type": "relocalize"}')
         told = [json.loads(page.recv(10))]
         while "done" not in told[-1]:  # the picture goes on meanwhile
+            page.send('{"type": "drawn"}')
             told.append(json.loads(page.recv(10)))
         assert "nobody answers" in told[-1]["done"]["problem"]
 
