@@ -4,6 +4,7 @@ A step of ten clusters on twelve workers: a scan, ten reports, five of odometry,
 """
 
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ STARTED = Started(
         ),
     ),
     settings=CoordinatorSettings(),
-    version="benchmark", now_ns=0, term=1, known=None, last_poses={}, live=True,
+    version="benchmark", now_ns=0, term=1, known=None, last_poses={},
 )  # fmt: skip
 
 
@@ -56,6 +57,8 @@ class Run:
     def __init__(self, folder: Path | None) -> None:
         self.coordinator: Coordinator = STARTED.coordinator()
         ring = Ring(folder, 1, 50_000_000) if folder else None
+        if ring is not None:
+            weakref.finalize(self, ring.close)
         self.recorder = FlightRecorder(self.coordinator, STARTED, ring)
         self._rng = np.random.default_rng(1)
         self._epochs: dict[str, int] = {}
@@ -196,7 +199,7 @@ def test_a_step_of_the_coordinator(
 
     with run.recorder.running():
         benchmark.pedantic(run.tell, setup=setup, rounds=300)
-    assert run.beliefs >= 300
+    assert run.beliefs >= (300 if benchmark.enabled else 1)
     assert run.recorder.lost == {}
 
 
