@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
-from live_view.admission import DEFAULT_PORT
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
@@ -68,7 +67,7 @@ BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame
 Listen = Annotated[
     str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
 ]
-HERE = f"127.0.0.1:{DEFAULT_PORT}"
+HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
