@@ -188,7 +188,7 @@ def main() -> None:
             [
                 f"bridge.source=sim:{options.world}",
                 f"cluster.particles={options.particles}",
-                f"belief.clusters={options.clusters}",
+                f"belief.max_clusters={options.clusters}",
                 f"worker.count={options.workers}",
                 "belief.search_every_steps=1000000",
                 *options.set,

@@ -97,4 +97,5 @@ class Answers:
             missing=outcome.missing,
             last=scan.last,
             term=self._term.number,
+            elsewhere_probability=outcome.elsewhere_probability,
         )

@@ -31,7 +31,7 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.job_events import EndedCause
 from protocol.steps import Scan
-from protocol.work import Checkpoint, Report, TrackJob, TrackReport
+from protocol.work import Checkpoint, Report, TrackJob
 
 
 class CoordinatorState:
@@ -115,9 +115,8 @@ class CoordinatorState:
         if not jobs.is_current(report.job_id, report.epoch):
             self.counters["report of an old epoch"] += 1
             return
-        snapshot = report.snapshot if isinstance(report, TrackReport) else None
         in_time = self.collector.on_report(report)
-        self.placement.reported(report.job_id, snapshot, in_time=in_time)
+        self.placement.reported(report, in_time=in_time)
         if not in_time:
             self.counters["report late"] += 1
 

@@ -11,14 +11,12 @@ from collections.abc import Collection, Iterable, Sequence
 import numpy as np
 
 from coordinator.belief.cluster_set import Cluster
-from coordinator.belief.ensemble import EnsembleState
-from coordinator.belief.fit_monitor import FitState
+from coordinator.belief.ensemble import ELSEWHERE, EnsembleState
 from coordinator.belief.prior_pose import PriorPose
 from coordinator.belief.search_pool import SearchState
 from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
 from coordinator.step_collector import StepCollectorState
-from protocol.answers import Hypothesis
 from protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from protocol.names import is_name
 from protocol.pose_arrays import covariance_matrix
@@ -32,15 +30,13 @@ from protocol.validity import (
     gaussian_problem,
     number_problem,
 )
-from protocol.work import Assignment, SearchJob, TrackJob
+from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 
 MAX_ITEMS = 2_000
 """Clusters, jobs, places or causes: fifty times those of the largest robot known."""
 MAX_CHARACTERS = 500
 """Of one text, such as the cause of a counter."""
 MAX_AGE_S = 1e9
-MAX_FIT = 1e6
-"""Of a log-likelihood a beam, either way."""
 SUM_TOLERANCE = 1e-6
 """Of probabilities: those of ten thousand clusters still sum to one within 1e-12."""
 FLATNESS = 1e-6
@@ -58,7 +54,10 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
     numbers = [cluster.cluster for cluster in state.clusters]
     if len(set(numbers)) < len(numbers) or max(numbers, default=-1) >= state.next_cluster:
         return "clusters whose numbers are taken, or were never given"
-    if numbers and abs(sum(cluster.probability for cluster in state.clusters) - 1) > SUM_TOLERANCE:
+    if not state.log_elsewhere <= SUM_TOLERANCE:  # NaN is not
+        return f"elsewhere with a probability whose logarithm is {state.log_elsewhere}"
+    probabilities = [math.exp(state.log_elsewhere), *(c.probability for c in state.clusters)]
+    if abs(math.fsum(probabilities) - 1) > SUM_TOLERANCE:
         return "probabilities that do not sum to one"
     search, prior = state.search, state.prior_pose
     return (
@@ -66,7 +65,6 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
         or number_problem("searches", state.searches)
         or (_search_problem(search, state.searches, applied) if search else None)
         or (_prior_problem(prior) if prior else None)
-        or _fit_problem(state.fit)
     )
 
 
@@ -138,21 +136,19 @@ def _search_problem(state: SearchState, searches: int, applied: Scan | None) -> 
     return (
         number_problem("search", state.search)
         or number_problem("first step", state.first_step, least=-1)
-        or items_problem(state.possible)
-        or first_problem(map(_hypothesis_problem, state.possible))
+        or items_problem(state.evidence.gathered)
+        or first_problem(map(_gathered_problem, state.evidence.gathered))
+        or (
+            "a search that begins with no number"
+            if math.isnan(state.evidence.log_elsewhere)
+            else None
+        )
     )
 
 
-def _hypothesis_problem(place: Hypothesis) -> str | None:
-    if not 0.0 <= place.probability <= 1.0 + SUM_TOLERANCE:
-        return f"a probability of {place.probability}"
-    return (
-        number_problem("place", abs(place.cluster))
-        or number_problem("age", place.age_steps)
-        or finite_problem("logarithm of a probability", place.log_probability)
-        or _size_problem("effective sample size", place.effective_sample_size)
-        or _place_problem(place.mean, place.covariance)
-    )
+def _gathered_problem(gathered: tuple[int, float]) -> str | None:
+    step, log_likelihood = gathered
+    return number_problem("step", step) or finite_problem("log-likelihood", log_likelihood)
 
 
 def _prior_problem(prior: PriorPose) -> str | None:
@@ -165,13 +161,6 @@ def _prior_problem(prior: PriorPose) -> str | None:
     )
 
 
-def _fit_problem(fit: FitState) -> str | None:
-    known = [value for value in (fit.usual, fit.recent) if not math.isnan(value)]
-    if len(known) == 1 or max(map(abs, known), default=0.0) > MAX_FIT:
-        return f"a usual fit of {fit.usual}, a recent one of {fit.recent}"
-    return None
-
-
 def _job_problem(state: JobState, clusters: set[str], search: SearchState | None) -> str | None:
     if len(state.job_id) > MAX_ID_CHARACTERS or not (state.worker is None or is_name(state.worker)):
         return "a job or a worker with no name"
@@ -181,6 +170,8 @@ def _job_problem(state: JobState, clusters: set[str], search: SearchState | None
             fits = state.job_id in clusters
         case TrackJob():
             fits = state.job_id in clusters and state.job_id == f"c{job.cluster}"
+        case ElsewhereJob():
+            fits = state.job_id == ELSEWHERE
         case SearchJob():
             begun = search and (search.search, search.first_step) == (job.search, job.first_step)
             fits = bool(begun) and state.job_id == f"s{job.search}.{job.shard}"

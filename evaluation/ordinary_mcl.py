@@ -27,7 +27,7 @@ from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
-from worker.jobs import scan_beams
+from worker.scan_beams import scan_beams
 
 KLD_ERROR, KLD_LEAST_PARTICLES = 0.05, 500
 """As nav2's `pf_err` and `min_particles`; the most are as many as without."""
@@ -133,6 +133,10 @@ def redrawn(
     return Cloud.even(poses)
 
 
+_CLUSTERS = 10
+"""Ordinary MCL has as many particles as so many clusters together."""
+
+
 def _plain(settings: FilterSettings) -> FilterSettings:
     """No annealing, no jitter: just the filter of the textbooks."""
     search = msgspec.structs.replace(
@@ -141,7 +145,7 @@ def _plain(settings: FilterSettings) -> FilterSettings:
         annealing_start_fraction=1.0,
         jitter_m=0.0,
         jitter_rad=0.0,
-        particles=settings.belief.clusters * settings.cluster.particles,
+        particles=_CLUSTERS * settings.cluster.particles,
     )
     return msgspec.structs.replace(settings, search=search)
 
@@ -166,6 +170,7 @@ def _outcome(
         step=scan.step,
         state="localized" if sure else "ambiguous" if places else "searching",
         hypotheses=hypotheses,
+        elsewhere_probability=0.0,
         searching=False,
         missing=(),
         begin={},

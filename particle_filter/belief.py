@@ -62,28 +62,23 @@ def updated(
     return normalised_logs(posterior)
 
 
-def bounded(log_average_likelihood: NDArray[np.float64], bound: float) -> NDArray[np.float64]:
-    """Let one step tell no more than `bound` nats against any cluster.
-
-    What is not in the map, people or an open door, makes the true place fit badly for some
-    steps, and much; what tells two places apart goes on telling. NaN, a missing report, stays.
-    """
-    if np.all(np.isnan(log_average_likelihood)):
-        return log_average_likelihood
-    return np.maximum(log_average_likelihood, np.nanmax(log_average_likelihood) - bound)
-
-
-def mixed(log_belief: LogProbabilities, transition_probability: float) -> LogProbabilities:
+def mixed(log_belief: NDArray[np.float64], transition_probability: float) -> LogProbabilities:
     """Let the robot be in another cluster than believed: B <- (1 - rho) B + rho / K.
 
     A departure from eq. 14, where rho is 0: it bounds what Monte Carlo error of the average
     likelihoods can do to places that look alike.
+
+    Args:
+        log_belief: (K,) of the clusters; their sum, which may be under one, is kept.
+        transition_probability: rho.
     """
-    if transition_probability == 0.0:
+    if transition_probability == 0.0 or len(log_belief) == 0:
         return log_belief
-    uniform = math.log(transition_probability / len(log_belief))
+    log_mass = np.logaddexp.reduce(log_belief)
+    uniform = math.log(transition_probability / len(log_belief)) + log_mass
     kept = math.log1p(-transition_probability) if transition_probability < 1.0 else -math.inf
-    return normalised_logs(np.logaddexp(log_belief + kept, uniform))
+    spread: LogProbabilities = normalised_logs(np.logaddexp(log_belief + kept, uniform)) + log_mass
+    return spread
 
 
 def normalised_entropy(probabilities: NDArray[np.float64]) -> float:

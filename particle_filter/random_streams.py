@@ -33,6 +33,8 @@ class Purpose(IntEnum):
     """The cloud round the pose of an earlier life; the entity is 0."""
     REBUILT = 6
     """The cloud of a cluster whose particles were lost; the entity is the cluster."""
+    ELSEWHERE = 7
+    """One step's poses all over the map; the entity is 0."""
 
 
 def generator(

@@ -83,6 +83,12 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_obstacle_distance_m: Annotated[
         float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
     ] = 2.0
+    view_distance_m: Annotated[
+        float, described("scans taken so far apart are independent views", "m", gt=0)
+    ] = 0.2
+    view_turn_rad: Annotated[
+        float, described("and so are those after such a turn", "rad", gt=0)
+    ] = 0.2
     visibility_particles: Annotated[
         int, described("particles of a cluster whose rays are followed; 0: none", ge=0, le=100_000)
     ] = 50
@@ -195,47 +201,43 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The Bayes filter over clusters (eq. 12-17 and section 4 of the paper)."""
 
-    clusters: Annotated[int, described("clusters kept, K", gt=0, le=1_000)] = 10
+    max_clusters: Annotated[int, described("clusters kept at most", gt=0, le=1_000)] = 64
+    least_probability: Annotated[
+        float,
+        described(
+            "places less probable do not enter, clusters less probable leave; 0: none does",
+            ge=0,
+            le=1,
+        ),
+    ] = 0.0001
     squared_prior: Annotated[bool, described("square the prior, as eq. 17 is printed")] = False
     transition_probability: Annotated[
         float, described("share of the belief spread over all clusters each step", ge=0, le=1)
-    ] = 0.01
-    evidence_bound: Annotated[
+    ] = 0.0001
+    evidence_slope: Annotated[
         float,
-        described("a step tells at most so much against a cluster, from the best one", "nat", gt=0),
+        described("share that counts of what tells clusters apart, up to the knee", ge=0, le=1),
     ] = 0.2
-    newcomer_probability: Annotated[
-        float, described("probability given to all newcomers of one search", gt=0, le=0.5)
-    ] = 0.02
-    newcomers: Annotated[int, described("places that enter after one search, at most", gt=0)] = 3
-    newcomer_min_share: Annotated[
-        float, described("a place with a smaller share of its search does not enter", ge=0, le=1)
-    ] = 0.1
-    lost_newcomer_probability: Annotated[
-        float, described("the same when the robot is lost and nothing fits well", gt=0, le=1)
-    ] = 0.1
-    found_probability: Annotated[
+    evidence_knee: Annotated[
+        float, described("differences in a step's evidence count in full beyond", "nat", ge=0)
+    ] = 3.0
+    kidnapping_probability: Annotated[
         float,
-        described(
-            "the same when it is lost and the search has found what fits as usual", gt=0, le=1
-        ),
-    ] = 0.3
-    found_newcomers: Annotated[int, described("places that enter then, at most", gt=0)] = 8
-    found_min_share: Annotated[
-        float, described("share of its search that a place needs then", ge=0, le=1)
-    ] = 0.01
-    lost_fit_drop: Annotated[
-        float, described("lost when scans fit so much worse than usual", "nat/beam", gt=0)
-    ] = 0.8
-    recent_fit_gain: Annotated[
-        float, described("weight of a new scan in the recent fit", gt=0, le=1)
-    ] = 0.3
-    usual_fit_gain: Annotated[
-        float, described("weight of a new scan in the usual fit", gt=0, le=1)
-    ] = 0.03
-    drop_below_probability: Annotated[
-        float, described("clusters less probable than this are dropped; 0: K are kept", ge=0, le=1)
-    ] = 0.0
+        described("that the robot is lifted elsewhere, each step; 0: it never is", ge=0, lt=1),
+    ] = 0.001
+    elsewhere_poses: Annotated[
+        int, described("poses all over the map that a scan is weighed at", gt=0, le=1_000_000)
+    ] = 2048
+    lost_probability: Annotated[
+        float, described("lost when the robot is elsewhere with so much", gt=0, le=1)
+    ] = 0.5
+    newcomer_probability: Annotated[
+        float,
+        described("a place of a search that is worth a trial enters with no less", ge=0, le=0.5),
+    ] = 0.001
+    newcomer_min_share: Annotated[
+        float, described("share of its search that makes a place worth a trial", ge=0, le=1)
+    ] = 0.1
     grace_steps: Annotated[
         int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
     ] = 15

@@ -35,7 +35,7 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     odom_from_robot: PoseTuple
     state: State
     hypotheses: tuple[Hypothesis, ...]
-    """Most probable first; probabilities sum to 1."""
+    """Most probable first; with `elsewhere_probability` they sum to 1."""
     searching: bool
     """A global search is under way."""
     missing: tuple[str, ...] = ()
@@ -43,6 +43,8 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     last: bool = False
     term: int = 0
     """The coordinator's term: a belief of a lower one than was heard before is of the past."""
+    elsewhere_probability: float = 0.0
+    """That the robot is at none of these places."""
 
 
 class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
@@ -65,6 +67,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """The coordinator's term."""
     scan_age_s: float = -1.0
     """Since the newest scan arrived that a worker weighed, counted as `age_s`; -1: none was."""
+    elsewhere_probability: float = 1.0
+    """That the robot is at none of the places that are tracked."""
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):

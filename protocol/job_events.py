@@ -21,7 +21,7 @@ EndedCause: TypeAlias = Literal[
     "search over",
     "search stopped",
 ]
-"""Merged into another cluster; below `belief.drop_below_probability`; pushed out by a newcomer;
+"""Merged into another cluster; below `belief.least_probability`; pushed out by a newcomer;
 fallen apart into several; forgotten by command; the bridge counts its steps anew, so that nobody
 knows how the robot moved; the bridge was restarted with another map. A search has found what there
 is, or a command made it needless."""

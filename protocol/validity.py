@@ -21,9 +21,12 @@ from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
     Assignment,
     Checkpoint,
+    ElsewhereJob,
+    ElsewhereReport,
     OrderAnswer,
     Particles,
     Place,
+    SearchJob,
     SearchReport,
     TakeOver,
     TrackJob,
@@ -113,6 +116,7 @@ def _(message: TrackReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_weight_sum", message.log_weight_sum)
         or finite_problem("effective_sample_size", message.effective_sample_size)
+        or (None if 0.0 <= message.view_weight <= 1.0 else f"a view of {message.view_weight}")
         or gaussian_problem(message.mean, message.covariance)
         or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
         or first_problem(_place_problem(place) for place in message.parts)
@@ -125,6 +129,15 @@ def _(message: SearchReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_evidence", message.log_evidence)
         or first_problem(_place_problem(place) for place in message.places)
+    )
+
+
+@problem_of.register
+def _(message: ElsewhereReport) -> str | None:
+    return (
+        number_problem("step", message.step)
+        or number_problem("epoch", message.epoch)
+        or finite_problem("log_likelihood", message.log_likelihood)
     )
 
 
@@ -205,8 +218,12 @@ def _event_problem(numbered: NumberedEvent) -> str | None:
 
 def assignment_problem(given: Assignment) -> str | None:
     """Why a job cannot be done."""
-    start = given.job.start if isinstance(given.job, TrackJob) else None
-    return number_problem("epoch", given.epoch) or (_particles_problem(start) if start else None)
+    problem = number_problem("epoch", given.epoch)
+    match given.job:
+        case TrackJob(start=start):
+            return problem or _particles_problem(start)
+        case ElsewhereJob(first_step=first) | SearchJob(first_step=first):
+            return problem or number_problem("first step", first, least=-1)
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:

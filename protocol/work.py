@@ -51,12 +51,29 @@ class SearchJob(
     """The first step whose scan it uses."""
 
 
+class ElsewhereJob(
+    msgspec.Struct,
+    frozen=True,
+    kw_only=True,
+    forbid_unknown_fields=True,
+    tag_field="kind",
+    tag="elsewhere",
+):
+    """Weigh each scan all over the map: how likely it is, wherever the robot may be."""
+
+    first_step: int
+    """The first step whose scan it weighs."""
+
+
+Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
+
+
 class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One job for one worker. The epoch rises each time a job changes hands."""
 
     job_id: str
     epoch: int
-    job: TrackJob | SearchJob
+    job: Job
 
 
 class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
@@ -129,6 +146,8 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
+    view_weight: float = 1.0
+    """How much of an independent view the scan was; the likelihood was raised to it."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more where the cluster has fallen apart, most probable first."""
@@ -150,7 +169,17 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
     """Most probable first."""
 
 
-Report: TypeAlias = TrackReport | SearchReport
+class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):
+    """How likely a scan is all over the map. Sent like a track report."""
+
+    job_id: str
+    epoch: int
+    step: int
+    log_likelihood: float
+    """Log of the average likelihood of poses spread evenly over the free space, as of clusters."""
+
+
+Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport
 
 
 # --- when a coordinator takes over from another -------------------------------------------------

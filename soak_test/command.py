@@ -107,7 +107,7 @@ def soak(
     )
     given = [
         "bridge.source=zenoh", "bridge.gate_distance_m=0", "bridge.gate_turn_rad=0",
-        "belief.clusters=8", f"worker.count={workers}",
+        "belief.max_clusters=8", f"worker.count={workers}",
     ]  # fmt: skip
     given += [f"seed={seed}"] if seed is not None else []
     settings = load_settings(settings_file, [*given, *(assignments or ())])

@@ -36,10 +36,10 @@ def run_soak(
         ClusterMclError: an input cannot be used, or a process failed at its start.
     """
     places = PLACES if options.rooms else None
-    if places is not None and settings.belief.clusters < places:
+    if places is not None and settings.belief.max_clusters < places:
         raise SettingsError(
-            key="belief.clusters",
-            problem=f"belief.clusters = {settings.belief.clusters}: eight rooms alike need "
+            key="belief.max_clusters",
+            problem=f"belief.max_clusters = {settings.belief.max_clusters}: eight rooms alike need "
             f"{places}; or choose another --world",
         )
     with temporary_folder() as folder, temporary_files_in(folder) as left:

@@ -1,10 +1,9 @@
-"""The two kinds of work: track one cluster, or run one shard of a global search.
+"""The kinds of work: track one cluster, run one shard of a global search, look elsewhere.
 
 Each job is told of scans in the order of their steps and answers with a report. All chance
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -12,14 +11,16 @@ import numpy as np
 from particle_filter import cluster_filter, global_search
 from particle_filter.arrays import FREE, Pose
 from particle_filter.cluster_filter import Cloud
+from particle_filter.evidence_model import view_weight
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import Beams, LaserScan, SensorModel
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
 from protocol.work import (
     Assignment,
+    ElsewhereJob,
     Particles,
     Place,
     Report,
@@ -28,6 +29,8 @@ from protocol.work import (
     TrackJob,
     TrackReport,
 )
+from worker.elsewhere import Elsewhere
+from worker.scan_beams import scan_beams
 
 
 class RunningJob(Protocol):
@@ -69,6 +72,8 @@ def running(
             return Tracking(assignment, job, model, settings, sender, snapshot_every_steps)
         case SearchJob() as job:
             return Searching(assignment, job, model, settings, sender)
+        case ElsewhereJob() as job:
+            return Elsewhere(assignment, job, model, settings, sender)
 
 
 class Tracking:
@@ -106,6 +111,7 @@ class Tracking:
             self._settings.seed, purpose=Purpose.TRACK, entity=self._cluster, step=scan.step
         )
         after = np.array(scan.odom_from_robot)
+        views = view_weight(self._odom_from_robot, after, self._settings.sensor)
         result = cluster_filter.advanced(
             self._cloud,
             self._odom_from_robot,
@@ -115,6 +121,7 @@ class Tracking:
             self._settings.motion,
             self._settings.cluster,
             rng,
+            views,
         )
         self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
         mean, covariance = self._cloud.gaussian()
@@ -129,6 +136,7 @@ class Tracking:
             effective_sample_size=self._cloud.effective_sample_size,
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
+            view_weight=views,
             snapshot=self._snapshot(scan),
             parts=self._parts(scan, rng),
         )
@@ -211,7 +219,7 @@ class Searching:
         result = self._search.advance(self._odom_from_robot, after, beams, self._rng(scan.step, 1))
         self._odom_from_robot, self.step = after, scan.step
         found = self._search.places(self._rng(scan.step, 2)) if self._search.annealed else []
-        handed = self._settings.belief.clusters  # nobody takes over more of one search
+        handed = self._settings.belief.max_clusters  # nobody takes over more of one search
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
@@ -223,19 +231,6 @@ class Searching:
             log_likelihood_per_beam=result.log_likelihood_per_beam,
             places=tuple(_place(place, scan, i < handed) for i, place in enumerate(found)),
         )
-
-
-@lru_cache(maxsize=1)
-def scan_beams(scan: Scan, model: SensorModel) -> Beams:
-    """The beams of a scan that are scored; all jobs of a process share those of the last scan."""
-    measured = LaserScan(
-        scan.ranges.array(),
-        scan.range_max_m,
-        scan.angle_min_rad,
-        scan.angle_step_rad,
-        np.array(scan.robot_from_laser),
-    )
-    return model.beams(measured)
 
 
 def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:

@@ -1,96 +1,132 @@
-"""Which places of a restart enter beside the clusters, and with what probability (section 4)."""
+"""Which places of a search enter beside the clusters, and how probable they are (section 4).
+
+A search explains what the belief calls elsewhere. A place that it finds has what elsewhere had
+when the search began, times the likelihood of all scans since, times its share; the clusters have
+what they had, times what they have gathered since.
+"""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from msgspec.structs import replace
 
-from coordinator.belief.fit_monitor import FitMonitor
 from coordinator.belief.search_pool import Pool
+from particle_filter.evidence_model import counted
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings
 from protocol.message import PoseTuple
 from protocol.work import Place
 
-ALTERNATIVE = 0.1
-"""Of the best cluster's probability: who has so much is where the robot may well be."""
+
+def first_places(pool: Pool, views: int, rules: BeliefSettings) -> list[Place]:
+    """The places of a first search that are tracked: as probable as their shares, as they count.
+
+    Args:
+        pool: what the search has found.
+        views: how many scans it has seen.
+        rules: how evidence counts, and how many clusters there may be.
+
+    Returns:
+        Most probable first; their shares are probabilities, and what is left of one is elsewhere.
+    """
+    probabilities = _counted_shares(pool, views, rules)
+    return [
+        replace(place, share=probability)
+        for place, probability in zip(pool.places, probabilities, strict=True)
+        if probability >= rules.least_probability
+    ][: rules.max_clusters]
 
 
 @dataclass(frozen=True)
-class Terms:
-    """On what terms newcomers enter."""
+class Admission:
+    """What a search comes to beside the clusters."""
 
-    most: int
-    """So many at most."""
-    least_share: float
-    """Of its search, that a place needs."""
-    probability: float
-    """Given to all newcomers together."""
-    replaces_alternatives: bool
-    """Whether they may take the places of clusters that the robot may well be at."""
+    entering: tuple[Place, ...]
+    """Most probable first, each with its weight beside the belief as its share."""
+    explained: float
+    """Share of the search that is where clusters are, or enters."""
 
 
-def terms(pool: Pool, fit: FitMonitor, rules: BeliefSettings) -> Terms:
-    """How much of the belief what a search has found may take.
-
-    A lost robot of which the search has found a place that fits as scans usually do has been
-    moved: most clusters make room. Where nothing fits as usual, people may stand around. While
-    scans fit, what was tracked for long tells more than the few scans of a search.
-    """
-    if not fit.lost:
-        return Terms(rules.newcomers, rules.newcomer_min_share, rules.newcomer_probability, False)
-    if fit.is_usual(pool.log_likelihood_per_beam):
-        return Terms(rules.found_newcomers, rules.found_min_share, rules.found_probability, True)
-    return Terms(rules.newcomers, rules.newcomer_min_share, rules.lost_newcomer_probability, True)
-
-
-def newcomers(
+def admission(
     pool: Pool,
     held: Sequence[PoseTuple],
-    yielding: Sequence[float],
-    best: float,
-    given: Terms,
+    room: Sequence[float],
+    log_weight: float,
     settings: FilterSettings,
-) -> list[Place]:
-    """The best places of a restart that no cluster holds.
+) -> Admission:
+    """The places of a search that no cluster holds and that are probable enough.
 
-    A search tells places apart no better than by its source radius. A place so near to a cluster
-    is more likely that cluster's own than a new one, and its particles soon run together with
-    it: nobody more probable than itself leaves for it.
+    A place with much of its search gets a trial all the same: the search may know better. But one
+    so near to a cluster that a search tells them no further apart is more likely that cluster's
+    own, and has to earn its place.
 
     Args:
         pool: what the search has found.
         held: where the clusters were at the step of the pool.
-        yielding: how probable the clusters are whose places could be taken, least first; 0 is a
-            free place.
-        best: how probable the most probable cluster is.
-        given: on what terms they enter.
+        room: how probable the clusters are whose places could be taken, least first; 0 is a free
+            place.
+        log_weight: log of the weight of all that the search has found, beside the belief.
         settings: how near is near.
-
-    Returns:
-        Each with the probability that it enters with as its share, at most as many as `yielding`.
     """
     rules, search = settings.belief, settings.search
-    fresh = [
-        place
+    fresh = list[tuple[Place, Place]]()
+    explained = 0.0
+    for place in pool.places:
+        if is_near(place.mean, held, rules.merge_distance_m, rules.merge_heading_rad):
+            explained += place.share
+        elif place.share > 0.0:
+            weight = math.exp(min(log_weight + math.log(place.share), MOST_LOG))
+            beside = is_near(place.mean, held, search.source_radius_m, search.source_heading_rad)
+            if place.share >= rules.newcomer_min_share and not beside:
+                weight = max(weight, rules.newcomer_probability)
+            if weight >= rules.least_probability:
+                fresh.append((place, replace(place, share=weight)))
+    fresh.sort(key=lambda pair: -pair[1].share)
+    entering = [pair for pair, leaving in zip(fresh, room, strict=False) if pair[1].share > leaving]
+    explained += math.fsum(place.share for place, _ in entering)
+    return Admission(tuple(weighed for _, weighed in entering), min(explained, 1.0))
+
+
+def log_weight_of_held(
+    pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: BeliefSettings
+) -> float | None:
+    """Log of the weight of a whole search by what it shares with the clusters; None: nothing.
+
+    For the first search, whose own places the clusters are: they tell what its shares are worth.
+
+    Args:
+        pool: what the search has found.
+        held: where the clusters were at the step of the pool, and how probable they are.
+        rules: how near is near.
+    """
+    near = [
+        (mean, probability)
+        for mean, probability in held
+        if is_near(
+            mean, [p.mean for p in pool.places], rules.merge_distance_m, rules.merge_heading_rad
+        )
+    ]
+    share = math.fsum(
+        place.share
         for place in pool.places
-        if place.share >= given.least_share
-        and not is_near(place.mean, held, rules.merge_distance_m, rules.merge_heading_rad)
-    ]
-    beside = [
-        is_near(place.mean, held, search.source_radius_m, search.source_heading_rad)
-        for place in fresh
-    ]
-    apart_first = sorted(zip(beside, fresh, strict=True), key=lambda pair: pair[0])
-    if not given.replaces_alternatives:
-        yielding = [leaving for leaving in yielding if leaving < ALTERNATIVE * best]
-    most = min(given.most, len(yielding))
-    total = math.fsum(place.share for _, place in apart_first[:most])
-    entering = [
-        place
-        for (is_beside, place), leaving in zip(apart_first[:most], yielding, strict=False)
-        if not is_beside or given.probability * place.share / total > leaving
-    ]
-    total = math.fsum(place.share for place in entering)
-    return [replace(place, share=given.probability * place.share / total) for place in entering]
+        if is_near(
+            place.mean, [mean for mean, _ in near], rules.merge_distance_m, rules.merge_heading_rad
+        )
+    )
+    probability = math.fsum(probability for _, probability in near)
+    return math.log(probability / share) if probability > 0.0 and share > 0.0 else None
+
+
+MOST_LOG = 100.0
+"""Of a weight beside the belief: all the rest is nothing beside it, and numbers stay finite."""
+
+
+def _counted_shares(pool: Pool, views: int, rules: BeliefSettings) -> list[float]:
+    if not pool.places:
+        return []
+    shares = np.array([max(place.share, np.finfo(float).tiny) for place in pool.places])
+    worth = np.exp(counted(np.log(shares), rules, views))
+    found = min(math.fsum(shares), 1.0)
+    return [float(value) for value in worth / worth.sum() * found]

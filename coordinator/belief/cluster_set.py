@@ -1,16 +1,17 @@
-"""The tracked places and their probabilities: at most K, always normalised."""
+"""The tracked places, their probabilities, and that of none of them; together always one."""
 
 import math
-import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TypeAlias
 
 import msgspec
 import numpy as np
 from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
+from particle_filter.evidence_model import counted
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
@@ -20,8 +21,8 @@ from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import Place, TrackReport
 
-LEAST_PROBABILITY = sys.float_info.min
-"""Given to a newcomer whose share is so small that it underflows to zero."""
+LEAST_LOG = -1e6
+"""Of a probability that is as good as zero: it stays finite, and comes back if it must."""
 
 
 class Cluster(msgspec.Struct, frozen=True):
@@ -48,7 +49,8 @@ class Cluster(msgspec.Struct, frozen=True):
 
 
 Newcomer: TypeAlias = tuple[Place, BeganCause]
-"""A place that asks to be tracked with its share as its probability, and where it comes from."""
+"""A place that asks to be tracked and where it comes from; its share is its weight beside the
+belief, which sums to one before it comes in."""
 
 
 class ClusterSet:
@@ -58,6 +60,8 @@ class ClusterSet:
         self._rules = rules
         self._clusters: dict[int, Cluster] = {}
         self._next_cluster = 0
+        self.log_elsewhere = 0.0
+        """Log of the probability that the robot is at none of them."""
 
     def __len__(self) -> int:
         return len(self._clusters)
@@ -67,14 +71,19 @@ class ClusterSet:
         """The number that the next newcomer gets."""
         return self._next_cluster
 
+    @property
+    def elsewhere(self) -> float:
+        """The probability that the robot is at none of them."""
+        return math.exp(self.log_elsewhere)
+
     def all(self) -> tuple[Cluster, ...]:
         """All of them, in the order in which they are summed."""
         return tuple(self._clusters.values())
 
-    def restore(self, clusters: Iterable[Cluster], next_cluster: int) -> None:
+    def restore(self, clusters: Iterable[Cluster], next_cluster: int, log_elsewhere: float) -> None:
         """Be as another set was."""
         self._clusters = {cluster.cluster: cluster for cluster in clusters}
-        self._next_cluster = next_cluster
+        self._next_cluster, self.log_elsewhere = next_cluster, log_elsewhere
 
     @property
     def job_ids(self) -> tuple[str, ...]:
@@ -85,11 +94,25 @@ class ClusterSet:
         """Most probable first."""
         return sorted(self._clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
-    def weigh(self, reports: Mapping[str, TrackReport]) -> None:
-        """One Bayes update (eq. 12-17), then the transition between clusters."""
+    def weigh(
+        self, reports: Mapping[str, TrackReport], log_likelihood_elsewhere: float = math.nan
+    ) -> float:
+        """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
+
+        Args:
+            reports: of the clusters that reported, by job.
+            log_likelihood_elsewhere: log of the scan's average likelihood all over the map; NaN:
+                it is not known.
+
+        Returns:
+            Log of the scan's likelihood before it was known where the robot is: what a hypothesis
+            outside this belief is compared with.
+        """
         if not self._clusters:
-            return
-        evidence = np.full(len(self._clusters), np.nan)
+            return 0.0 if math.isnan(log_likelihood_elsewhere) else log_likelihood_elsewhere
+        evidence = np.full(len(self._clusters) + 1, np.nan)
+        evidence[-1] = log_likelihood_elsewhere
+        views = max((report.view_weight for report in reports.values()), default=1.0)
         for index, cluster in enumerate(self._clusters.values()):
             report = reports.get(cluster.job_id)
             if report is not None:
@@ -100,12 +123,21 @@ class ClusterSet:
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                 )
-        posterior = belief.updated(
-            self._log_probabilities(),
-            belief.bounded(evidence, self._rules.evidence_bound),
-            squared_prior=self._rules.squared_prior,
-        )
-        self._set(belief.mixed(posterior, self._rules.transition_probability))
+        prior = self._kidnapped(self._log_probabilities())
+        told = counted(evidence, self._rules, views)
+        posterior = belief.updated(prior, told, squared_prior=self._rules.squared_prior)
+        rho = self._rules.transition_probability
+        self._set(np.append(belief.mixed(posterior[:-1], rho), posterior[-1]))
+        return _log_scan_likelihood(prior, told, evidence)
+
+    def _kidnapped(self, log_probabilities: belief.LogProbabilities) -> belief.LogProbabilities:
+        """The belief if the robot may have been lifted elsewhere since the step before."""
+        hazard = self._rules.kidnapping_probability
+        if hazard == 0.0:
+            return log_probabilities
+        there = log_probabilities + math.log1p(-hazard)
+        there[-1] = np.logaddexp(there[-1], math.log(hazard))
+        return there
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
@@ -143,54 +175,36 @@ class ClusterSet:
             ended += self._end(rest, "merged", first)
         return ended
 
-    def yielding(self, step: int) -> list[float]:
-        """How probable those are whose places newcomers would take now, in the order of leaving.
-
-        Free places come first, as clusters of probability 0; those in their grace yield to nobody.
-        """
-        free = self._rules.clusters - len(self._clusters)
-        return [0.0] * free + [c.probability for c in self._leaving(step)]
-
     def admit(
         self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Let newcomers in; the least probable clusters leave, so that there are never above K.
-
-        Each newcomer takes a place as `yielding` has them: the free ones first, then those of the
-        clusters that leave, the least probable first.
+        """Let newcomers in beside the clusters; the least probable leave where there are too many.
 
         Args:
-            newcomers: no more than there are places `yielding`; their probabilities are what
-                they get, the clusters that stay share the rest in their proportions.
+            newcomers: with their weights beside the belief; all are normalised afterwards.
             step: the step after which they are tracked.
             protected_until: the step before which they may not be replaced.
 
         Returns:
             The new clusters, in the order of the newcomers, and who began and who ended.
         """
-        free = max(self._rules.clusters - len(self._clusters), 0)
         leaving = self._make_room(len(newcomers), step)
-        given = math.fsum(place.share for place, _ in newcomers)
-        left = math.log1p(-given) if given < 1.0 else -math.inf
-        if self._clusters:
-            self._set(np.maximum(belief.normalised_logs(self._log_probabilities()) + left, -1e6))
         first = self._next_cluster
         for place, _ in newcomers:
             self._clusters[self._next_cluster] = Cluster(
                 self._next_cluster,
-                math.log(max(place.share, LEAST_PROBABILITY)),
+                math.log(place.share) if place.share > 0.0 else LEAST_LOG,
                 step,
                 place.mean,
                 place.covariance,
                 protected_until,
             )
             self._next_cluster += 1
-        if self._clusters:
-            self._set(belief.normalised_logs(self._log_probabilities()))
+        self._normalise()
         admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
+        pushing = admitted[len(admitted) - len(leaving) :]
         events: list[JobEvent] = [
-            _ended(cluster, "pushed out", admitted[min(taken, len(admitted) - 1)])
-            for taken, cluster in enumerate(leaving, start=free)
+            _ended(cluster, "pushed out", by) for cluster, by in zip(leaving, pushing, strict=False)
         ]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
@@ -198,18 +212,34 @@ class ClusterSet:
         ]
         return admitted, events
 
+    def room(self, step: int) -> list[float]:
+        """How probable those are whose places newcomers could take, in the order of leaving.
+
+        Free places come first, as clusters of probability 0; those in their grace yield to nobody.
+        """
+        free = self._rules.max_clusters - len(self._clusters)
+        return [0.0] * free + [c.probability for c in self._leaving(step)]
+
     def drop_improbable(self, step: int) -> list[Ended]:
-        """Drop clusters under the threshold, where one is set; the best one always stays."""
-        least = self._rules.drop_below_probability
+        """Give up clusters under the threshold; the robot is elsewhere then, if it was there."""
+        least = self._rules.least_probability
         leaving = [
             cluster
             for cluster in self.by_probability()[1:]
             if cluster.probability < least and step >= cluster.protected_until
         ]
         ended = self._end(leaving, "improbable")
-        if leaving:
-            self._set(belief.normalised_logs(self._log_probabilities()))
+        if leaving and self._rules.kidnapping_probability > 0.0:
+            logs = [cluster.log_probability for cluster in leaving]
+            self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
+        self._normalise()
         return ended
+
+    def explain(self, share: float) -> None:
+        """So much of what was elsewhere is among the newcomers now, or where clusters are."""
+        rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
+        kidnapped = self._rules.kidnapping_probability > 0.0
+        self.log_elsewhere = self.log_elsewhere + rest if kidnapped else -math.inf
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
@@ -233,7 +263,8 @@ class ClusterSet:
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def clear(self, cause: EndedCause) -> list[Ended]:
-        """Forget all clusters."""
+        """Forget all clusters: the robot may be anywhere."""
+        self.log_elsewhere = 0.0
         return self._end(self.all(), cause)
 
     def _leaving(self, step: int) -> list[Cluster]:
@@ -242,7 +273,7 @@ class ClusterSet:
 
     def _make_room(self, count: int, step: int) -> list[Cluster]:
         """Take out as many as are too many; returns them."""
-        surplus = len(self._clusters) + count - self._rules.clusters
+        surplus = len(self._clusters) + count - self._rules.max_clusters
         leaving = self._leaving(step)[: max(surplus, 0)]
         for cluster in leaving:
             del self._clusters[cluster.cluster]
@@ -255,11 +286,30 @@ class ClusterSet:
         return [_ended(cluster, cause, *by) for cluster in leaving]
 
     def _log_probabilities(self) -> belief.LogProbabilities:
-        return np.array([cluster.log_probability for cluster in self._clusters.values()])
+        """(K + 1,) of the clusters, and of none of them."""
+        return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
 
-    def _set(self, log_probabilities: Iterable[float]) -> None:
-        for cluster, value in zip(list(self._clusters.values()), log_probabilities, strict=True):
-            self._clusters[cluster.cluster] = replace(cluster, log_probability=float(value))
+    def _normalise(self) -> None:
+        self._set(belief.normalised_logs(self._log_probabilities()))
+
+    def _set(self, log_probabilities: NDArray[np.float64]) -> None:
+        *clusters, self.log_elsewhere = log_probabilities.tolist()
+        for cluster, value in zip(self.all(), clusters, strict=True):
+            finite = replace(cluster, log_probability=max(value, LEAST_LOG))
+            self._clusters[cluster.cluster] = finite
+
+
+def _log_scan_likelihood(
+    log_prior: belief.LogProbabilities,
+    told: NDArray[np.float64],
+    log_evidence: NDArray[np.float64],
+) -> float:
+    """Log of the evidence as it counted, on average over the belief before; 0 where nobody told."""
+    known = ~np.isnan(told)
+    if not np.any(known):
+        return 0.0
+    average = np.logaddexp.reduce(log_prior[known] + told[known])
+    return float(np.nanmax(log_evidence) + average - np.logaddexp.reduce(log_prior[known]))
 
 
 def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:

@@ -11,21 +11,35 @@ from collections.abc import Iterable, Sequence
 import msgspec
 from msgspec.structs import replace
 
-from coordinator.belief.admission import newcomers, terms
+from coordinator.belief.admission import admission, first_places, log_weight_of_held
 from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
-from coordinator.belief.fit_monitor import FitMonitor, FitState
-from coordinator.belief.outcome import Job, Outcome, hypothesis_of, places_of
+from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
+from coordinator.belief.search_evidence import SearchEvidence
 from coordinator.belief.search_pool import Pool, SearchPool, SearchState
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
 from protocol.message import PoseTuple
-from protocol.work import Place, Report, SearchJob, SearchReport, TrackJob, TrackReport
+from protocol.work import (
+    ElsewhereJob,
+    ElsewhereReport,
+    Job,
+    Place,
+    Report,
+    SearchJob,
+    SearchReport,
+    TrackJob,
+    TrackReport,
+)
 
+ELSEWHERE = "e0"
+"""The job that weighs scans all over the map; it never ends."""
 KEPT_MEANS = 100
 """Steps that a search may lie behind the clusters it is compared with."""
+LEAST_REST = 1e-12
+"""What is left beside a place that is given for certain."""
 
 
 class EnsembleState(msgspec.Struct, frozen=True):
@@ -33,8 +47,8 @@ class EnsembleState(msgspec.Struct, frozen=True):
 
     clusters: tuple[Cluster, ...]
     """In the order in which they are summed."""
+    log_elsewhere: float
     next_cluster: int
-    fit: FitState
     search: SearchState | None
     searches: int
     next_search_step: int
@@ -47,10 +61,10 @@ class Ensemble:
     def __init__(self, settings: FilterSettings) -> None:
         self.settings = settings
         self.clusters = ClusterSet(settings.belief)
-        self._fit = FitMonitor(settings.belief)
         self._search: SearchPool | None = None
-        self._possible: tuple[Hypothesis, ...] = ()
-        """What the search holds possible, until there are clusters."""
+        self._evidence = SearchEvidence()
+        self._founding = False
+        """The search that runs has found the first clusters, and looks on."""
         self._prior_pose: PriorPose | None = None
         self.searches = 0
         """How many have begun."""
@@ -63,7 +77,8 @@ class Ensemble:
     @property
     def expected(self) -> tuple[str, ...]:
         """Jobs whose report on the next step is waited for."""
-        return (*self.clusters.job_ids, *(self._search.job_ids if self._search else ()))
+        searching = self._search.job_ids if self._search else ()
+        return (*self.clusters.job_ids, *searching, *self._elsewhere)
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """What must see the scan of `step` itself: the first search. Call once, before it.
@@ -73,6 +88,7 @@ class Ensemble:
             prior_pose: a place that is possible from earlier knowledge.
         """
         self._prior_pose = prior_pose
+        self._begin |= {job_id: ElsewhereJob(first_step=step) for job_id in self._elsewhere}
         self._start_search(step)
         begin, self._begin = self._begin, {}
         return begin
@@ -92,19 +108,22 @@ class Ensemble:
         arrived = {report.job_id for report in reports if report.step == step}
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
-        self.clusters.weigh(tracks)
+        elsewhere = (
+            report.log_likelihood
+            for report in reports
+            if isinstance(report, ElsewhereReport) and report.step == step
+        )
+        log_likelihood = self.clusters.weigh(tracks, next(elsewhere, math.nan))
+        self._evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
         self._note_means(step, tracks.values())
-        self._fit.update(
-            max((r.log_likelihood_per_beam for r in tracks.values()), default=math.nan)
-        )
         if step % self.settings.belief.merge_every_steps == 0:
             self._events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
-        if self._search is None and (self._fit.lost or step >= self._next_search_step):
+        if self._search is None and (self._lost or step >= self._next_search_step):
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
@@ -112,11 +131,9 @@ class Ensemble:
         """Believe a person: a cluster at the given pose takes its share from the others."""
         step = given.sample.step
         self._stop_search(step, "search stopped")
-        if not len(self.clusters):
-            given = replace(given, share=1.0)
-        self._admit([(given, "given")], step)
+        weight = given.share / max(1.0 - given.share, LEAST_REST)
+        self._admit([(replace(given, share=weight), "given")], step)
         self._prior_pose = None
-        self._fit.forget()
         return self._outcome(step, ())
 
     def relocalize(self, step: int, cause: EndedCause = "forgotten") -> Outcome:
@@ -129,7 +146,6 @@ class Ensemble:
         self._events += self.clusters.clear(cause)
         self._stop_search(step, "search stopped")
         self._prior_pose = None
-        self._fit.forget()
         self._start_search(step + 1)
         return self._outcome(step, ())
 
@@ -140,8 +156,8 @@ class Ensemble:
         return EnsembleState(
             clusters=self.clusters.all(),
             next_cluster=self.clusters.next_cluster,
-            fit=self._fit.state(),
-            search=self._search.state(self._possible) if self._search else None,
+            log_elsewhere=self.clusters.log_elsewhere,
+            search=self._search_state(),
             searches=self.searches,
             next_search_step=self._next_search_step,
             prior_pose=self._prior_pose,
@@ -149,15 +165,20 @@ class Ensemble:
 
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
-        self.clusters.restore(state.clusters, state.next_cluster)
-        self._fit.restore(state.fit)
-        self._search, self._possible = None, ()
+        self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
+        self._search, self._founding = None, False
         self._means.clear()
         if (search := state.search) is not None:
             self._search = SearchPool(search.search, search.first_step, self.settings.search)
-            self._possible = search.possible
+            self._evidence = SearchEvidence.restored(search.evidence)
+            self._founding = search.founding
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
+
+    def _search_state(self) -> SearchState | None:
+        if self._search is None:
+            return None
+        return self._search.state(self._evidence.state(), founding=self._founding)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -180,12 +201,13 @@ class Ensemble:
             job = SearchJob(search=self.searches, shard=shard, first_step=first_step)
             self._begin[job_id] = job
         self.searches += 1
-        self._search, self._possible = search, ()
+        self._search = search
+        self._evidence = SearchEvidence(self.clusters.log_elsewhere)
 
     def _stop_search(self, step: int, cause: EndedCause) -> None:
         if self._search is not None:
             self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
-        self._search, self._possible = None, ()
+        self._search, self._founding = None, False
         self._next_search_step = step + self.settings.belief.search_every_steps
 
     def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
@@ -200,53 +222,49 @@ class Ensemble:
             if isinstance(report, SearchReport) and report.job_id in self._search.job_ids:
                 self._search.add(report)
         fresh = self._search.pooled()
-        if fresh and not len(self.clusters):
-            self._possible = places_of(fresh)
-        if fresh and self._search.finished(fresh, self.settings.belief.clusters):
-            then = self._means.get(fresh.step, {})
-            if any(job_id not in then for job_id in self.clusters.job_ids):
-                return  # it goes on until it can be told who is new
-            if len(self.clusters):
-                held = [then[job_id] for job_id in self.clusters.job_ids]
-                self._admit_newcomers(fresh, step, held)
-            else:
-                self._admit_first(fresh, self._search, step)
+        if fresh is None or not self._can_tell_who_is_new(fresh.step):
+            return
+        done = self._search.finished(fresh, self.settings.belief.max_clusters)
+        if not len(self.clusters):
+            self._admit_first(fresh, self._search, step)
+        elif done or self._founding:
+            self._admit_newcomers(fresh, step)
+        if done:
             self._stop_search(step, "search over")
 
+    def _can_tell_who_is_new(self, step: int) -> bool:
+        """Whether all clusters told where they were at this step; if not, the search goes on."""
+        then = self._means.get(step, {})
+        return all(job_id in then for job_id in self.clusters.job_ids)
+
     def _admit_first(self, pool: Pool, search: SearchPool, step: int) -> None:
-        """The K most probable places, by their share of points (section 4).
+        """The most probable places (section 4), beside one that was known before."""
+        views = pool.step - search.first_step + 1
+        first = first_places(pool, views, self.settings.belief)
+        if not first:
+            return
+        entering: list[Newcomer] = [(place, "first search") for place in first]
+        if self._prior_pose is not None:
+            odom_from_robot = first[0].sample.odom_from_robot
+            entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
+        self._prior_pose, self._founding = None, True
+        self.clusters.explain(min(math.fsum(place.share for place, _ in entering), 1.0))
+        self._admit(entering, step)
 
-        Scans tell no more against a place while it is searched for than once it is tracked:
-        `evidence_bound` a step. A share is far noisier than that: a place whose first points
-        happened to lie well gets a hundred times those of another just like it.
-        """
-        kept = pool.places[: self.settings.belief.clusters]
-        steps = pool.step - search.first_step + 1
-        least = math.exp(-self.settings.belief.evidence_bound * steps)
-        shares = [max(place.share, kept[0].share * least) for place in kept]
-        total = math.fsum(shares)
-        first = [replace(p, share=share / total) for p, share in zip(kept, shares, strict=True)]
-        newcomers: list[Newcomer] = [(place, "first search") for place in first]
-        if self._prior_pose is not None and kept:
-            odom_from_robot = kept[0].sample.odom_from_robot
-            newcomers = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
-        self._prior_pose = None
-        self._admit(newcomers, step)
-
-    def _admit_newcomers(self, pool: Pool, step: int, held: Sequence[PoseTuple]) -> None:
-        """The best places of a restart that no cluster holds enter with a small probability.
-
-        Args:
-            pool: what the search has found.
-            step: the step after which they are tracked.
-            held: where the clusters were at the step of the pool.
-        """
-        rules, yielding = self.settings.belief, self.clusters.yielding(step)
-        given, best = terms(pool, self._fit, rules), self.clusters.by_probability()[0].probability
-        found = newcomers(pool, held, yielding, best, given, self.settings)
-        entering: list[Newcomer] = [(place, "restart") for place in found]
-        if entering:
-            self._admit(entering, step, protected_until=step + rules.grace_steps)
+    def _admit_newcomers(self, pool: Pool, step: int) -> None:
+        """Places that no cluster holds; what the search explains is no longer elsewhere."""
+        rules = self.settings.belief
+        then = self._means[pool.step]
+        held = {then[cluster.job_id]: cluster.probability for cluster in self.clusters.all()}
+        log_weight = (
+            log_weight_of_held(pool, tuple(held.items()), rules) if self._founding else None
+        )
+        if log_weight is None:
+            log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
+        found = admission(pool, tuple(held), self.clusters.room(step), log_weight, self.settings)
+        self.clusters.explain(found.explained)
+        entering: list[Newcomer] = [(place, "restart") for place in found.entering]
+        self._admit(entering, step, protected_until=step + rules.grace_steps)
 
     def _admit(
         self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
@@ -269,11 +287,11 @@ class Ensemble:
         begin, self._begin = self._begin, {}
         events, self._events = tuple(self._events), []
         tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
-        hypotheses = tracked or self._possible
         return Outcome(
             step=step,
-            state=self._state(hypotheses),
-            hypotheses=hypotheses,
+            state=self._state(tracked),
+            hypotheses=tracked,
+            elsewhere_probability=self.clusters.elsewhere,
             searching=self._search is not None,
             missing=missing,
             begin=begin,
@@ -283,7 +301,16 @@ class Ensemble:
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
         if not len(self.clusters):
             return "searching"
-        if self._fit.lost:
+        if self._lost:
             return "lost"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
+
+    @property
+    def _lost(self) -> bool:
+        return self.clusters.elsewhere > self.settings.belief.lost_probability
+
+    @property
+    def _elsewhere(self) -> tuple[str, ...]:
+        """The job that weighs scans all over the map, where the robot may be lifted at all."""
+        return (ELSEWHERE,) if self.settings.belief.kidnapping_probability > 0.0 else ()

@@ -1,15 +1,11 @@
 """What the belief comes to after a step, and how places are told."""
 
-import math
 from dataclasses import dataclass
 
 from coordinator.belief.cluster_set import Cluster
-from coordinator.belief.search_pool import Pool
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, JobEvent
-from protocol.work import SearchJob, TrackJob
-
-Job = TrackJob | SearchJob
+from protocol.work import Job
 
 
 @dataclass(frozen=True)
@@ -19,7 +15,9 @@ class Outcome:
     step: int
     state: State
     hypotheses: tuple[Hypothesis, ...]
-    """Most probable first; while searching at the start, the places the search holds possible."""
+    """Most probable first; with `elsewhere_probability` they sum to one."""
+    elsewhere_probability: float
+    """That the robot is at none of them."""
     searching: bool
     missing: tuple[str, ...]
     begin: dict[str, Job]
@@ -43,21 +41,4 @@ def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
         covariance=cluster.covariance,
         effective_sample_size=cluster.effective_sample_size,
         age_steps=step - cluster.born_step,
-    )
-
-
-def places_of(pool: Pool) -> tuple[Hypothesis, ...]:
-    """The places of a search that still runs; they are no clusters yet, so numbers are negative."""
-    total = math.fsum(place.share for place in pool.places)
-    return tuple(
-        Hypothesis(
-            cluster=-1 - index,
-            probability=place.share / total,
-            log_probability=math.log(place.share / total),
-            mean=place.mean,
-            covariance=place.covariance,
-            effective_sample_size=0.0,
-            age_steps=0,
-        )
-        for index, place in enumerate(pool.places)
     )

@@ -39,7 +39,7 @@ def with_prior_pose(
     A place that was found there anyway gets it; else the offered one takes the last place of K.
 
     Args:
-        found: most probable first; their shares sum to one.
+        found: most probable first; their shares are probabilities.
         prior: the place as it was after an earlier step; it is tracked from there.
         odom_from_robot: odometry now, which carries the offered place to where it would be.
         settings: of the filter.
@@ -55,7 +55,7 @@ def with_prior_pose(
         ),
         None,
     )
-    kept = list(found) if there is not None else list(found[: rules.clusters - 1])
+    kept = list(found) if there is not None else list(found[: rules.max_clusters - 1])
     total = math.fsum(place.share for place in kept)
     if not kept or total <= 0.0:
         return [(_offered(now, prior, 1.0, settings), "prior pose")]

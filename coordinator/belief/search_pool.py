@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from coordinator.belief.search_evidence import SearchEvidenceState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
-from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.work import Particles, Place, SearchReport
 
@@ -21,8 +21,9 @@ class SearchState(msgspec.Struct, frozen=True):
 
     search: int
     first_step: int
-    possible: tuple[Hypothesis, ...]
-    """What is told of it; empty where there are clusters, which are told instead."""
+    evidence: SearchEvidenceState
+    founding: bool
+    """It has found the first clusters, and looks on."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,8 @@ class Pool:
 
     step: int
     places: tuple[Place, ...]
-    log_likelihood_per_beam: float
-    """Of the best particle, without the exponent."""
+    log_evidence: float
+    """Log of the average likelihood of all scans so far, over the whole free space."""
 
 
 class SearchPool:
@@ -48,9 +49,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, possible: tuple[Hypothesis, ...]) -> SearchState:
-        """The search as it is handed on, with what was told of it."""
-        return SearchState(self.search, self.first_step, possible)
+    def state(self, evidence: SearchEvidenceState, *, founding: bool) -> SearchState:
+        """The search as it is handed on, with what it is compared with."""
+        return SearchState(self.search, self.first_step, evidence, founding)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
@@ -85,8 +86,9 @@ class SearchPool:
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
     """Weigh the shards by their evidence and join places that several of them found."""
-    log_evidence = np.array([report.log_evidence for report in reports])
-    shard_weight = np.exp(log_evidence - np.logaddexp.reduce(log_evidence))
+    shards = np.array([report.log_evidence for report in reports])
+    log_sum = np.logaddexp.reduce(shards)
+    shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
     found = [
         (float(weight * place.share), place)
         for weight, report in zip(shard_weight, reports, strict=True)
@@ -94,15 +96,14 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
         if weight * place.share > 0.0
     ]
     found.sort(key=lambda pair: -pair[0])
-    best_fit = max(report.log_likelihood_per_beam for report in reports)
     if not found:
-        return Pool(step, (), best_fit)
+        return Pool(step, (), log_evidence)
     means = np.array([place.mean for _, place in found])
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
     groups = [np.flatnonzero(into == index) for index in np.unique(into)]
     joined = [_joined([found[member] for member in group]) for group in groups]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), best_fit)
+    return Pool(step, tuple(joined), log_evidence)
 
 
 def _joined(found: list[tuple[float, Place]]) -> Place:

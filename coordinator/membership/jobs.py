@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import msgspec
 
 from coordinator.membership.balance import Move
-from protocol.work import Assignment, Particles, SearchJob, TrackJob
+from protocol.work import Assignment, ElsewhereJob, Job, Report, SearchJob, TrackJob, TrackReport
 
 MISSED_NS = 1_500_000_000
 """More than the longest pause between two tries to connect, less than a new job is waited for."""
@@ -24,7 +24,7 @@ class JobState(msgspec.Struct, frozen=True):
     job_id: str
     epoch: int
     worker: str | None
-    job: SearchJob | TrackJob | None
+    job: Job | None
     """None: a cluster whose particles its worker holds."""
 
 
@@ -32,7 +32,7 @@ class JobState(msgspec.Struct, frozen=True):
 class PlacedJob:
     """A job, who does it, and from where another could carry on."""
 
-    job: TrackJob | SearchJob
+    job: Job
     epoch: int = 0
     worker: str | None = None
     placed_ns: int = 0
@@ -75,7 +75,7 @@ class Jobs:
 
     # --- how they begin, change hands and end
 
-    def begin(self, jobs: Mapping[str, TrackJob | SearchJob]) -> None:
+    def begin(self, jobs: Mapping[str, Job]) -> None:
         """New jobs, to be placed."""
         self._jobs |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
 
@@ -87,7 +87,7 @@ class Jobs:
     def may_move(self, job_id: str) -> bool:
         """Whether a job may change hands while its worker is well; a search only before work."""
         job = self._jobs[job_id]
-        return isinstance(job.job, TrackJob) or not job.reported
+        return not isinstance(job.job, SearchJob) or not job.reported
 
     def carry_out(self, moves: Iterable[Move], term: int, now_ns: int) -> None:
         """Give jobs to other workers; epochs stand above those of all terms before."""
@@ -103,13 +103,16 @@ class Jobs:
             if job.worker == worker:
                 job.worker = None
 
-    def reported(self, job_id: str, snapshot: Particles | None, *, in_time: bool) -> None:
-        """A job reported; a snapshot is where another worker would carry on."""
-        job = self._jobs[job_id]
+    def reported(self, report: Report, *, in_time: bool) -> None:
+        """A job reported, and perhaps told from where another worker would carry on."""
+        job = self._jobs[report.job_id]
         job.reported = True
         job.in_step |= in_time
-        if snapshot is not None and isinstance(job.job, TrackJob):
-            job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
+        match job.job:
+            case TrackJob(cluster=cluster) if isinstance(report, TrackReport) and report.snapshot:
+                job.job = TrackJob(cluster=cluster, start=report.snapshot, exact=True)
+            case ElsewhereJob(first_step=first):
+                job.job = ElsewhereJob(first_step=max(first, report.step + 1))
 
     # --- whose reports count, and how long they are waited for
 

@@ -7,7 +7,7 @@ from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState, PlacedJob
 from coordinator.membership.order_delivery import OrderDelivery
 from coordinator.membership.straggler_policy import StragglerPolicy
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, Particles, TrackJob, WorkOrder
+from protocol.work import Assignment, Report, TrackJob, WorkOrder
 
 
 class Placement:
@@ -55,10 +55,10 @@ class Placement:
             or self._stragglers.waits_for(job.worker)
         ]
 
-    def reported(self, job_id: str, snapshot: Particles | None, *, in_time: bool) -> None:
-        """A job's worker reported; a snapshot is where another worker would carry on."""
-        self.jobs.reported(job_id, snapshot, in_time=in_time)
-        job = self.jobs.get(job_id)
+    def reported(self, report: Report, *, in_time: bool) -> None:
+        """A job's worker reported."""
+        self.jobs.reported(report, in_time=in_time)
+        job = self.jobs.get(report.job_id)
         if job is not None and job.worker is not None:
             self._stragglers.heard(job.worker, in_time=in_time)
 

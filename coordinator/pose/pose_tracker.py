@@ -136,6 +136,7 @@ class PoseTracker:
             map_from_robot=carried.mean if carried else None,
             covariance=carried.covariance if carried else None,
             workers=workers,
+            elsewhere_probability=self._outcome.elsewhere_probability if self._outcome else 1.0,
         )
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:

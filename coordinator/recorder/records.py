@@ -27,7 +27,16 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
-from protocol.work import Assignment, Checkpoint, Particles, Place, Report, TrackJob, TrackReport
+from protocol.work import (
+    Assignment,
+    Checkpoint,
+    ElsewhereReport,
+    Particles,
+    Place,
+    Report,
+    SearchReport,
+    TrackJob,
+)
 
 NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
 NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
@@ -120,7 +129,9 @@ def without_beams(scan: Scan) -> Scan:
 
 
 def _report(report: Report) -> Report:
-    if not isinstance(report, TrackReport):
+    if isinstance(report, ElsewhereReport):
+        return report
+    if isinstance(report, SearchReport):
         return replace(report, places=tuple(map(_place, report.places)))
     if report.snapshot is None and not report.parts:
         return report

@@ -49,7 +49,8 @@ class Observer:
         state, places = outcome.state, outcome.hypotheses
         symmetry = self._case.symmetry
         copies = turned_copies(truth, symmetry, self._middle) if truth else ()
-        facts = facts_of(self._update, scan.stamp_ns, state, places, copies)
+        elsewhere = outcome.elsewhere_probability
+        facts = facts_of(self._update, scan.stamp_ns, state, places, copies, elsewhere)
         self._facts.append(facts)
         if truth is None:
             return

@@ -1,0 +1,58 @@
+"""What the clusters have gathered while a search ran: what its places are held against."""
+
+import math
+
+import msgspec
+
+KEPT_STEPS = 100
+"""Steps that a search may lie behind the clusters it is compared with."""
+
+
+class SearchEvidenceState(msgspec.Struct, frozen=True):
+    """As it is handed on."""
+
+    log_elsewhere: float
+    gathered: tuple[tuple[int, float], ...]
+
+
+class SearchEvidence:
+    """Follows the belief from the begin of a search on.
+
+    Args:
+        log_elsewhere: log of the probability that the robot was at no cluster when it began.
+    """
+
+    def __init__(self, log_elsewhere: float = 0.0) -> None:
+        self._log_elsewhere = log_elsewhere
+        self._gathered: dict[int, float] = {}
+        """Log-likelihood of all scans since the search began, up to each of the last steps."""
+        self._total = 0.0
+
+    def gather(self, step: int, log_likelihood: float) -> None:
+        """A step's scan was that likely before it was known where the robot is."""
+        self._total += log_likelihood
+        self._gathered[step] = self._total
+        if len(self._gathered) > KEPT_STEPS:
+            del self._gathered[next(iter(self._gathered))]
+
+    def log_weight(self, step: int, log_evidence: float) -> float:
+        """Log of the weight, beside the belief, of all that the search has found.
+
+        Args:
+            step: up to which it has searched.
+            log_evidence: log of the average likelihood of all its scans over the whole map.
+        """
+        gathered = self._gathered.get(step)
+        return -math.inf if gathered is None else self._log_elsewhere + log_evidence - gathered
+
+    def state(self) -> SearchEvidenceState:
+        """To be handed on."""
+        return SearchEvidenceState(self._log_elsewhere, tuple(self._gathered.items()))
+
+    @classmethod
+    def restored(cls, state: SearchEvidenceState) -> "SearchEvidence":
+        """As another had it."""
+        made = cls(state.log_elsewhere)
+        made._gathered = dict(state.gathered)
+        made._total = state.gathered[-1][1] if state.gathered else 0.0
+        return made

@@ -1,0 +1,66 @@
+"""Poses spread evenly over the free space of a map, fresh ones at every step."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import FREE, Poses
+from particle_filter.poses import compose
+from particle_filter.sensor_model import Grid
+
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_CELLS_KEPT = 65_536
+_STRIP_ROWS = 512
+"""A map is read in strips: its free cells, all at once, could fill the memory."""
+
+
+class UniformPoses:
+    """Draws stratified poses from free space.
+
+    Args:
+        grid: the map.
+        rng: chooses the cells that are drawn from, once; poses lie anywhere within them.
+
+    Raises:
+        ValueError: the map has no free cell.
+    """
+
+    def __init__(self, grid: Grid, rng: np.random.Generator) -> None:
+        self._grid = grid
+        self._rows, self._cols = _spread_cells(grid, rng)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Poses:
+        """(count, 3) poses in the map: each stratum of the free cells gives one."""
+        strata = (np.arange(count) + rng.random(count)) / count
+        chosen = np.minimum((strata * len(self._rows)).astype(np.int64), len(self._rows) - 1)
+        in_grid = np.empty((count, 3))
+        in_grid[:, 0] = (self._cols[chosen] + rng.random(count)) * self._grid.cell_m
+        in_grid[:, 1] = (self._rows[chosen] + rng.random(count)) * self._grid.cell_m
+        turns = np.arange(count) * _GOLDEN + rng.random()
+        in_grid[:, 2] = 2.0 * math.pi * (turns - np.floor(turns)) - math.pi
+        return compose(self._grid.map_from_grid, in_grid)
+
+
+def _spread_cells(
+    grid: Grid, rng: np.random.Generator
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of free cells, evenly spread over all of them, in the order of the map."""
+    strips = range(0, len(grid.cells), _STRIP_ROWS)
+    counts = [
+        int(np.count_nonzero(grid.cells[first : first + _STRIP_ROWS] == FREE)) for first in strips
+    ]
+    total = sum(counts)
+    if total == 0:
+        raise ValueError("the map has no free cell to look at")
+    kept = min(total, _CELLS_KEPT)
+    wanted = ((np.arange(kept) + rng.random(kept)) / kept * total).astype(np.int64)
+    ends = np.cumsum(counts)
+    cells = []
+    for first, begin, end in zip(strips, [0, *ends], ends, strict=False):
+        inside = wanted[(wanted >= begin) & (wanted < end)] - begin
+        if len(inside):
+            free = np.flatnonzero(grid.cells[first : first + _STRIP_ROWS] == FREE)
+            cells.append(free[inside] + first * grid.cells.shape[1])
+    rows, cols = np.divmod(np.concatenate(cells), grid.cells.shape[1])
+    return rows, cols
