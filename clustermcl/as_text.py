@@ -12,6 +12,10 @@ SILENT_AFTER_S = 3.0
 """A process says each second how it is; three missed words are worth a remark."""
 
 
+DOUBT = 0.01
+"""Of being elsewhere: less is not worth a line."""
+
+
 def pose_text(pose: PoseTuple) -> str:
     """A pose: ``x 1.23 m  y -4.50 m  heading 90.0 deg``."""
     x, y, heading = pose
@@ -43,6 +47,8 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
             f"{pose_text(answer.map_from_robot)}  {spread_text(answer.covariance)}"
         )
     yield from _doubts(answer)
+    if answer.map_from_robot is not None and answer.elsewhere_probability > DOUBT:
+        yield f"it may be elsewhere, with probability {answer.elsewhere_probability:.2f}"
     if answer.workers == 0:
         yield "no worker is alive: the belief does not follow the robot"
 
@@ -54,6 +60,7 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
         return
     yield f"{answer.pose.state} at step {answer.pose.step}"
     yield from (_hypothesis_line(hypothesis) for hypothesis in answer.hypotheses)
+    yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
     yield from _doubts(answer.pose)
 
 
@@ -80,7 +87,8 @@ def belief_line(belief: Belief) -> str:
     best = belief.hypotheses[0]
     shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
     more = ", ..." if len(belief.hypotheses) > 6 else ""
-    return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}"
+    elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
+    return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}{elsewhere}"
 
 
 def is_unweighed(belief: Belief) -> bool:

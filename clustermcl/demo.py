@@ -318,6 +318,7 @@ def _as_object(result: _Result, wall_s: float) -> JsonObject:
         "state": belief.state,
         "pose": pose_object(best.mean, best.covariance) if best else None,
         "probability": best.probability if best else 0.0,
+        "elsewhere_probability": belief.elsewhere_probability,
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
         "steps": result.status.steps_applied,
         "steps_lost": result.status.steps_lost,

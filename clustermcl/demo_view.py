@@ -20,7 +20,7 @@ from clustermcl.as_text import (
     spread,
     spread_text,
 )
-from protocol.answers import Belief, Hypothesis
+from protocol.answers import Belief
 from protocol.job_events import NumberedEvent
 from protocol.message import PoseTuple
 
@@ -182,15 +182,19 @@ class LiveView:
         if truth is not None:
             lines.append(f"truth  {pose_text(truth)}")
         lines += self._events
-        return Group(self._title, _table(belief.hypotheses), *lines, self._progress)
+        return Group(self._title, _table(belief), *lines, self._progress)
 
 
-def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
-    """One line a place, within 80 columns."""
+_PLACES = 10
+"""Shown one by one."""
+
+
+def _table(belief: Belief) -> Table:
+    """One line a place, within 80 columns; the less probable ones in one, and being elsewhere."""
     table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
     for name in _COLUMNS:
         table.add_column(Text(name), justify="right", no_wrap=True)
-    for hypothesis in hypotheses:
+    for hypothesis in belief.hypotheses[:_PLACES]:
         x, y, heading = hypothesis.mean
         position_m, heading_rad = spread(hypothesis.covariance)
         table.add_row(
@@ -204,4 +208,13 @@ def _table(hypotheses: tuple[Hypothesis, ...]) -> Table:
             f"{math.degrees(heading_rad):.1f}",
             str(hypothesis.age_steps),
         )
+    if others := belief.hypotheses[_PLACES:]:
+        _add_sum(table, f"{len(others)} more", sum(other.probability for other in others))
+    _add_sum(table, "elsewhere", belief.elsewhere_probability)
     return table
+
+
+def _add_sum(table: Table, name: str, probability: float) -> None:
+    table.add_row(
+        name, f"{probability:.3f}", ProgressBar(total=1.0, completed=probability, width=12)
+    )

@@ -116,9 +116,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One cluster and its particles (section 2 of the paper)."""
 
-    particles: Annotated[int, described("particles of one tracked cluster", gt=0, le=1_000_000)] = (
-        2000
-    )
+    particles: Annotated[
+        int, described("particles of one tracked cluster, at most", gt=0, le=1_000_000)
+    ] = 2000
     resampling: Annotated[
         Literal["systematic", "stratified", "residual", "multinomial"],
         described("how particles are redrawn"),
@@ -137,7 +137,7 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     ] = 0.0
     min_particles: Annotated[
         int, described("never fewer where the number adapts", gt=0, le=1_000_000)
-    ] = 200
+    ] = 500
     split_every_steps: Annotated[
         int,
         described(
@@ -202,6 +202,15 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """The Bayes filter over clusters (eq. 12-17 and section 4 of the paper)."""
 
     max_clusters: Annotated[int, described("clusters kept at most", gt=0, le=1_000)] = 64
+    particles: Annotated[
+        int,
+        described(
+            "particles of all clusters, shared out by probability when they begin; 0: "
+            "cluster.particles each",
+            ge=0,
+            le=50_000_000,
+        ),
+    ] = 20_000
     least_probability: Annotated[
         float,
         described(

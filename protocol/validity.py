@@ -41,6 +41,8 @@ MAX_ID_CHARACTERS = 128
 MAX_WORDS = 500
 """Of one health message; processes have some twenty."""
 MAX_SIGMA_M = 1e4
+MAX_PARTICLES = 1_000_000
+"""Of one cluster."""
 
 
 @singledispatch
@@ -220,7 +222,9 @@ def assignment_problem(given: Assignment) -> str | None:
     """Why a job cannot be done."""
     problem = number_problem("epoch", given.epoch)
     match given.job:
-        case TrackJob(start=start):
+        case TrackJob(start=start, particles=count):
+            if count is not None and not 0 < count <= MAX_PARTICLES:
+                return f"a cluster of {count} particles"
             return problem or _particles_problem(start)
         case ElsewhereJob(first_step=first) | SearchJob(first_step=first):
             return problem or number_problem("first step", first, least=-1)

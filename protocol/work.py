@@ -33,6 +33,8 @@ class TrackJob(
     start: Particles
     exact: bool
     """Carry on with just this cloud; else draw the cluster's own particles from it first."""
+    particles: int | None = None
+    """So many are drawn; None: as many as the settings say."""
 
 
 class SearchJob(

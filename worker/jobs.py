@@ -7,6 +7,7 @@ comes from (seed, job, step), so a job carried on elsewhere gives the same numbe
 from typing import Protocol
 
 import numpy as np
+from msgspec.structs import replace
 
 from particle_filter import cluster_filter, global_search
 from particle_filter.arrays import FREE, Pose
@@ -103,7 +104,8 @@ class Tracking:
             rng = generator(
                 settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step
             )
-            self._cloud = cluster_filter.drawn_from(poses, log_weights, settings.cluster, rng)
+            rules = replace(settings.cluster, particles=job.particles or settings.cluster.particles)
+            self._cloud = cluster_filter.drawn_from(poses, log_weights, rules, rng)
 
     def advance(self, scan: Scan) -> TrackReport:
         """Move, weigh, and tell what the cluster makes of the scan."""

@@ -277,9 +277,20 @@ class Ensemble:
     ) -> None:
         """Begin the jobs of new clusters, each from its place's sample."""
         for place, cluster in zip(places, clusters, strict=True):
-            job = TrackJob(cluster=cluster.cluster, start=place.sample, exact=False)
-            self._begin[cluster.job_id] = job
+            self._begin[cluster.job_id] = TrackJob(
+                cluster=cluster.cluster,
+                start=place.sample,
+                exact=False,
+                particles=self._particles(cluster),
+            )
         self._events += events
+
+    def _particles(self, cluster: Cluster) -> int:
+        """A cluster's share of all particles."""
+        shared, rules = self.settings.belief.particles, self.settings.cluster
+        if shared == 0:
+            return rules.particles
+        return min(max(round(shared * cluster.probability), rules.min_particles), rules.particles)
 
     # --- what it comes to
 
