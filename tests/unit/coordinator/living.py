@@ -71,7 +71,7 @@ SETTINGS = FilterSettings(
         poses=400,
         shards=2,
         max_steps=4,
-        hand_over_particles=50,
+        hand_over_particles=15,
         places=8,
         places_with_particles=4,
     ),
