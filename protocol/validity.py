@@ -118,7 +118,7 @@ def _(message: TrackReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_weight_sum", message.log_weight_sum)
         or finite_problem("effective_sample_size", message.effective_sample_size)
-        or (None if 0.0 <= message.view_weight <= 1.0 else f"a view of {message.view_weight}")
+        or _way_problem(message.moved_m, message.turned_rad)
         or gaussian_problem(message.mean, message.covariance)
         or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
         or first_problem(_place_problem(place) for place in message.parts)
@@ -182,6 +182,11 @@ def _(message: Kidnap) -> str | None:
 def first_problem(problems: Iterable[str | None]) -> str | None:
     """The first of them that is one."""
     return next((problem for problem in problems if problem), None)
+
+
+def _way_problem(moved_m: float, turned_rad: float) -> str | None:
+    possible = moved_m >= 0.0 and turned_rad >= 0.0  # NaN is not; of a first scan it is infinite
+    return None if possible else f"a way of {moved_m} m and {turned_rad} rad"
 
 
 def _report_problem(report: TrackReport | SearchReport) -> str | None:

@@ -1,5 +1,6 @@
 """Work from the coordinator to workers, and what they report back."""
 
+import math
 from typing import TypeAlias
 
 import msgspec
@@ -148,8 +149,10 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
-    view_weight: float = 1.0
-    """How much of an independent view the scan was; the likelihood was raised to it."""
+    moved_m: float = math.inf
+    """How far the robot has driven since the scan before; infinite: it is the first."""
+    turned_rad: float = math.inf
+    """And how far it has turned."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more where the cluster has fallen apart, most probable first."""
@@ -162,10 +165,11 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
     epoch: int
     step: int
     log_evidence: float
-    """Log of the average likelihood of all scans so far, over the whole free space."""
+    """Log of the average likelihood of all scans so far, over the shard's part of the free space:
+    all shards have equal parts."""
     particles: int
-    annealed: bool
-    """The likelihood exponent has reached its full value; before, no places are reported."""
+    left_out_gap: float
+    """Poses that the search has left out were worse than its best by so much at least [nat]."""
     log_likelihood_per_beam: float
     places: tuple[Place, ...]
     """Most probable first."""

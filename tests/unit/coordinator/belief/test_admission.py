@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from coordinator.belief.fit_monitor import FitMonitor, FitState
 
 from coordinator.belief.admission import Terms, newcomers, terms
 from coordinator.belief.cluster_set import ClusterSet
-from coordinator.belief.fit_monitor import FitMonitor, FitState
 from coordinator.belief.given_places import cloud, diagonal
 from coordinator.belief.outcome import places_of
 from coordinator.belief.search_pool import Pool
@@ -24,7 +24,7 @@ HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 
 
 def pool(*found: tuple[float, PoseTuple], fit: float = -1.0) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), fit)
+    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, 12.0, fit)
 
 
 def entered(found: Pool, yielding: list[float], given: Terms) -> list[tuple[PoseTuple, float]]:
