@@ -2,7 +2,7 @@
 
 The average likelihood of a cluster's particles errs, for the map is not the building. Such errors
 stay the same for about a metre of way, so scans taken within it tell it again, as if it were news;
-and where no place explains the scan, because people stand around or furniture was moved, each
+where no place explains the scan, because people stand around or furniture was moved, each
 place is wrong by about as much as all of them are, by chance more or less. So differences between
 places count by how much of a new view the scan is, and less the worse even the best one fits.
 """
@@ -17,19 +17,26 @@ from particle_filter.poses import between
 from particle_filter.settings import BeliefSettings, SensorSettings
 
 
-def counted(log_evidence: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+def counted(log_evidence: NDArray[np.float64], share: float, noise: float) -> NDArray[np.float64]:
     """How much each hypothesis has lost against the one that fits best, as it counts.
+
+    What lies within the Monte Carlo error of averages over particles counts next to nothing:
+    d^2 / (d + noise) for a difference of d, so that places that look alike stay alike.
 
     Args:
         log_evidence: (K,) log of each one's average likelihood; NaN, a missing report, stays.
-        share: that counts; one is the paper's update.
+        share: of a difference that counts. One, and a noise of zero, are the paper's update.
+        noise: Monte Carlo error of a difference [nat].
 
     Returns:
         (K,) logarithms of at most zero.
     """
     if np.all(np.isnan(log_evidence)):
         return log_evidence
-    return np.asarray(share * (log_evidence - np.nanmax(log_evidence)))
+    lost = np.nanmax(log_evidence) - log_evidence
+    if noise > 0.0:
+        lost = lost**2 / (lost + noise)
+    return np.asarray(-share * lost)
 
 
 def share_that_counts(new_view: float, misfit: float, rules: BeliefSettings) -> float:

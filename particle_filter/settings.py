@@ -206,6 +206,9 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         described("after such a way a scan is a new view of the building; 0: always", "m", ge=0),
     ] = 0.8
     view_turn_rad: Annotated[float, described("or after such a turn", "rad", gt=0)] = 1.6
+    evidence_noise: Annotated[
+        float, described("Monte Carlo error of what tells places apart", "nat", ge=0)
+    ] = 0.3
     evidence_misfit: Annotated[
         float,
         described(

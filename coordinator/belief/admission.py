@@ -9,39 +9,23 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.search_pool import Pool
-from particle_filter.evidence_model import counted, misfit, share_that_counts
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings
 from protocol.message import PoseTuple
 from protocol.work import Place
 
 
-def first_places(pool: Pool, settings: FilterSettings) -> list[Place]:
-    """The places of a first search that are tracked: as probable as their shares, as they count.
-
-    Args:
-        pool: what the search has found.
-        settings: how evidence counts, and how many clusters there may be.
+def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
+    """The places of a first search that are tracked, as probable as their shares.
 
     Returns:
-        Most probable first; their shares are probabilities, and what is left of one is elsewhere.
+        Most probable first; what their shares lack of one is elsewhere.
     """
-    if not pool.places:
-        return []
-    rules = settings.belief
-    shares = np.array([max(place.share, np.finfo(float).tiny) for place in pool.places])
-    bad = misfit(pool.log_likelihood_per_beam, settings.sensor)
-    worth = np.exp(counted(np.log(shares), share_that_counts(1.0, bad, rules)))
-    worth *= min(math.fsum(shares), 1.0) / worth.sum()
-    return [
-        replace(place, share=float(probability))
-        for place, probability in zip(pool.places, worth, strict=True)
-        if probability >= rules.least_probability
-    ][: rules.max_clusters]
+    probable = [place for place in pool.places if place.share >= rules.least_probability]
+    return probable[: rules.max_clusters]
 
 
 MOST_LOG = 100.0

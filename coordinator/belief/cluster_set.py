@@ -137,7 +137,7 @@ class ClusterSet:
             return 0.0
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
-        told = counted(evidence, self._share_that_counts(reports))
+        told = counted(evidence, self._share_that_counts(reports), self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
         among = belief.mixed(among, self._rules.transition_probability)
         if not math.isnan(elsewhere):

@@ -63,8 +63,8 @@ class Ensemble:
         self.clusters = ClusterSet(settings.belief, settings.sensor)
         self._search: SearchPool | None = None
         self._evidence = SearchEvidence()
-        self._heard = False
-        """What the search that runs has found stands beside the clusters already."""
+        self._founding = False
+        """The search that runs has found the first clusters, and looks on."""
         self._prior_pose: PriorPose | None = None
         self.searches = 0
         """How many have begun."""
@@ -166,19 +166,19 @@ class Ensemble:
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
         self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
-        self._search, self._heard = None, False
+        self._search, self._founding = None, False
         self._means.clear()
         if (search := state.search) is not None:
             self._search = SearchPool(search.search, search.first_step, self.settings.search)
             self._evidence = SearchEvidence.restored(search.evidence)
-            self._heard = search.heard
+            self._founding = search.founding
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
 
     def _search_state(self) -> SearchState | None:
         if self._search is None:
             return None
-        return self._search.state(self._evidence.state(), heard=self._heard)
+        return self._search.state(self._evidence.state(), founding=self._founding)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -207,7 +207,7 @@ class Ensemble:
     def _stop_search(self, step: int, cause: EndedCause) -> None:
         if self._search is not None:
             self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
-        self._search, self._heard = None, False
+        self._search, self._founding = None, False
         self._next_search_step = step + self.settings.belief.search_every_steps
 
     def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
@@ -238,31 +238,31 @@ class Ensemble:
 
     def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
-        first = first_places(pool, self.settings)
+        first = first_places(pool, self.settings.belief)
         if not first:
             return
         entering: list[Newcomer] = [(place, "first search") for place in first]
         if self._prior_pose is not None:
             odom_from_robot = first[0].sample.odom_from_robot
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
-        self._prior_pose, self._heard = None, True
+        self._prior_pose, self._founding = None, True
         self.clusters.explain(min(math.fsum(place.share for place, _ in entering), 1.0))
         self._admit(entering, step)
 
     def _admit_newcomers(self, pool: Pool, step: int) -> None:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
-        At first the scans since the search began tell what it is worth, later its own places.
+        The scans since the search began tell what it is worth; of the first search, its places
+        that are clusters do.
         """
         then = self._means[pool.step]
         held = {then[cluster.job_id]: cluster.probability for cluster in self.clusters.all()}
         rules, log_weight = self.settings.belief, None
-        if self._heard:
+        if self._founding:
             log_weight = log_weight_of_held(pool, tuple(held.items()), rules)
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
         found = admission(pool, tuple(held), self.clusters.room(step), log_weight, self.settings)
-        self._heard = True
         self.clusters.explain(found.explained)
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         self._admit(entering, step, protected_until=step + rules.grace_steps)

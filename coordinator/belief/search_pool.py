@@ -24,8 +24,8 @@ class SearchState(msgspec.Struct, frozen=True):
     search: int
     first_step: int
     evidence: SearchEvidenceState
-    heard: bool
-    """What it has found stands beside the clusters already."""
+    founding: bool
+    """It has found the first clusters, and looks on."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,6 @@ class Pool:
     places: tuple[Place, ...]
     log_evidence: float
     """Log of the average likelihood of all scans so far, over the whole free space."""
-    log_likelihood_per_beam: float
-    """Of the best pose, without the exponent; NaN where no beam returned."""
     left_out_gap: float
     """What the search has left out was worse than its best by so much at least [nat]."""
 
@@ -55,9 +53,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, evidence: SearchEvidenceState, *, heard: bool) -> SearchState:
+    def state(self, evidence: SearchEvidenceState, *, founding: bool) -> SearchState:
         """The search as it is handed on, with what it is compared with."""
-        return SearchState(self.search, self.first_step, evidence, heard)
+        return SearchState(self.search, self.first_step, evidence, founding)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
@@ -105,8 +103,7 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     ]
     found.sort(key=lambda pair: -pair[0])
     gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
-    fits = [r.log_likelihood_per_beam for r in reports if not math.isnan(r.log_likelihood_per_beam)]
-    told = (log_evidence, max(fits, default=math.nan), min(gaps))
+    told = (log_evidence, min(gaps))
     if not found:
         return Pool(step, (), *told)
     means = np.array([place.mean for _, place in found])
