@@ -202,7 +202,6 @@ class Searching:
         )
         self._odom_from_robot, self.step = after, scan.step
         found = self._search.places(self._rng(scan.step, 2))
-        handed = self._settings.search.places_with_particles
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
@@ -212,7 +211,7 @@ class Searching:
             particles=self._search.poses,
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
-            places=tuple(_place(place, scan, i < handed) for i, place in enumerate(found)),
+            places=tuple(_place(place, scan) for place in found),
         )
 
 
@@ -229,8 +228,8 @@ def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     return model.beams(measured)
 
 
-def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:
-    sample = place.sample if with_sample else place.sample[:1]
+def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
+    sample = place.sample
     return Place(
         share=place.share,
         mean=pose_tuple(place.mean),
