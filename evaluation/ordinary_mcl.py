@@ -105,7 +105,7 @@ def _with_visibility(model: SensorModel, settings: FilterSettings) -> SensorMode
         model.settings, visibility_beam_stride=max(model.settings.max_beams // RAYS_PER_POSE, 1)
     )
     most = kept_particles(settings)
-    return VisibleFieldModel(model.grid, model.field, model.pooled, model.jumps, sensor, most)
+    return VisibleFieldModel(model.grid, model.field, model.pyramid, model.jumps, sensor, most)
 
 
 def redrawn(

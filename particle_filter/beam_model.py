@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.kernel_arguments import plain, read_only, to_cells
 from particle_filter.kernels import kernel
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.pooled_field import PooledField
+from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
 from particle_filter.scan_points import usable_beams
 from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
@@ -28,22 +28,21 @@ class BeamModel:
     """Weighs poses by the length of every beam; see `SensorModel`."""
 
     grid: Grid
-    pooled: PooledField
+    pyramid: Pyramid
     jumps: JumpField
     settings: SensorSettings
-    is_bounded: ClassVar[bool] = False
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
         """How far rays may jump, and where a search looks first."""
         field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
-        return {"pooled": PooledField.build(field).steps, "jumps": jump_field(grid.cells)}
+        return {"jumps": jump_field(grid.cells), **Pyramid.arrays_of(field)}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
         """The model, from what `arrays_of` computed."""
-        pooled = PooledField.from_steps(arrays["pooled"], grid.cells, grid.cell_m, settings)
-        return cls(grid, pooled, checked_jumps(arrays["jumps"], grid.cells), settings)
+        pyramid = Pyramid.from_arrays(arrays, grid.cells, grid.cell_m, settings)
+        return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those without return too: they tell that nothing was met."""

@@ -3,8 +3,8 @@
 Used for the first clusters and for every restart. The first scan is scored everywhere
 (`grid_search.py`); the poses that come near the best are kept with their weights, move by odometry
 and are weighed by each further scan. The heavier a pose, the finer the part of the map that it
-stands for is looked at: it is split into several, spread over that part. None is drawn away by
-chance: a pose leaves only when it is worse than the best by a margin, or when there are too many.
+stands for is looked at: it is split into several, spread over that part. While more is possible
+than can be kept, all is searched again after 2, 4 and 8 scans, by all of them joined by odometry.
 """
 
 import math
@@ -14,15 +14,16 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import misfit, new_view, share_that_counts, way
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.grid_search import GridSearch, SearchSpace, informative
+from particle_filter.grid_search import GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
-from particle_filter.resampling import resample, thinned
+from particle_filter.poses import between, compose
+from particle_filter.resampling import resample_weights, thinned
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.source_clustering import Labels, cluster_by_source_point
@@ -31,6 +32,12 @@ _REFINEMENTS = 2
 """Times that the leaves of the first scan are split and scored again."""
 _CORRECTED_SHARE = 0.01
 """Places with a smaller share are not looked at for beams through walls: rays are dear."""
+_SEARCHED_AGAIN = (2, 4, 8)
+"""After so many scans everything is searched once more, while too much is possible to keep."""
+_SAMPLED = 0.05
+"""So much of the weight may be a sample of what is possible; else too much is."""
+_POSES_PER_PLACE, _LEAST_POSES = 400, 1000
+"""Kept by a shard."""
 _EVENLY = np.array([0.8191725134, 0.6710436067, 0.5497004779])
 """Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
 
@@ -49,7 +56,9 @@ class FoundPlace:
 @lru_cache(maxsize=2)
 def search_space(model: SensorModel, settings: SearchSettings) -> SearchSpace:
     """The leaves of a model's map; the shards and searches of a process share them."""
-    return SearchSpace(model.grid, model.pooled.side, settings.heading_step_rad, settings.shards)
+    return SearchSpace(
+        model.grid, model.pyramid.leaf_cells, settings.heading_step_rad, settings.shards
+    )
 
 
 @dataclass(frozen=True)
@@ -66,6 +75,21 @@ class _Kept:
         return _Kept(self.poses[chosen], self.log_weights[chosen], self.sizes[chosen])
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """One scan."""
+
+    odom_from_robot: Pose
+    beams: Beams
+
+    def hits_from(self, odom_from_now: Pose) -> Points:
+        """(B, 2) where the beams that returned ended, seen from where the robot is now."""
+        now_from_then = between(odom_from_now, self.odom_from_robot)
+        ends = np.zeros((self.beams.count, 3))
+        ends[:, :2] = self.beams.hits_in_robot
+        return compose(now_from_then, ends)[self.beams.ranges < self.beams.max_range_m, :2]
+
+
 class GlobalSearch:
     """One shard of a global search, step by step.
 
@@ -77,13 +101,21 @@ class GlobalSearch:
         self._model, self._settings, self._shard = model, settings, shard
         self._rules = settings.search
         self._space = search_space(model, settings.search)
-        self._most = max(self._rules.poses // self._rules.shards, 1)
+        self._most = max(self._rules.poses // self._rules.shards // 2, 1)
+        self._wanted = self._most
+        self._seen: list[_Seen] = []
+        """The scans that a search of everything would use."""
         self._kept: _Kept | None = None
         self._labels: Labels = np.empty(0, np.int32)
+        self._sampled = 1.0
+        """Share of the weight that was a sample of more when everything was searched last."""
         self.log_evidence = 0.0
         """Log of the average likelihood of all scans so far over the shard's part of the space."""
-        self.left_out_gap = math.inf
-        """Leaves left out were worse than the best of the first scan by this at least [nat]."""
+
+    @property
+    def left_out_gap(self) -> float:
+        """What was left out weighs e^-this of what was kept, or is worse than the best by this."""
+        return min(-math.log(max(self._sampled, 1e-300)), self._rules.margin)
 
     @property
     def poses(self) -> int:
@@ -102,8 +134,12 @@ class GlobalSearch:
         Returns:
             The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
         """
+        if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
+            self._seen.append(_Seen(odom_from_after, beams))
+            if len(self._seen) in (1, *_SEARCHED_AGAIN):
+                return self._search(rng)
         if self._kept is None:
-            return self._search(beams, rng) if informative(beams) else math.nan
+            return math.nan
         if odom_from_before is None:
             raise ValueError("odometry must tell the way from the step before")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
@@ -122,17 +158,17 @@ class GlobalSearch:
         cloud = Cloud(self._kept.poses, self._kept.log_weights)
         return _places(cloud, self._labels, self._rules, self._rules.min_place_share, rng)
 
-    def _search(self, beams: Beams, rng: np.random.Generator) -> float:
-        """The first scan."""
-        grid = GridSearch(self._model, self._space, beams, self._shard, self._rules)
+    def _search(self, rng: np.random.Generator) -> float:
+        """Search everything, by all scans so far."""
+        now = self._seen[-1]
+        hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
+        grid = GridSearch(self._model, self._space, hits, self._shard, self._rules, rng)
         while grid.advance():
             pass
         leaves = grid.leaves()
-        self.left_out_gap = float(leaves.scores.max()) - leaves.left_out
-        scores = leaves.scores
-        kept = _Kept(
-            leaves.map_from_robot, scores - math.log(self._space.leaf_count), np.ones(len(scores))
-        )
+        self._sampled, scores = leaves.sampled, leaves.scores
+        kept = _Kept(leaves.map_from_robot, leaves.log_weights, np.ones(len(scores)))
+        self._wanted = self._most
         for _ in range(_REFINEMENTS):
             kept, chosen = self._thin(kept, rng)
             kept, parent = self._split(kept, rng, also_unsplit=True)
@@ -140,10 +176,19 @@ class GlobalSearch:
             free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
-            scores = self._exponent * self._model.log_likelihood(kept.poses, beams)
+            scores, per_beam = self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
-        self._settle(self._thin(kept, rng)[0], beams)
-        return leaves.log_likelihood_per_beam
+        self._settle(self._thin(kept, rng)[0], now.beams)
+        return per_beam
+
+    def _scores(self, poses: Poses, now: "_Seen") -> tuple[LogWeights, float]:
+        """What all scans so far give to poses of now; and the last one's best for a beam."""
+        total = np.zeros(len(poses))
+        for seen in self._seen:
+            now_from_then = between(now.odom_from_robot, seen.odom_from_robot)
+            fits = self._model.log_likelihood(compose(poses, now_from_then), seen.beams)
+            total += self._exponent * fits
+        return total, float(fits.max()) / now.beams.count
 
     def _weigh(self, kept: _Kept, beams: Beams, seen: float, rng: np.random.Generator) -> float:
         """A further scan: among the poses as it counts, in all as likely as it is."""
@@ -182,7 +227,7 @@ class GlobalSearch:
             The poses, and which one each comes from.
         """
         weights = normalised_weights(kept.log_weights)
-        copies = np.maximum(np.ceil(0.5 * self._most * weights).astype(np.int64), 1)
+        copies = np.maximum(np.ceil(self._wanted * weights).astype(np.int64), 1)
         parent = np.repeat(np.arange(len(copies)), copies)
         number = np.arange(len(parent)) - np.repeat(np.cumsum(copies) - copies, copies)
         across = number[:, None] * _EVENLY + rng.random(3)
@@ -195,29 +240,25 @@ class GlobalSearch:
         ), parent
 
     def _thin(self, kept: _Kept, rng: np.random.Generator) -> tuple[_Kept, NDArray[np.int64]]:
-        """Half of what may be at most: room to split."""
-        chosen, log_weights = thinned(kept.log_weights, max(self._most // 2, 1), rng)
+        """As many as are wanted: room to split them."""
+        chosen, log_weights = thinned(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
     def _settle(self, kept: _Kept, beams: Beams) -> None:
         """After a scan: find the places, and take back what was given for looks through walls."""
         labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
-        taken_back = self._corrections(kept, labels, count, beams)[labels]
-        self._kept, self._labels = replace(kept, log_weights=kept.log_weights - taken_back), labels
-        self.log_evidence = float(np.logaddexp.reduce(self._kept.log_weights))
-
-    def _corrections(
-        self, kept: _Kept, labels: Labels, count: int, beams: Beams
-    ) -> NDArray[np.float64]:
-        """For each place, and last for poses of none, what is taken back of its evidence."""
-        corrections = np.zeros(count + 1)
         weights = normalised_weights(kept.log_weights)
-        shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
+        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:]
+        taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
             members = np.flatnonzero(labels == label)
-            own = weights[members] / weights[members].sum()
-            corrections[label] = self._model.correction(kept.poses[members], own, beams)
-        return corrections
+            own = weights[members] / shares[label]
+            taken_back[label] = self._model.correction(kept.poses[members], own, beams)
+        self._kept = replace(kept, log_weights=kept.log_weights - taken_back[labels])
+        self._labels = labels
+        self.log_evidence = float(np.logaddexp.reduce(self._kept.log_weights))
+        places = int(np.count_nonzero(shares >= self._rules.min_place_share))
+        self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
 
 
 def places_of(
@@ -252,14 +293,16 @@ def _places(
     rng: np.random.Generator,
 ) -> list[FoundPlace]:
     weights = normalised_weights(cloud.log_weights)
-    shares = np.bincount(labels[labels >= 0], weights[labels >= 0])
-    found = []
+    by_label = np.argsort(labels, kind="stable")
+    ends = np.searchsorted(labels[by_label], np.arange(labels.max() + 2))
+    shares = np.bincount(labels + 1, weights)[1:]
+    found: list[FoundPlace] = []
     for label in np.argsort(-shares, kind="stable"):
         if shares[label] < min_share:
             break
-        members = np.flatnonzero(labels == label)
-        poses, log_weights = cloud.map_from_robot[members], cloud.log_weights[members]
-        mean, covariance = fit_gaussian(poses, normalised_weights(log_weights))
-        chosen = resample(log_weights, rules.hand_over_particles, "systematic", rng)
-        found.append(FoundPlace(float(shares[label]), mean, covariance, poses[chosen]))
+        members = by_label[ends[label] : ends[label + 1]]
+        poses, own = cloud.map_from_robot[members], weights[members] / shares[label]
+        count = rules.hand_over_particles if len(found) < rules.places_with_particles else 1
+        chosen = resample_weights(own, count, "systematic", rng)
+        found.append(FoundPlace(float(shares[label]), *fit_gaussian(poses, own), poses[chosen]))
     return found

@@ -1,38 +1,38 @@
-"""Every place of a map and every heading, scored for one scan: coarse to fine, with a bound.
+"""Every place of a map and every heading, scored for a scan: coarse to fine, with a bound.
 
-The free space is covered by a grid of leaves (0.2 m, 2 degrees). Blocks of four leaves with one
-heading are bounded first (`pooled_field.py`); only leaves of blocks whose bound comes within a
-margin of the best leaf are scored. What is left out is worse than the best by the margin, or, where
-more is as good than can be kept, by what is told.
+The free space is covered by a grid of leaves (0.2 m, 2 degrees). For each heading, tiles of many
+leaves are bounded first (`pyramid.py`); what cannot come within a margin of the best leaf is left
+out, the rest is looked at in tiles half as wide, down to leaves, whose scores are their values. Of
+more leaves than can be kept, the heavy ones are, and of the light ones some that weigh as much.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, Cells, LogWeights, Poses
-from particle_filter.pooled_field import MOST_BEAMS
+from particle_filter.arrays import FREE, Cells, LogWeights, Points, Poses
+from particle_filter.kernels import kernel
+from particle_filter.log_weights import normalised_weights
 from particle_filter.poses import TURN, compose
-from particle_filter.sensor_model import Beams, Grid, SensorModel
+from particle_filter.pyramid import LEVELS, MOST_BEAMS, Runs
+from particle_filter.resampling import thinned
+from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.settings import SearchSettings
 
-_DOWN, _ACROSS = np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
-"""The rows and columns of a block's leaves."""
-_LARGEST_GAP = 16
-"""Blocks between two free ones in a row that are bounded with them: one long run is faster."""
-_BLOCKS_PER_POSE = 4
-_BATCH = 4096
-"""Blocks whose leaves are scored together."""
+_LARGEST_GAP = 48
+"""Tiles between two of interest in a row that are scored with them: one long run is faster."""
+_WAITING, _SIFTED = 16, 2
+"""Times as many leaves as are kept may wait to be thinned, and are left then."""
 
 
 class SearchSpace:
-    """The leaves of a map: where they lie, and the blocks that they belong to.
+    """The leaves of a map: where they lie, and which hold free cells.
 
     Args:
         grid: the map.
-        side: of a block [cells].
+        leaf_cells: side of a leaf [cells].
         heading_step_rad: at most so far from one heading to the next.
         shards: the headings are dealt out to so many.
 
@@ -40,36 +40,34 @@ class SearchSpace:
         ValueError: the map has no free cell.
     """
 
-    def __init__(self, grid: Grid, side: int, heading_step_rad: float, shards: int) -> None:
-        self._grid, self._leaf_cells = grid, side // 2
-        self._free, free_cells = _free_leaves(grid.cells, side // 2)
+    def __init__(self, grid: Grid, leaf_cells: int, heading_step_rad: float, shards: int) -> None:
+        free, free_cells = _free_leaves(grid.cells, leaf_cells)
         if free_cells == 0:
             raise ValueError("the map has no free cell to search")
-        self.runs, self.usable = _runs(np.asarray(self._free.any(axis=-1)))
-        self._first = np.cumsum(self.runs[:, 2]) - self.runs[:, 2]
+        self.free = [free]
+        """For each level, coarse to fine, whether a tile holds a free cell."""
+        for _ in range(LEVELS - 1):
+            self.free.insert(0, _any_of_four(self.free[0]))
+        self.runs = _runs(self.free[0])
         per_shard = math.ceil(TURN / heading_step_rad / shards)
         self.headings = np.arange(per_shard * shards) * (TURN / (per_shard * shards)) - math.pi
-        self.leaf_count = free_cells / self._leaf_cells**2 * per_shard
+        self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_cells * grid.cell_m
+        self.leaf_count = free_cells / leaf_cells**2 * per_shard
         """So many leaves would be a shard's part of the free space, if none reached into walls."""
 
     @property
     def cell(self) -> NDArray[np.float64]:
         """(3,) size of a leaf [m, m, rad]."""
-        leaf_m = self._leaf_cells * self._grid.cell_m
-        return np.array([leaf_m, leaf_m, TURN / len(self.headings)])
+        return np.array([self._leaf_m, self._leaf_m, TURN / len(self.headings)])
 
-    def leaves(self, blocks: NDArray[np.int64], headings: NDArray[np.int64]) -> Poses:
-        """Middles of the leaves of some blocks that hold free cells, each with one heading."""
-        run = np.searchsorted(self._first, blocks, side="right") - 1
-        rows = self.runs[run, 0]
-        cols = self.runs[run, 1] + blocks - self._first[run]
-        block, leaf = np.nonzero(self._free[rows, cols])
-        leaf_m = self._leaf_cells * self._grid.cell_m
-        in_grid = np.empty((len(block), 3))
-        in_grid[:, 0] = (2 * cols[block] + _ACROSS[leaf] + 0.5) * leaf_m
-        in_grid[:, 1] = (2 * rows[block] + _DOWN[leaf] + 0.5) * leaf_m
-        in_grid[:, 2] = self.headings[headings[block]]
-        return compose(self._grid.map_from_grid, in_grid)
+    def poses(self, leaves: NDArray[np.int64], headings: NDArray[np.int64]) -> Poses:
+        """Middles of leaves, which are numbered row by row, each with one heading."""
+        rows, cols = np.divmod(leaves, self.free[-1].shape[1])
+        in_grid = np.empty((len(leaves), 3))
+        in_grid[:, 0] = (cols + 0.5) * self._leaf_m
+        in_grid[:, 1] = (rows + 0.5) * self._leaf_m
+        in_grid[:, 2] = self.headings[headings]
+        return compose(self._map_from_grid, in_grid)
 
 
 @dataclass(frozen=True)
@@ -77,191 +75,239 @@ class Leaves:
     """What a shard of a grid search has found."""
 
     map_from_robot: Poses
+    log_weights: LogWeights
+    """(N,) log of their share of the shard's part of the space, times the likelihood."""
     scores: LogWeights
     """(N,) log-likelihoods with the exponent."""
-    left_out: float
-    """No other leaf of the shard has a higher one than this."""
-    log_likelihood_per_beam: float
-    """Of the best leaf, without the exponent."""
+    sampled: float
+    """Share of the weight of leaves that stand for others like them, which were left out."""
 
 
 class GridSearch:
-    """One shard's part of a scan's search: `advance` until it is done, then ask for `leaves`.
+    """One shard's part of a search: `advance` until it is done, then ask for `leaves`.
 
     Args:
-        model: scores leaves; of models without a bound the pooled field is a guide only.
+        model: its pyramid scores leaves.
         space: where to look.
-        beams: the scan; at least one beam returned.
+        hits_in_robot: (B, 2) ends of the beams that returned, at least one [m].
         shard: takes every so many-th heading.
         settings: margin and numbers.
+        rng: chooses among light leaves.
     """
 
     def __init__(
         self,
         model: SensorModel,
         space: SearchSpace,
-        beams: Beams,
+        hits_in_robot: Points,
         shard: int,
         settings: SearchSettings,
+        rng: np.random.Generator,
     ) -> None:
-        self._model, self._space, self._beams = model, space, beams
-        self._exponent = model.settings.scan_likelihood_exponent
-        self._margin = settings.margin
-        self._most_blocks = max(_BLOCKS_PER_POSE * settings.poses // settings.shards, 1)
-        self._headings = np.arange(shard, len(space.headings), settings.shards)
-        self._done = 0
-        self._hits = _thinned(beams)
-        self._sums = np.zeros(len(space.usable), np.uint16)
-        self._blocks = _Blocks.none()
-        self._waiting: list[_Blocks] = []
-        self._best = self._left_out = -math.inf
-        self._reference = -math.inf
-        """Blocks must come within the margin of it."""
-
-    @property
-    def progress(self) -> float:
-        """From 0 to 1; what comes after the last heading takes no longer than the rest."""
-        return self._done / len(self._headings)
+        self._pyramid, self._space, self._rng = model.pyramid, space, rng
+        self._hits = hits_in_robot[:: -(-len(hits_in_robot) // MOST_BEAMS)] / model.grid.cell_m
+        exponent = model.settings.scan_likelihood_exponent
+        self._scale = exponent * len(hits_in_robot) / len(self._hits)
+        """Of too many beams only some are scored, in the stead of all."""
+        self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
+        self._most = max(settings.poses // settings.shards, 1)
+        self._headings = range(shard, len(space.headings), settings.shards)
+        self._bounds: list[int] = []
+        """Of the headings, for the whole map."""
+        self._order: list[int] = []
+        """The headings that are left, the best last."""
+        self._best = 0
+        self._leaves = _Found.none()
+        self._waiting: list[_Found] = []
 
     def advance(self) -> bool:
-        """Bound all blocks with one more heading; whether there is one left."""
-        index = int(self._headings[self._done])
-        sums, usable = self._bounded(float(self._space.headings[index])), self._space.usable
-        best = int(np.argmax(np.where(usable, sums, 0)))
-        if usable[best] and self._bound(sums[best]) > self._reference:
-            self._score(np.array([best]), np.array([index]))
-            if not self._model.is_bounded:
-                self._reference = self._bound(sums[best])
-        kept = np.flatnonzero(usable & (sums >= self._least_sum()))
-        headings = np.full(len(kept), index, np.int64)
-        self._waiting.append(_Blocks(kept, headings, sums[kept]))
-        if sum(len(some.sums) for some in self._waiting) > self._most_blocks:
-            self._sift()
-        self._done += 1
-        return self._done < len(self._headings)
+        """Bound or search one more heading; whether there is one left.
+
+        All are bounded first and searched from the best one on: the best leaf soon leaves out much.
+        """
+        if len(self._bounds) < len(self._headings):
+            heading = self._headings[len(self._bounds)]
+            sums = self._pyramid.levels[0].sums(self._offsets(heading), self._space.runs)
+            self._bounds.append(int(sums.max()))
+            self._order = list(np.argsort(self._bounds, kind="stable"))
+            return True
+        self._search(self._headings[self._order.pop()])
+        return bool(self._order)
+
+    def _search(self, heading: int) -> None:
+        offsets, runs = self._offsets(heading), self._space.runs
+        for level, free in zip(self._pyramid.levels[:-1], self._space.free[:-1], strict=True):
+            runs = _finer(runs, level.sums(offsets, runs), free, self._least())
+        sums, free = self._pyramid.levels[-1].sums(offsets, runs), self._space.free[-1]
+        self._best = max(self._best, _best(runs, sums, free))
+        found, kept = _good(runs, sums, free, self._least())
+        self._waiting.append(_Found.at_heading(heading, found, kept))
+        if sum(len(some.sums) for some in self._waiting) > _WAITING * self._most:
+            self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
-        """All leaves within the margin of the best, of the blocks that could be kept."""
-        self._sift()
-        blocks = self._blocks
-        order = np.argsort(-blocks.sums.astype(np.int64), kind="stable")
-        found = []
-        for start in range(0, len(order), _BATCH):
-            batch = order[start : start + _BATCH]
-            batch = batch[blocks.sums[batch] >= self._least_sum()]
-            if len(batch) == 0:
-                break
-            found.append(self._score(blocks.blocks[batch], blocks.headings[batch]))
-        poses, scores = (np.concatenate(part) for part in zip(*found, strict=True))
-        inside = scores >= self._best - self._margin
-        left_out = max(self._left_out, self._best - self._margin)
-        per_beam = self._best / self._exponent / self._beams.count
-        return Leaves(poses[inside], scores[inside], left_out, per_beam)
+        """The leaves within the margin of the best; of too many, a sample that weighs as much."""
+        self._sift(self._most)
+        found = self._leaves
+        floor = self._scale * len(self._hits) * self._pyramid.log_floor
+        scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
+        log_weights = scores + found.log_worth
+        sampled = normalised_weights(log_weights)[found.log_worth > 0.0].sum()
+        return Leaves(
+            self._space.poses(found.leaves, found.headings),
+            log_weights - math.log(self._space.leaf_count),
+            scores,
+            float(sampled),
+        )
 
-    def _bounded(self, heading: float) -> NDArray[np.uint16]:
-        cos, sin = math.cos(heading), math.sin(heading)
-        cells_per_m = 1.0 / self._model.grid.cell_m
-        x, y = self._hits[:, 0] * cells_per_m, self._hits[:, 1] * cells_per_m
-        offsets = np.stack([sin * x + cos * y, cos * x - sin * y], axis=-1)
-        whole = np.floor(offsets).astype(np.int64)
-        self._model.pooled.bounds(whole, self._space.runs, self._sums)
-        return self._sums
+    def _offsets(self, heading: int) -> NDArray[np.int64]:
+        """(B, 2) rows and columns to the ends of the beams, rounded down."""
+        angle = float(self._space.headings[heading])
+        cos, sin = math.cos(angle), math.sin(angle)
+        x, y = self._hits[:, 0], self._hits[:, 1]
+        return np.floor(np.stack([sin * x + cos * y, cos * x - sin * y], axis=-1)).astype(np.int64)
 
-    def _bound(self, sum_of_steps: int) -> float:
-        """The highest score that a sum of steps allows."""
-        pooled, count = self._model.pooled, len(self._hits)
-        return self._scale() * (count * pooled.log_floor + pooled.log_step * int(sum_of_steps))
+    def _least(self) -> int:
+        """Sums below this are worse than the best by more than the margin."""
+        return max(self._best - self._margin, 0)
 
-    def _scale(self) -> float:
-        """Of a scan with too many beams only some are bounded, in the stead of all."""
-        return self._exponent * self._beams.count / len(self._hits)
-
-    def _least_sum(self) -> int:
-        """Sums of steps below this are worse than the best leaf by more than the margin."""
-        pooled, count = self._model.pooled, len(self._hits)
-        least = (self._reference - self._margin) / self._scale() - count * pooled.log_floor
-        return max(math.floor(least / pooled.log_step), 0)
-
-    def _score(
-        self, blocks: NDArray[np.int64], headings: NDArray[np.int64]
-    ) -> tuple[Poses, LogWeights]:
-        poses = self._space.leaves(blocks, headings)
-        scores = self._exponent * self._model.log_likelihood(poses, self._beams)
-        self._best = max(self._best, float(scores.max()))
-        if self._model.is_bounded:
-            self._reference = self._best
-        return poses, scores
-
-    def _sift(self) -> None:
-        """Keep the blocks that are still good enough; of too many, those with the best bounds."""
-        joined = _Blocks.joined([self._blocks, *self._waiting])
-        self._waiting = []
-        good = np.flatnonzero(joined.sums >= self._least_sum())
-        if len(good) > self._most_blocks:
-            good = good[np.argsort(-joined.sums[good].astype(np.int64), kind="stable")]
-            cut = self._bound(joined.sums[good[self._most_blocks]])
-            self._left_out = max(self._left_out, cut)
-            good = np.sort(good[: self._most_blocks])
-        self._blocks = joined.at(good)
+    def _sift(self, count: int) -> None:
+        """Leave what is still within the margin, and no more than some."""
+        found = _Found.joined([self._leaves, *self._waiting])
+        found, self._waiting = found.at(np.flatnonzero(found.sums >= self._least())), []
+        scores = self._scale * self._pyramid.log_step * found.sums
+        chosen, log_weights = thinned(scores + found.log_worth, count, self._rng)
+        self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
 
 
 @dataclass(frozen=True)
-class _Blocks:
-    """Blocks with a heading each, and the sums of steps that bound them."""
+class _Found:
+    """Leaves that were found."""
 
-    blocks: NDArray[np.int64]
+    leaves: NDArray[np.int64]
     headings: NDArray[np.int64]
-    sums: NDArray[np.uint16]
+    sums: NDArray[np.int64]
+    log_worth: LogWeights
+    """For how many like it each counts."""
 
     @classmethod
-    def none(cls) -> "_Blocks":
-        return cls(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint16))
+    def none(cls) -> "_Found":
+        return cls.at_heading(0, np.empty(0, np.int64), np.empty(0, np.int64))
 
     @classmethod
-    def joined(cls, some: "list[_Blocks]") -> "_Blocks":
+    def at_heading(
+        cls, heading: int, leaves: NDArray[np.int64], sums: NDArray[np.int64]
+    ) -> "_Found":
+        return cls(leaves, np.full(len(leaves), heading), sums, np.zeros(len(leaves)))
+
+    @classmethod
+    def joined(cls, some: "list[_Found]") -> "_Found":
         return cls(
-            np.concatenate([part.blocks for part in some]),
+            np.concatenate([part.leaves for part in some]),
             np.concatenate([part.headings for part in some]),
             np.concatenate([part.sums for part in some]),
+            np.concatenate([part.log_worth for part in some]),
         )
 
-    def at(self, chosen: NDArray[np.int64]) -> "_Blocks":
-        return _Blocks(self.blocks[chosen], self.headings[chosen], self.sums[chosen])
+    def at(self, chosen: NDArray[np.int64]) -> "_Found":
+        return _Found(
+            self.leaves[chosen], self.headings[chosen], self.sums[chosen], self.log_worth[chosen]
+        )
 
 
 def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
-    """(block rows, block cols, 4) whether a leaf holds a free cell; and how many free cells are."""
-    rows, cols = (-(-size // (2 * leaf)) for size in cells.shape)
-    free, count = np.zeros((rows, cols, 4), bool), 0
+    """(rows, cols) whether a leaf holds a free cell; and how many cells are free.
+
+    Rows and columns are a whole number of the coarsest tiles.
+    """
+    side = leaf * 2 ** (LEVELS - 1)
+    rows, cols = (-(-size // side) * side // leaf for size in cells.shape)
+    free, count = np.zeros((rows, cols), bool), 0
     for row in range(rows):  # a row at a time: a map may be a quarter of a gigabyte
-        strip = np.zeros((2 * leaf, 2 * leaf * cols), bool)
-        at = cells[2 * leaf * row : 2 * leaf * (row + 1)] == FREE
+        strip = np.zeros((leaf, cols * leaf), bool)
+        at = cells[leaf * row : leaf * (row + 1)] == FREE
         strip[: at.shape[0], : at.shape[1]] = at
         count += int(np.count_nonzero(at))
-        parts = np.asarray(strip.reshape(2, leaf, cols, 2, leaf).any(axis=(1, 4)))
-        free[row] = parts.transpose(1, 0, 2).reshape(cols, 4)
+        free[row] = strip.any(axis=0).reshape(cols, leaf).any(axis=1)
     return free, count
 
 
-def _runs(usable: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Runs of blocks side by side, and which blocks of them are usable."""
-    runs = []
-    for row in np.flatnonzero(usable.any(axis=1)):
-        cols = np.flatnonzero(usable[row])
-        breaks = np.flatnonzero(np.diff(cols) > _LARGEST_GAP)
-        firsts = cols[np.concatenate([[0], breaks + 1])]
-        lasts = cols[np.concatenate([breaks, [len(cols) - 1]])]
-        runs += [(row, first, last - first + 1) for first, last in zip(firsts, lasts, strict=True)]
-    inside = [usable[row, first : first + count] for row, first, count in runs]
-    return np.array(runs, np.int64), np.concatenate(inside)
+def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return np.asarray(free[::2, ::2] | free[1::2, ::2] | free[::2, 1::2] | free[1::2, 1::2])
 
 
-def informative(beams: Beams) -> bool:
-    """Whether a scan tells where to look: at least one beam returned."""
-    return bool((beams.ranges < beams.max_range_m).any())
+def _runs(free: NDArray[np.bool_]) -> Runs:
+    """All free tiles, and small gaps between them."""
+    every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
+    return _joined_runs(every, free.reshape(-1))
 
 
-def _thinned(beams: Beams) -> NDArray[np.float64]:
-    """(B, 2) ends of the beams that returned, evenly thinned to what can be summed."""
-    hits = beams.hits_in_robot[beams.ranges < beams.max_range_m]
-    return hits[:: -(-len(hits) // MOST_BEAMS)]
+@kernel
+def _finer(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int) -> Runs:
+    """The tiles of the next level in those that are good enough."""
+    good, start = np.empty(len(sums), np.bool_), 0
+    for run in range(len(runs)):
+        row, first, count = runs[run]
+        for i in range(count):
+            good[start + i] = sums[start + i] >= least and free[row, first + i]
+        start += count
+    coarse = _joined_runs(runs, good)
+    finer = np.empty((2 * len(coarse), 3), np.int64)
+    for i in range(len(coarse)):
+        row, first, count = coarse[i]
+        for down in range(2):
+            finer[2 * i + down, 0] = 2 * row + down
+            finer[2 * i + down, 1] = 2 * first
+            finer[2 * i + down, 2] = 2 * count
+    return finer
+
+
+@kernel
+def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
+    """The good tiles of some runs, with small gaps between them."""
+    joined = np.empty((np.count_nonzero(good), 3), np.int64)
+    found, start = 0, 0
+    for run in range(len(runs)):
+        row, first, count = runs[run]
+        last = -1  # the last good tile of the run that is being made
+        for i in range(count):
+            if not good[start + i]:
+                continue
+            if last < 0 or i - last > _LARGEST_GAP:
+                joined[found, 0], joined[found, 1] = row, first + i
+                found += 1
+            last = i
+            joined[found - 1, 2] = first + i + 1 - joined[found - 1, 1]
+        start += count
+    return joined[:found].copy()
+
+
+@kernel
+def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
+    """The highest sum of a free leaf."""
+    best, start = 0, 0
+    for run in range(len(runs)):
+        row, first, count = runs[run]
+        for i in range(count):
+            if sums[start + i] > best and free[row, first + i]:
+                best = int(sums[start + i])
+        start += count
+    return best
+
+
+@kernel
+def _good(
+    runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The free leaves that are good enough, numbered row by row, and their sums."""
+    leaves, kept = np.empty(len(sums), np.int64), np.empty(len(sums), np.int64)
+    found, start = 0, 0
+    for run in range(len(runs)):
+        row, first, count = runs[run]
+        for i in range(count):
+            if sums[start + i] >= least and free[row, first + i]:
+                leaves[found] = row * free.shape[1] + first + i
+                kept[found] = sums[start + i]
+                found += 1
+        start += count
+    return leaves[:found].copy(), kept[:found].copy()

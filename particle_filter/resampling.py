@@ -84,20 +84,19 @@ def thinned(
     if len(log_weights) <= count:
         return np.arange(len(log_weights)), log_weights
     weights = normalised_weights(log_weights)
-    order = np.argsort(-weights, kind="stable")
-    ordered = weights[order]
-    lighter = np.cumsum(ordered[::-1])[::-1][:count]  # the sum from each one on
+    most = np.sort(np.argpartition(-weights, count)[:count])  # the heaviest, in a set order
+    most = most[np.argsort(-weights[most], kind="stable")]
+    lighter = np.maximum(1.0 - np.cumsum(weights[most]) + weights[most], weights[most])
     even = lighter / (count - np.arange(count))  # weight of the rest, if it begins there
-    heavy = int(np.argmax(ordered[:count] <= even))
-    rest = np.sort(order[heavy:])
-    drawn = rest[systematic(weights[rest] / weights[rest].sum(), count - heavy, rng.random())]
-    left = np.concatenate([order[:heavy], drawn])
-    log_scale = float(log_weights[order[0]]) - np.log(ordered[0])
-    after = np.concatenate(
-        [log_weights[order[:heavy]], np.full(count - heavy, np.log(even[heavy]) + log_scale)]
-    )
-    in_order = np.argsort(left, kind="stable")
-    return left[in_order], after[in_order]
+    heavy = int(np.argmax(weights[most] <= even))
+    rest = weights.copy()
+    rest[most[:heavy]] = 0.0
+    drawn = systematic(rest / rest.sum(), count - heavy, rng.random())
+    log_even = float(log_weights[most[0]]) + np.log(rest.sum() / (count - heavy) / weights[most[0]])
+    chosen = np.concatenate([most[:heavy], drawn])
+    after = np.concatenate([log_weights[most[:heavy]], np.full(count - heavy, log_even)])
+    in_order = np.argsort(chosen, kind="stable")
+    return chosen[in_order], after[in_order]
 
 
 def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:

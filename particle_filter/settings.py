@@ -171,6 +171,9 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         int, described("particles of a place that a shard hands over", gt=0, le=100_000)
     ] = 150
     places: Annotated[int, described("places that a shard tells, at most", gt=0, le=10_000)] = 256
+    places_with_particles: Annotated[
+        int, described("of them with particles to be tracked from", gt=0, le=10_000)
+    ] = 64
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
     ] = 0.0001

@@ -212,7 +212,6 @@ class Searching:
         )
         self._odom_from_robot, self.step = after, scan.step
         found = self._search.places(self._rng(scan.step, 2))
-        handed = self._settings.belief.max_clusters  # nobody takes over more of one search
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
@@ -222,12 +221,12 @@ class Searching:
             particles=self._search.poses,
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
-            places=tuple(_place(place, scan, i < handed) for i, place in enumerate(found)),
+            places=tuple(_place(place, scan) for place in found),
         )
 
 
-def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:
-    sample = place.sample if with_sample else place.sample[:1]
+def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
+    sample = place.sample
     return Place(
         share=place.share,
         mean=pose_tuple(place.mean),

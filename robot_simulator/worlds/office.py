@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from robot_simulator.worlds.canvas import Canvas
+from particle_filter.arrays import FREE
+from robot_simulator.worlds.canvas import CELL_M, Canvas
 from robot_simulator.worlds.world import Waypoint, World
 
-_WINGS = 5
-_ROOMS = 18
-"""On one side of one corridor."""
 _ROOM_M = (4.8, 5.8)
 """Width along the corridor, and depth."""
 _PITCH_M = 5.0
@@ -15,38 +13,44 @@ _PITCH_M = 5.0
 _CORRIDOR_M = 2.4
 _WING_M = _CORRIDOR_M + 2 * _ROOM_M[1] + 0.6
 """From one corridor's middle to the next."""
-_HALF_M = _ROOMS * _PITCH_M / 2
 _UNLIKE_SHARE = 0.25
 """Share of the rooms that are not furnished like all others."""
 
 
-def office() -> World:
-    """Five wings of 36 rooms each; every fourth room or so is furnished in its own way.
+def office(wings: int = 5, rooms: int = 18) -> World:
+    """Wings of look-alike rooms; every fourth room or so is furnished in its own way.
 
     Rooms, doors and corridors repeat exactly; odd furniture, seeded, and the far ends of the
     corridors tell them apart in the long run.
+
+    Args:
+        wings: corridors side by side.
+        rooms: on one side of one corridor.
     """
     rng = np.random.default_rng(20)
+    half_m = rooms * _PITCH_M / 2
     plan, furniture = (
-        Canvas(2 * (_HALF_M + 4.0), _WINGS * _WING_M + 2.0) for _ in ("walls", "furniture")
+        Canvas(2 * (half_m + 4.0), wings * _WING_M + 2.0) for _ in ("walls", "furniture")
     )
-    top, bottom = (_WINGS - 1) / 2 * _WING_M, -(_WINGS - 1) / 2 * _WING_M
+    top, bottom = (wings - 1) / 2 * _WING_M, -(wings - 1) / 2 * _WING_M
     for side in (-1, 1):  # the corridors that join all wings
-        low, high = sorted((side * _HALF_M, side * (_HALF_M + 2.4)))
+        low, high = sorted((side * half_m, side * (half_m + 2.4)))
         plan.floor(low, bottom - 1.2, high, top + 1.2)
-    for wing in range(_WINGS):
+    for wing in range(wings):
         y = bottom + wing * _WING_M
-        plan.floor(-_HALF_M, y - _CORRIDOR_M / 2, _HALF_M, y + _CORRIDOR_M / 2)
-        plan.floor(_HALF_M + 2.4, y - 0.3 * wing - 0.4, _HALF_M + 3.0, y + 0.4)  # window seats
-        for room in range(_ROOMS):
+        plan.floor(-half_m, y - _CORRIDOR_M / 2, half_m, y + _CORRIDOR_M / 2)
+        plan.floor(half_m + 2.4, y - 0.3 * wing - 0.4, half_m + 3.0, y + 0.4)  # window seats
+        for room in range(rooms):
             for up in (-1, 1):
-                x = -_HALF_M + room * _PITCH_M + 0.1
+                x = -half_m + room * _PITCH_M + 0.1
                 _draw_room(plan, furniture, (x, y), up, rng)
     plan.add_walls()
     plan.add(furniture)
+    area_m2 = round(float(np.count_nonzero(plan.cells == FREE)) * CELL_M**2, -2)
     return World(
         name="office",
-        summary="5,900 m2 of parallel corridors with 180 rooms, three in four just alike",
+        summary=f"{area_m2:,.0f} m2 of parallel corridors with {2 * wings * rooms} rooms, "
+        "three in four just alike",
         map=plan.grid_map(),
         truth=plan.grid_map(),
     )

@@ -16,7 +16,7 @@ def visible(most_poses: int = 10) -> VisibleFieldModel:
     settings = SensorSettings(hidden_weight=0.3, hidden_tolerance=0.05, visibility_beam_stride=1)
     field = model_of(WITH_BOX, settings)
     return VisibleFieldModel(
-        field.grid, field.field, field.pooled, field.jumps, field.settings, most_poses
+        field.grid, field.field, field.pyramid, field.jumps, field.settings, most_poses
     )
 
 

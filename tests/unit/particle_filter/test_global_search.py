@@ -62,10 +62,19 @@ def test_it_finds_both_of_two_places_that_look_alike_in_ten_of_ten_runs() -> Non
         assert sum(shares) > 0.9, f"seed {seed}: {shares}"
 
 
-def test_it_keeps_half_of_its_poses_and_says_how_near_the_rest_came() -> None:
-    search = searched(plain_room(), steps=3, seed=0)
-    assert search.poses == 3_000
-    assert search.left_out_gap == pytest.approx(SETTINGS.search.margin)
+def test_it_keeps_fewer_poses_once_few_places_are_left() -> None:
+    first, later = searched(plain_room(), 1, seed=0), searched(plain_room(), 3, seed=0)
+    assert first.poses == 3_000
+    assert later.poses == 1_000
+
+
+def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
+    cells, rng = plain_room(), np.random.default_rng(0)
+    for poses, gap in ((200_000, SETTINGS.search.margin), (20, 0.0)):
+        settings = FilterSettings(search=SearchSettings(poses=poses, shards=1))
+        search = GlobalSearch(model_of(cells), settings, shard=0)
+        search.advance(None, START, seen_from(START, cells), rng)
+        assert search.left_out_gap == pytest.approx(gap, abs=1.0)
 
 
 def test_a_scan_without_a_return_tells_nothing_and_is_waited_out() -> None:

@@ -1,0 +1,198 @@
+"""The likelihood field from coarse to fine: the best that it gives anywhere in a square.
+
+From all positions in a square tile of the map, with one heading, a beam ends somewhere in a square
+of the same size. The highest value of the field in that square is at least what the beam gets from
+any of the positions; the sum over a scan's beams bounds the scan (Hess et al., "Real-time loop
+closure in 2D lidar SLAM", 2016, eq. 16). On the finest level tiles are leaves, and a leaf has the
+value at its middle.
+
+Tiles lie side by side and beams end at any offset from them, so the squares are kept once for every
+offset within a tile: together as many numbers as the map has cells. Squares of one offset lie in
+memory as their tiles do in the map: a beam is scored for a row of tiles by adding one row of
+numbers to another, which takes a tenth of the time of looking them up.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import Cells
+from particle_filter.kernel_arguments import read_only
+from particle_filter.kernels import kernel
+from particle_filter.likelihood_field import LikelihoodField, code_scale
+from particle_filter.settings import SensorSettings
+
+LEAF_M = 0.2
+"""Side of a leaf [m], rounded to whole cells."""
+LEVELS = 3
+"""The first has tiles of 4 x 4 leaves, each further one half as wide ones."""
+MOST_BEAMS = 65_535 // 255
+"""More beams could overflow the 16-bit sums of their steps."""
+
+_CODES_PER_STEP = 257
+"""Codes of 16 bits to a step of 8 bits: 65,535 is 255 steps."""
+_STRIP_TILES = 64
+_RUNS_TOGETHER = 64
+"""Rows near each other are near in memory too: read together, most are in the cache."""
+
+Runs = NDArray[np.int64]
+"""(R, 3) row, first column and number of tiles side by side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The best of squares of one size."""
+
+    steps: NDArray[np.uint8]
+    """(side, side, rows + 1, cols + 1): [i, j, r + 1, c + 1] is of the square at cell (r side + i,
+    c side + j), in steps above the floor."""
+
+    @property
+    def side(self) -> int:
+        """Of a tile [cells]."""
+        return len(self.steps)
+
+    def sums(self, offsets: NDArray[np.int64], runs: Runs) -> NDArray[np.uint16]:
+        """Score a scan with one heading for many tiles.
+
+        Args:
+            offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams,
+                rounded down; at most `MOST_BEAMS`.
+            runs: the tiles.
+
+        Returns:
+            Sums of steps, run after run.
+        """
+        return _sum_steps(read_only(self.steps), offsets, runs)
+
+
+@dataclass(frozen=True, eq=False)
+class Pyramid:
+    """All levels, coarse to fine."""
+
+    levels: tuple[Level, ...]
+    log_floor: float
+    """Log-likelihood of step 0."""
+    log_step: float
+    """From one step to the next."""
+
+    @property
+    def leaf_cells(self) -> int:
+        """Side of a leaf [cells]."""
+        return self.levels[-1].side
+
+    @classmethod
+    def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
+        """Pool a field; takes seconds for 16 million cells."""
+        sides = _sides(field.cell_m)
+        arrays = {f"pyramid{i}": _pooled(field, side, side + 1, 0) for i, side in enumerate(sides)}
+        leaf = sides[-1]
+        return arrays | {f"pyramid{len(sides) - 1}": _pooled(field, leaf, 1, leaf // 2)}
+
+    @classmethod
+    def from_arrays(
+        cls,
+        arrays: Mapping[str, NDArray[Any]],
+        cells: Cells,
+        cell_m: float,
+        settings: SensorSettings,
+    ) -> "Pyramid":
+        """From what `arrays_of` computed of the field of the same map and settings.
+
+        Raises:
+            KeyError, ValueError: an array is missing, or is of another map.
+        """
+        levels = []
+        for i, side in enumerate(_sides(cell_m)):
+            steps = arrays[f"pyramid{i}"]
+            expected = (side, side, *(size + 1 for size in _tiles(cells, side)))
+            if steps.dtype != np.uint8 or steps.shape != expected:
+                problem = f"steps are {steps.dtype} of {steps.shape}, expected uint8 of {expected}"
+                raise ValueError(problem)
+            levels.append(Level(steps))
+        log_floor, log_step = code_scale(settings)
+        return cls(tuple(levels), log_floor, log_step * _CODES_PER_STEP)
+
+
+def _sides(cell_m: float) -> list[int]:
+    """Of the tiles of each level [cells]."""
+    leaf = max(1, round(LEAF_M / cell_m))
+    return [leaf * 2**finer for finer in reversed(range(LEVELS))]
+
+
+def _tiles(cells: Cells, side: int) -> tuple[int, int]:
+    """Rows and columns of tiles: a whole number of the coarsest ones."""
+    return tuple(-(-size // side) for size in cells.shape)
+
+
+def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
+    """Steps of squares of `reach` cells that begin `ahead` cells from each cell."""
+    rows, cols = _tiles(field.cells, side)
+    steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
+    for first in range(0, rows + 1, _STRIP_TILES):
+        stop = min(first + _STRIP_TILES, rows + 1)
+        # Row 0 of the squares begins one tile before the map.
+        begin, end = (first - 1) * side + ahead, (stop - 1) * side + ahead
+        levels = _levels(
+            field, (begin, end + reach - 1), (ahead - side, cols * side + ahead + reach - 1)
+        )
+        best = _highest_ahead(_highest_ahead(levels, reach).T, reach).T
+        tiles = best.reshape(stop - first, side, cols + 1, side)
+        steps[:, :, first:stop] = tiles.transpose(1, 3, 0, 2)
+    return steps
+
+
+def _levels(
+    field: LikelihoodField, rows: tuple[int, int], cols: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """Steps, rounded up, of the cells of some rows and columns, which may lie beyond the map."""
+    levels = np.zeros((rows[1] - rows[0], cols[1] - cols[0]), np.uint8)
+    inner = [
+        slice(max(first, 0), min(stop, size))
+        for (first, stop), size in zip((rows, cols), field.cells.shape, strict=True)
+    ]
+    codes = field.codes[1:-1, 1:-1][inner[0], inner[1]].astype(np.uint32)
+    if codes.size:
+        low, left = inner[0].start - rows[0], inner[1].start - cols[0]
+        rounded = (codes + (_CODES_PER_STEP - 1)) // _CODES_PER_STEP
+        levels[low : low + codes.shape[0], left : left + codes.shape[1]] = rounded
+    return levels
+
+
+def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
+    """The highest of each row and the `reach` - 1 rows after it; the last `reach` - 1 go."""
+    width, best = 1, levels
+    while 2 * width <= reach:  # squares twice as wide from two that lie side by side
+        best = np.maximum(best[:-width], best[width:])
+        width *= 2
+    rest = reach - width
+    return np.maximum(best[: len(best) - rest], best[rest:])
+
+
+@kernel
+def _sum_steps(
+    steps: NDArray[np.uint8], offsets: NDArray[np.int64], runs: Runs
+) -> NDArray[np.uint16]:
+    side, rows, cols = steps.shape[0], steps.shape[2], steps.shape[3]
+    flat = steps.reshape(-1)
+    down, across = offsets[:, 0] // side + 1, offsets[:, 1] // side + 1
+    inner = (offsets[:, 0] % side) * side + offsets[:, 1] % side
+    starts = np.cumsum(runs[:, 2]) - runs[:, 2]
+    sums = np.zeros(runs[:, 2].sum(), np.uint16)
+    for batch in range(0, len(runs), _RUNS_TOGETHER):
+        for beam in range(len(offsets)):
+            for run in range(batch, min(batch + _RUNS_TOGETHER, len(runs))):
+                row, first, count = runs[run]
+                at, left = row + down[beam], first + across[beam]
+                low, high = max(0, -left), min(count, cols - left)
+                if not 0 <= at < rows or low >= high:
+                    continue  # beyond the map: the floor
+                # Not negative, and told so: the loop is compiled to vector instructions.
+                begin = np.uint64((inner[beam] * rows + at) * cols + left + low)
+                start = np.uint64(starts[run] + low)
+                for i in range(np.uint64(high - low)):
+                    sums[start + i] += flat[begin + i]
+    return sums
