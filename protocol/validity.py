@@ -139,6 +139,7 @@ def _(message: ElsewhereReport) -> str | None:
     return (
         number_problem("step", message.step)
         or number_problem("epoch", message.epoch)
+        or pose_problem(message.odom_from_robot)
         or finite_problem("log_likelihood", message.log_likelihood)
     )
 
@@ -226,7 +227,10 @@ def assignment_problem(given: Assignment) -> str | None:
             if count is not None and not 0 < count <= MAX_PARTICLES:
                 return f"a cluster of {count} particles"
             return problem or _particles_problem(start)
-        case ElsewhereJob(first_step=first) | SearchJob(first_step=first):
+        case ElsewhereJob(first_step=first, odom_from_robot=before):
+            problem = problem or number_problem("first step", first, least=-1)
+            return problem or (pose_problem(before) if before is not None else None)
+        case SearchJob(first_step=first):
             return problem or number_problem("first step", first, least=-1)
 
 

@@ -65,6 +65,8 @@ class ElsewhereJob(
 
     first_step: int
     """The first step whose scan it weighs."""
+    odom_from_robot: PoseTuple | None = None
+    """Where the last scan was weighed; None: none was."""
 
 
 Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
@@ -177,6 +179,8 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     job_id: str
     epoch: int
     step: int
+    odom_from_robot: PoseTuple
+    """Where the scan was taken; the next one counts by how far it is from there."""
     log_likelihood: float
     """Log of the average likelihood of poses spread evenly over the free space, as of clusters."""
 

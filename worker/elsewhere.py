@@ -11,6 +11,7 @@ from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.uniform_poses import UniformPoses
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from protocol.work import Assignment, ElsewhereJob, ElsewhereReport
 from worker.scan_beams import scan_beams
@@ -31,7 +32,8 @@ class Elsewhere:
         self._sender = sender
         self._model, self._settings = model, settings
         self._poses = UniformPoses(model.grid, self._rng(0, part=1))
-        self._odom_from_robot: Pose | None = None
+        before = job.odom_from_robot
+        self._odom_from_robot: Pose | None = None if before is None else np.array(before)
 
     def advance(self, scan: Scan) -> ElsewhereReport:
         """Tell the average likelihood of a scan, just as that of a cluster is told."""
@@ -50,12 +52,14 @@ class Elsewhere:
             job_id=self.assignment.job_id,
             epoch=self.assignment.epoch,
             step=scan.step,
+            odom_from_robot=scan.odom_from_robot,
             log_likelihood=result.log_weight_sum - math.log(len(poses)) - taken_back,
         )
 
     def handed_on(self) -> Assignment:
         """The same job, from the next step on."""
-        job = ElsewhereJob(first_step=self.step + 1)
+        before = None if self._odom_from_robot is None else pose_tuple(self._odom_from_robot)
+        job = ElsewhereJob(first_step=self.step + 1, odom_from_robot=before)
         return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
 
     def _rng(self, step: int, part: int = 0) -> np.random.Generator:

@@ -10,7 +10,16 @@ from dataclasses import dataclass
 import msgspec
 
 from coordinator.membership.balance import Move
-from protocol.work import Assignment, ElsewhereJob, Job, Report, SearchJob, TrackJob, TrackReport
+from protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    ElsewhereReport,
+    Job,
+    Report,
+    SearchJob,
+    TrackJob,
+    TrackReport,
+)
 
 MISSED_NS = 1_500_000_000
 """More than the longest pause between two tries to connect, less than a new job is waited for."""
@@ -111,8 +120,10 @@ class Jobs:
         match job.job:
             case TrackJob(cluster=cluster) if isinstance(report, TrackReport) and report.snapshot:
                 job.job = TrackJob(cluster=cluster, start=report.snapshot, exact=True)
-            case ElsewhereJob(first_step=first):
-                job.job = ElsewhereJob(first_step=max(first, report.step + 1))
+            case ElsewhereJob(first_step=first) if isinstance(report, ElsewhereReport):
+                if report.step >= first:
+                    before = report.odom_from_robot
+                    job.job = ElsewhereJob(first_step=report.step + 1, odom_from_robot=before)
 
     # --- whose reports count, and how long they are waited for
 
