@@ -123,16 +123,18 @@ class ClusterSet:
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                 )
-        prior = self._kidnapped(self._log_probabilities())
+        prior = self._kidnapped(self._log_probabilities(), views)
         told = counted(evidence, self._rules, views)
         posterior = belief.updated(prior, told, squared_prior=self._rules.squared_prior)
-        rho = self._rules.transition_probability
+        rho = self._rules.transition_probability * views
         self._set(np.append(belief.mixed(posterior[:-1], rho), posterior[-1]))
         return _log_scan_likelihood(prior, told, evidence)
 
-    def _kidnapped(self, log_probabilities: belief.LogProbabilities) -> belief.LogProbabilities:
-        """The belief if the robot may have been lifted elsewhere since the step before."""
-        hazard = self._rules.kidnapping_probability
+    def _kidnapped(
+        self, log_probabilities: belief.LogProbabilities, views: float
+    ) -> belief.LogProbabilities:
+        """The belief if the robot may have been lifted elsewhere since the last view."""
+        hazard = self._rules.kidnapping_probability * views
         if hazard == 0.0:
             return log_probabilities
         there = log_probabilities + math.log1p(-hazard)
@@ -238,8 +240,7 @@ class ClusterSet:
     def explain(self, share: float) -> None:
         """So much of what was elsewhere is among the newcomers now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
-        kidnapped = self._rules.kidnapping_probability > 0.0
-        self.log_elsewhere = self.log_elsewhere + rest if kidnapped else -math.inf
+        self.log_elsewhere += rest
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
@@ -290,6 +291,8 @@ class ClusterSet:
         return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
 
     def _normalise(self) -> None:
+        if self._clusters and self._rules.kidnapping_probability == 0.0:
+            self.log_elsewhere = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
     def _set(self, log_probabilities: NDArray[np.float64]) -> None:
