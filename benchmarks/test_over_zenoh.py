@@ -63,7 +63,7 @@ def robot() -> Iterator[Robot]:
                 map=str(map_file), source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0
             ),
             cluster=msgspec.structs.replace(SMALL.cluster, particles=PARTICLES),
-            worker=WorkerSettings(count=SMALL.belief.clusters),
+            worker=WorkerSettings(count=SMALL.belief.max_clusters),
         )
         with system(settings) as tested:
             robot = Robot(tested)

@@ -18,7 +18,7 @@ SMALL_FILTER = [
         "search.min_start_particles=8000",
         "search.max_start_particles=8000",
         "search.particles=2000",
-        "belief.clusters=6",
+        "belief.max_clusters=6",
     )
     for word in ("--set", setting)
 ]

@@ -18,7 +18,7 @@ SMALL = Settings(
     search=SearchSettings(
         min_start_particles=8_000, max_start_particles=8_000, particles=2_000, max_steps=20
     ),
-    belief=BeliefSettings(clusters=6, search_every_steps=12),
+    belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
     worker=WorkerSettings(count=4),
 )

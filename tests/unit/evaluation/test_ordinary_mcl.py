@@ -17,7 +17,7 @@ from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings_file import load_settings
 from tests.unit.particle_filter.rooms import model_of, plain_room
 
-SMALL = ["belief.clusters=3", "search.start_particles_per_m2=200"]
+SMALL = ["belief.max_clusters=3", "search.start_particles_per_m2=200"]
 ROOM = model_of(plain_room())
 SETTINGS = FilterSettings(search=SearchSettings(particles=4000))
 WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]

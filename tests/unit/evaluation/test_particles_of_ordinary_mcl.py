@@ -17,7 +17,7 @@ def test_it_starts_with_a_searchs_particles_and_keeps_as_many_as_all_clusters_to
     settings = FilterSettings(
         sensor=SENSOR,
         cluster=ClusterSettings(particles=300),
-        belief=BeliefSettings(clusters=4),
+        belief=BeliefSettings(max_clusters=4),
         search=SearchSettings(
             min_start_particles=9_000, max_start_particles=9_000, annealing_steps=3, shards=4
         ),

@@ -153,7 +153,7 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
     [
         ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
         ("seeed=5", "unknown setting seeed, did you mean seed?"),
-        ("clusters=5", "unknown setting clusters, did you mean belief.clusters?"),
+        ("clusters=5", "unknown setting clusters, did you mean belief.max_clusters?"),
         ("qqqq=5", "unknown setting qqqq; 'clustermcl settings' lists all"),
         ("motion=5", "motion is a section: give motion.KEY"),
         ("cluster.particles=abc", "cluster.particles = 'abc': expected a whole number > 0"),

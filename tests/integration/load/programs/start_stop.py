@@ -25,7 +25,7 @@ SMALL = (
     "search.min_start_particles=8000",
     "search.max_start_particles=8000",
     "search.particles=2000",
-    "belief.clusters=4",
+    "belief.max_clusters=4",
 )
 END_WITHIN_S = 3.0
 CLEAN_CODES = {0, 130, 143, -signal.SIGINT, -signal.SIGTERM}
