@@ -112,21 +112,19 @@ def advanced(
     motion: MotionSettings,
     settings: ClusterSettings,
     rng: np.random.Generator,
-    views: float = 1.0,
 ) -> Weighed:
     """One step of MCL: draw from the cloud, move by odometry, weigh by the scan.
 
-    A particle never leaves its cluster (eq. 14): all happens within this cloud. The scan counts
-    as so many independent views: its likelihood is raised to `views`.
+    A particle never leaves its cluster (eq. 14): all happens within this cloud.
 
     References:
         Section 2, routine 1-3; the draw is left out while enough particles count.
     """
     cloud = resampled(cloud, settings, rng)
     moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
-    exponent = views * model.settings.scan_likelihood_exponent
+    exponent = model.settings.scan_likelihood_exponent
     result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
-    correction = views * model.correction(moved, result.cloud.weights, beams)
+    correction = model.correction(moved, result.cloud.weights, beams)
     return replace(result, log_weight_sum=result.log_weight_sum - correction)
 
 

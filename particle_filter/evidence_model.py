@@ -1,9 +1,10 @@
 """What a scan's evidence is worth between places (docs/evidence.md).
 
-The average likelihood of a cluster's particles errs, for the map is not the building: it lacks
-what was moved, and it is a little wrong everywhere. Such errors lie within a nat or two, last for
-metres of way, and favour a wrong place as often as the true one. What is far above them hardly
-ever does. So a difference counts little while it could be an error, and in full beyond.
+The average likelihood of a cluster's particles errs, for the map is not the building. Such errors
+stay the same for about a metre of way, so scans taken within it tell it again, as if it were news;
+and where no place explains the scan, because people stand around or furniture was moved, each
+place is wrong by about as much as all of them are, by chance more or less. So differences between
+places count by how much of a new view the scan is, and less the worse even the best one fits.
 """
 
 import math
@@ -16,40 +17,53 @@ from particle_filter.poses import between
 from particle_filter.settings import BeliefSettings, SensorSettings
 
 
-def counted(
-    log_evidence: NDArray[np.float64], rules: BeliefSettings, views: float = 1.0
-) -> NDArray[np.float64]:
+def counted(log_evidence: NDArray[np.float64], share: float) -> NDArray[np.float64]:
     """How much each hypothesis has lost against the one that fits best, as it counts.
-
-    A difference d to the best counts as `evidence_slope` * d up to `evidence_knee`, and each nat
-    beyond in full. A slope of one is the paper's update.
 
     Args:
         log_evidence: (K,) log of each one's average likelihood; NaN, a missing report, stays.
-        rules: slope and knee.
-        views: how many independent views of the building it was gathered over; the errors of
-            each lie within the knee.
+        share: that counts; one is the paper's update.
 
     Returns:
         (K,) logarithms of at most zero.
     """
-    if views <= 0.0 or np.all(np.isnan(log_evidence)):
-        return np.where(np.isnan(log_evidence), log_evidence, 0.0)
-    lost = np.nanmax(log_evidence) - log_evidence
-    beyond = np.maximum(lost - views * rules.evidence_knee, 0.0)
-    return np.asarray(-(rules.evidence_slope * (lost - beyond) + beyond))
+    if np.all(np.isnan(log_evidence)):
+        return log_evidence
+    return np.asarray(share * (log_evidence - np.nanmax(log_evidence)))
 
 
-def view_weight(odom_from_before: Pose, odom_from_after: Pose, settings: SensorSettings) -> float:
-    """How much of an independent view of the building a scan is, from 0 to 1.
-
-    A robot that stands sees the same again, errors of the map included, however often it looks.
+def share_that_counts(new_view: float, misfit: float, rules: BeliefSettings) -> float:
+    """Share of a difference in log evidence that is not the map's error.
 
     Args:
-        odom_from_before: (3,) where the last scan was weighed.
-        odom_from_after: (3,) where this one was taken.
-        settings: how far apart views are independent.
+        new_view: how much of a new view of the building the scan is, from 0 to 1.
+        misfit: how much worse the best particle fits than one could [nat/beam].
+        rules: the misfit at which half counts.
     """
+    if math.isnan(misfit) or math.isinf(rules.evidence_misfit):
+        return new_view
+    return new_view / (1.0 + (misfit / rules.evidence_misfit) ** 2)
+
+
+def misfit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
+    """How much worse a particle fits than one could whose beams all end on obstacles [nat/beam]."""
+    peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
+    best = math.log(peak + settings.random_weight / settings.max_range_m)
+    return max(best - log_likelihood_per_beam, 0.0)
+
+
+def way(odom_from_before: Pose, odom_from_after: Pose) -> tuple[float, float]:
+    """How far a robot has driven [m] and turned [rad]."""
     x, y, turn = between(odom_from_before, odom_from_after)
-    moved = math.hypot(x, y) / settings.view_distance_m + abs(turn) / settings.view_turn_rad
-    return min(float(moved), 1.0)
+    return math.hypot(x, y), abs(float(turn))
+
+
+def new_view(moved_m: float, turned_rad: float, rules: BeliefSettings) -> float:
+    """How much of a new view of the building a scan is after such a way, from 0 to 1.
+
+    A robot that stands sees the same again, errors of the map included, however often it looks.
+    """
+    if rules.view_distance_m == 0.0:
+        return 1.0
+    views = moved_m / rules.view_distance_m + turned_rad / rules.view_turn_rad
+    return -math.expm1(-views)

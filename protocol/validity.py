@@ -118,7 +118,7 @@ def _(message: TrackReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_weight_sum", message.log_weight_sum)
         or finite_problem("effective_sample_size", message.effective_sample_size)
-        or (None if 0.0 <= message.view_weight <= 1.0 else f"a view of {message.view_weight}")
+        or _way_problem(message.moved_m, message.turned_rad)
         or gaussian_problem(message.mean, message.covariance)
         or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
         or first_problem(_place_problem(place) for place in message.parts)
@@ -139,7 +139,6 @@ def _(message: ElsewhereReport) -> str | None:
     return (
         number_problem("step", message.step)
         or number_problem("epoch", message.epoch)
-        or pose_problem(message.odom_from_robot)
         or finite_problem("log_likelihood", message.log_likelihood)
     )
 
@@ -185,6 +184,11 @@ def first_problem(problems: Iterable[str | None]) -> str | None:
     return next((problem for problem in problems if problem), None)
 
 
+def _way_problem(moved_m: float, turned_rad: float) -> str | None:
+    possible = moved_m >= 0.0 and turned_rad >= 0.0  # NaN is not; of a first scan it is infinite
+    return None if possible else f"a way of {moved_m} m and {turned_rad} rad"
+
+
 def _report_problem(report: TrackReport | SearchReport) -> str | None:
     if math.isinf(report.log_likelihood_per_beam):  # NaN: the scan had no beam to score
         return "log_likelihood_per_beam is infinite"
@@ -227,10 +231,7 @@ def assignment_problem(given: Assignment) -> str | None:
             if count is not None and not 0 < count <= MAX_PARTICLES:
                 return f"a cluster of {count} particles"
             return problem or _particles_problem(start)
-        case ElsewhereJob(first_step=first, odom_from_robot=before):
-            problem = problem or number_problem("first step", first, least=-1)
-            return problem or (pose_problem(before) if before is not None else None)
-        case SearchJob(first_step=first):
+        case ElsewhereJob(first_step=first) | SearchJob(first_step=first):
             return problem or number_problem("first step", first, least=-1)
 
 

@@ -1,5 +1,6 @@
 """Work from the coordinator to workers, and what they report back."""
 
+import math
 from typing import TypeAlias
 
 import msgspec
@@ -65,8 +66,6 @@ class ElsewhereJob(
 
     first_step: int
     """The first step whose scan it weighs."""
-    odom_from_robot: PoseTuple | None = None
-    """Where the last scan was weighed; None: none was."""
 
 
 Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
@@ -150,8 +149,10 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
-    view_weight: float = 1.0
-    """How much of an independent view the scan was; the likelihood was raised to it."""
+    moved_m: float = math.inf
+    """How far the robot has driven since the scan before; infinite: it is the first."""
+    turned_rad: float = math.inf
+    """And how far it has turned."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more where the cluster has fallen apart, most probable first."""
@@ -164,10 +165,11 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
     epoch: int
     step: int
     log_evidence: float
-    """Log of the average likelihood of all scans so far, over the whole free space."""
+    """Log of the average likelihood of all scans so far, over the shard's part of the free space:
+    all shards have equal parts."""
     particles: int
-    annealed: bool
-    """The likelihood exponent has reached its full value; before, no places are reported."""
+    left_out_gap: float
+    """Poses that the search has left out were worse than its best by so much at least [nat]."""
     log_likelihood_per_beam: float
     places: tuple[Place, ...]
     """Most probable first."""
@@ -179,8 +181,6 @@ class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/
     job_id: str
     epoch: int
     step: int
-    odom_from_robot: PoseTuple
-    """Where the scan was taken; the next one counts by how far it is from there."""
     log_likelihood: float
     """Log of the average likelihood of poses spread evenly over the free space, as of clusters."""
 

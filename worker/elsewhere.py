@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 
-from particle_filter.arrays import Pose
 from particle_filter.cluster_filter import Cloud, weighed
-from particle_filter.evidence_model import view_weight
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.uniform_poses import UniformPoses
-from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from protocol.work import Assignment, ElsewhereJob, ElsewhereReport
 from worker.scan_beams import scan_beams
@@ -32,34 +29,26 @@ class Elsewhere:
         self._sender = sender
         self._model, self._settings = model, settings
         self._poses = UniformPoses(model.grid, self._rng(0, part=1))
-        before = job.odom_from_robot
-        self._odom_from_robot: Pose | None = None if before is None else np.array(before)
 
     def advance(self, scan: Scan) -> ElsewhereReport:
         """Tell the average likelihood of a scan, just as that of a cluster is told."""
-        before, self._odom_from_robot = self._odom_from_robot, np.array(scan.odom_from_robot)
-        views = 1.0
-        if before is not None:
-            views = view_weight(before, self._odom_from_robot, self._settings.sensor)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, self._rng(scan.step))
         beams = scan_beams(scan, self._model)
-        exponent = views * self._settings.sensor.scan_likelihood_exponent
+        exponent = self._settings.sensor.scan_likelihood_exponent
         result = weighed(Cloud.even(poses), beams, self._model, exponent)
-        taken_back = views * self._model.correction(poses, result.cloud.weights, beams)
+        taken_back = self._model.correction(poses, result.cloud.weights, beams)
         self.step = scan.step
         return ElsewhereReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
             epoch=self.assignment.epoch,
             step=scan.step,
-            odom_from_robot=scan.odom_from_robot,
             log_likelihood=result.log_weight_sum - math.log(len(poses)) - taken_back,
         )
 
     def handed_on(self) -> Assignment:
         """The same job, from the next step on."""
-        before = None if self._odom_from_robot is None else pose_tuple(self._odom_from_robot)
-        job = ElsewhereJob(first_step=self.step + 1, odom_from_robot=before)
+        job = ElsewhereJob(first_step=self.step + 1)
         return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
 
     def _rng(self, step: int, part: int = 0) -> np.random.Generator:

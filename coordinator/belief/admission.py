@@ -13,30 +13,39 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.search_pool import Pool
-from particle_filter.evidence_model import counted
+from particle_filter.evidence_model import counted, misfit, share_that_counts
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings
 from protocol.message import PoseTuple
 from protocol.work import Place
 
 
-def first_places(pool: Pool, views: int, rules: BeliefSettings) -> list[Place]:
+def first_places(pool: Pool, settings: FilterSettings) -> list[Place]:
     """The places of a first search that are tracked: as probable as their shares, as they count.
 
     Args:
         pool: what the search has found.
-        views: how many scans it has seen.
-        rules: how evidence counts, and how many clusters there may be.
+        settings: how evidence counts, and how many clusters there may be.
 
     Returns:
         Most probable first; their shares are probabilities, and what is left of one is elsewhere.
     """
-    probabilities = _counted_shares(pool, views, rules)
+    if not pool.places:
+        return []
+    rules = settings.belief
+    shares = np.array([max(place.share, np.finfo(float).tiny) for place in pool.places])
+    bad = misfit(pool.log_likelihood_per_beam, settings.sensor)
+    worth = np.exp(counted(np.log(shares), share_that_counts(1.0, bad, rules)))
+    worth *= min(math.fsum(shares), 1.0) / worth.sum()
     return [
-        replace(place, share=probability)
-        for place, probability in zip(pool.places, probabilities, strict=True)
+        replace(place, share=float(probability))
+        for place, probability in zip(pool.places, worth, strict=True)
         if probability >= rules.least_probability
     ][: rules.max_clusters]
+
+
+MOST_LOG = 100.0
+"""Of a weight beside the belief: all the rest is nothing beside it, and numbers stay finite."""
 
 
 @dataclass(frozen=True)
@@ -117,16 +126,3 @@ def log_weight_of_held(
     )
     probability = math.fsum(probability for _, probability in near)
     return math.log(probability / share) if probability > 0.0 and share > 0.0 else None
-
-
-MOST_LOG = 100.0
-"""Of a weight beside the belief: all the rest is nothing beside it, and numbers stay finite."""
-
-
-def _counted_shares(pool: Pool, views: int, rules: BeliefSettings) -> list[float]:
-    if not pool.places:
-        return []
-    shares = np.array([max(place.share, np.finfo(float).tiny) for place in pool.places])
-    worth = np.exp(counted(np.log(shares), rules, views))
-    found = min(math.fsum(shares), 1.0)
-    return [float(value) for value in worth / worth.sum() * found]

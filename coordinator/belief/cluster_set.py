@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.evidence_model import counted
+from particle_filter.evidence_model import counted, misfit, new_view, share_that_counts
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
-from particle_filter.settings import BeliefSettings, MotionSettings
+from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
 from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import Place, TrackReport
 
+NEWS_M, NEWS_RAD = 0.1, 0.2
+"""So far away, or turned, nearly all of a scan is news of whether the robot is at any cluster."""
 LEAST_LOG = -1e6
 """Of a probability that is as good as zero: it stays finite, and comes back if it must."""
 
@@ -56,8 +58,8 @@ belief, which sums to one before it comes in."""
 class ClusterSet:
     """All clusters of one robot, in the order of their numbers."""
 
-    def __init__(self, rules: BeliefSettings) -> None:
-        self._rules = rules
+    def __init__(self, rules: BeliefSettings, sensor: SensorSettings) -> None:
+        self._rules, self._sensor = rules, sensor
         self._clusters: dict[int, Cluster] = {}
         self._next_cluster = 0
         self.log_elsewhere = 0.0
@@ -95,9 +97,14 @@ class ClusterSet:
         return sorted(self._clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
     def weigh(
-        self, reports: Mapping[str, TrackReport], log_likelihood_elsewhere: float = math.nan
+        self,
+        reports: Mapping[str, TrackReport],
+        log_likelihood_elsewhere: float = math.nan,
     ) -> float:
         """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
+
+        Where the robot is among the clusters, and whether it is at any of them, are asked one
+        after the other: what nobody can explain tells little of the first, and much of the second.
 
         Args:
             reports: of the clusters that reported, by job.
@@ -108,11 +115,10 @@ class ClusterSet:
             Log of the scan's likelihood before it was known where the robot is: what a hypothesis
             outside this belief is compared with.
         """
+        elsewhere = log_likelihood_elsewhere
         if not self._clusters:
-            return 0.0 if math.isnan(log_likelihood_elsewhere) else log_likelihood_elsewhere
-        evidence = np.full(len(self._clusters) + 1, np.nan)
-        evidence[-1] = log_likelihood_elsewhere
-        views = max((report.view_weight for report in reports.values()), default=1.0)
+            return 0.0 if math.isnan(elsewhere) else elsewhere
+        evidence = np.full(len(self._clusters), np.nan)
         for index, cluster in enumerate(self._clusters.values()):
             report = reports.get(cluster.job_id)
             if report is not None:
@@ -123,23 +129,45 @@ class ClusterSet:
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                 )
-        prior = self._kidnapped(self._log_probabilities(), views)
-        told = counted(evidence, self._rules, views)
-        posterior = belief.updated(prior, told, squared_prior=self._rules.squared_prior)
-        rho = self._rules.transition_probability * views
-        self._set(np.append(belief.mixed(posterior[:-1], rho), posterior[-1]))
-        return _log_scan_likelihood(prior, told, evidence)
+        news = max(map(self._news_of_elsewhere, reports.values()), default=1.0)
+        log_here, log_there = self._kidnapped(news)
+        among = belief.normalised_logs(self._log_probabilities()[:-1])
+        reported = ~np.isnan(evidence)
+        if not np.any(reported):
+            self._set(np.append(among + log_here, log_there))
+            return 0.0
+        log_mass = np.logaddexp.reduce(among[reported])
+        log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
+        told = counted(evidence, self._share_that_counts(reports))
+        among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
+        among = belief.mixed(among, self._rules.transition_probability * news)
+        if not math.isnan(elsewhere):
+            log_there += news * (elsewhere - log_scan)
+            log_scan = float(np.logaddexp(log_here + log_scan, log_there + log_scan))
+        self._set(belief.normalised_logs(np.append(among + log_here, log_there)))
+        return log_scan
 
-    def _kidnapped(
-        self, log_probabilities: belief.LogProbabilities, views: float
-    ) -> belief.LogProbabilities:
-        """The belief if the robot may have been lifted elsewhere since the last view."""
-        hazard = self._rules.kidnapping_probability * views
+    def _kidnapped(self, news: float) -> tuple[float, float]:
+        """Logs of the probabilities of all clusters together, and of none of them.
+
+        The robot may have been lifted elsewhere since the last scan, so far as this is another.
+        """
+        hazard = self._rules.kidnapping_probability * news
+        log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-1]))
         if hazard == 0.0:
-            return log_probabilities
-        there = log_probabilities + math.log1p(-hazard)
-        there[-1] = np.logaddexp(there[-1], math.log(hazard))
-        return there
+            return log_here, self.log_elsewhere
+        log_there = float(np.logaddexp(self.log_elsewhere, log_here + math.log(hazard)))
+        return log_here + math.log1p(-hazard), log_there
+
+    def _share_that_counts(self, reports: Mapping[str, TrackReport]) -> float:
+        """Of what tells the clusters apart: the best one's fit decides."""
+        fits = [report.log_likelihood_per_beam for report in reports.values()]
+        best = max((fit for fit in fits if not math.isnan(fit)), default=math.nan)
+        seen = max(new_view(r.moved_m, r.turned_rad, self._rules) for r in reports.values())
+        return share_that_counts(seen, misfit(best, self._sensor), self._rules)
+
+    def _news_of_elsewhere(self, report: TrackReport) -> float:
+        return -math.expm1(-report.moved_m / NEWS_M - report.turned_rad / NEWS_RAD)
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
@@ -240,7 +268,8 @@ class ClusterSet:
     def explain(self, share: float) -> None:
         """So much of what was elsewhere is among the newcomers now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
-        self.log_elsewhere += rest
+        kidnapped = self._rules.kidnapping_probability > 0.0
+        self.log_elsewhere = self.log_elsewhere + rest if kidnapped else -math.inf
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
@@ -291,8 +320,6 @@ class ClusterSet:
         return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
 
     def _normalise(self) -> None:
-        if self._clusters and self._rules.kidnapping_probability == 0.0:
-            self.log_elsewhere = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
     def _set(self, log_probabilities: NDArray[np.float64]) -> None:
@@ -300,19 +327,6 @@ class ClusterSet:
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
             self._clusters[cluster.cluster] = finite
-
-
-def _log_scan_likelihood(
-    log_prior: belief.LogProbabilities,
-    told: NDArray[np.float64],
-    log_evidence: NDArray[np.float64],
-) -> float:
-    """Log of the evidence as it counted, on average over the belief before; 0 where nobody told."""
-    known = ~np.isnan(told)
-    if not np.any(known):
-        return 0.0
-    average = np.logaddexp.reduce(log_prior[known] + told[known])
-    return float(np.nanmax(log_evidence) + average - np.logaddexp.reduce(log_prior[known]))
 
 
 def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:

@@ -60,11 +60,11 @@ class Ensemble:
 
     def __init__(self, settings: FilterSettings) -> None:
         self.settings = settings
-        self.clusters = ClusterSet(settings.belief)
+        self.clusters = ClusterSet(settings.belief, settings.sensor)
         self._search: SearchPool | None = None
         self._evidence = SearchEvidence()
-        self._founding = False
-        """The search that runs has found the first clusters, and looks on."""
+        self._heard = False
+        """What the search that runs has found stands beside the clusters already."""
         self._prior_pose: PriorPose | None = None
         self.searches = 0
         """How many have begun."""
@@ -171,19 +171,19 @@ class Ensemble:
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
         self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
-        self._search, self._founding = None, False
+        self._search, self._heard = None, False
         self._means.clear()
         if (search := state.search) is not None:
             self._search = SearchPool(search.search, search.first_step, self.settings.search)
             self._evidence = SearchEvidence.restored(search.evidence)
-            self._founding = search.founding
+            self._heard = search.heard
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
 
     def _search_state(self) -> SearchState | None:
         if self._search is None:
             return None
-        return self._search.state(self._evidence.state(), founding=self._founding)
+        return self._search.state(self._evidence.state(), heard=self._heard)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -212,7 +212,7 @@ class Ensemble:
     def _stop_search(self, step: int, cause: EndedCause) -> None:
         if self._search is not None:
             self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
-        self._search, self._founding = None, False
+        self._search, self._heard = None, False
         self._next_search_step = step + self.settings.belief.search_every_steps
 
     def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
@@ -229,12 +229,11 @@ class Ensemble:
         fresh = self._search.pooled()
         if fresh is None or not self._can_tell_who_is_new(fresh.step):
             return
-        done = self._search.finished(fresh, self.settings.belief.max_clusters)
         if not len(self.clusters):
-            self._admit_first(fresh, self._search, step)
-        elif done or self._founding:
+            self._admit_first(fresh, step)
+        else:
             self._admit_newcomers(fresh, step)
-        if done:
+        if self._search.finished(fresh, self.settings.belief.max_clusters):
             self._stop_search(step, "search over")
 
     def _can_tell_who_is_new(self, step: int) -> bool:
@@ -242,31 +241,33 @@ class Ensemble:
         then = self._means.get(step, {})
         return all(job_id in then for job_id in self.clusters.job_ids)
 
-    def _admit_first(self, pool: Pool, search: SearchPool, step: int) -> None:
+    def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
-        views = pool.step - search.first_step + 1
-        first = first_places(pool, views, self.settings.belief)
+        first = first_places(pool, self.settings)
         if not first:
             return
         entering: list[Newcomer] = [(place, "first search") for place in first]
         if self._prior_pose is not None:
             odom_from_robot = first[0].sample.odom_from_robot
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
-        self._prior_pose, self._founding = None, True
+        self._prior_pose, self._heard = None, True
         self.clusters.explain(min(math.fsum(place.share for place, _ in entering), 1.0))
         self._admit(entering, step)
 
     def _admit_newcomers(self, pool: Pool, step: int) -> None:
-        """Places that no cluster holds; what the search explains is no longer elsewhere."""
-        rules = self.settings.belief
+        """Places that no cluster holds; what the search explains is no longer elsewhere.
+
+        At first the scans since the search began tell what it is worth, later its own places.
+        """
         then = self._means[pool.step]
         held = {then[cluster.job_id]: cluster.probability for cluster in self.clusters.all()}
-        log_weight = (
-            log_weight_of_held(pool, tuple(held.items()), rules) if self._founding else None
-        )
+        rules, log_weight = self.settings.belief, None
+        if self._heard:
+            log_weight = log_weight_of_held(pool, tuple(held.items()), rules)
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
         found = admission(pool, tuple(held), self.clusters.room(step), log_weight, self.settings)
+        self._heard = True
         self.clusters.explain(found.explained)
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         self._admit(entering, step, protected_until=step + rules.grace_steps)

@@ -14,6 +14,8 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+_NO_WEIGHT = 0.01
+"""What a shard with less of the evidence left out does not count."""
 
 
 class SearchState(msgspec.Struct, frozen=True):
@@ -22,8 +24,8 @@ class SearchState(msgspec.Struct, frozen=True):
     search: int
     first_step: int
     evidence: SearchEvidenceState
-    founding: bool
-    """It has found the first clusters, and looks on."""
+    heard: bool
+    """What it has found stands beside the clusters already."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,10 @@ class Pool:
     places: tuple[Place, ...]
     log_evidence: float
     """Log of the average likelihood of all scans so far, over the whole free space."""
+    log_likelihood_per_beam: float
+    """Of the best pose, without the exponent; NaN where no beam returned."""
+    left_out_gap: float
+    """What the search has left out was worse than its best by so much at least [nat]."""
 
 
 class SearchPool:
@@ -49,9 +55,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, evidence: SearchEvidenceState, *, founding: bool) -> SearchState:
+    def state(self, evidence: SearchEvidenceState, *, heard: bool) -> SearchState:
         """The search as it is handed on, with what it is compared with."""
-        return SearchState(self.search, self.first_step, evidence, founding)
+        return SearchState(self.search, self.first_step, evidence, heard)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
@@ -62,13 +68,9 @@ class SearchPool:
             del self._reports[min(self._reports)]
 
     def pooled(self) -> Pool | None:
-        """The newest step that every shard has reported, annealed; None before there is one."""
-        complete = [
-            step
-            for step, reports in self._reports.items()
-            if len(reports) == self._settings.shards
-            and all(report.annealed for report in reports.values())
-        ]
+        """The newest step that every shard has reported; None before there is one."""
+        shards = self._settings.shards
+        complete = [step for step, reports in self._reports.items() if len(reports) == shards]
         if not complete:
             return None
         step = max(complete)
@@ -78,10 +80,16 @@ class SearchPool:
         return _pool(step, [reports[job] for job in self.job_ids], self._settings)
 
     def finished(self, pool: Pool, clusters: int) -> bool:
-        """Whether the search need not go on: its best places hold enough, or it took too long."""
+        """Whether the search need not go on: its best places hold enough, or it took too long.
+
+        Places that hold nearly all of what was kept are not enough where poses almost as good
+        were left out.
+        """
+        mass = self._settings.converged_mass
         held = sum(place.share for place in pool.places[:clusters])
+        left_out = math.exp(-pool.left_out_gap)
         steps = pool.step - self.first_step + 1
-        return held >= self._settings.converged_mass or steps >= self._settings.max_steps
+        return (held >= mass and left_out <= 1.0 - mass) or steps >= self._settings.max_steps
 
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
@@ -96,14 +104,17 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
         if weight * place.share > 0.0
     ]
     found.sort(key=lambda pair: -pair[0])
+    gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
+    fits = [r.log_likelihood_per_beam for r in reports if not math.isnan(r.log_likelihood_per_beam)]
+    told = (log_evidence, max(fits, default=math.nan), min(gaps))
     if not found:
-        return Pool(step, (), log_evidence)
+        return Pool(step, (), *told)
     means = np.array([place.mean for _, place in found])
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
     groups = [np.flatnonzero(into == index) for index in np.unique(into)]
     joined = [_joined([found[member] for member in group]) for group in groups]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), log_evidence)
+    return Pool(step, tuple(joined), *told)
 
 
 def _joined(found: list[tuple[float, Place]]) -> Place:

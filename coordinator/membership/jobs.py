@@ -13,7 +13,6 @@ from coordinator.membership.balance import Move
 from protocol.work import (
     Assignment,
     ElsewhereJob,
-    ElsewhereReport,
     Job,
     Report,
     SearchJob,
@@ -120,10 +119,8 @@ class Jobs:
         match job.job:
             case TrackJob(cluster=cluster) if isinstance(report, TrackReport) and report.snapshot:
                 job.job = TrackJob(cluster=cluster, start=report.snapshot, exact=True)
-            case ElsewhereJob(first_step=first) if isinstance(report, ElsewhereReport):
-                if report.step >= first:
-                    before = report.odom_from_robot
-                    job.job = ElsewhereJob(first_step=report.step + 1, odom_from_robot=before)
+            case ElsewhereJob(first_step=first):
+                job.job = ElsewhereJob(first_step=max(first, report.step + 1))
 
     # --- whose reports count, and how long they are waited for
 

@@ -15,7 +15,8 @@ def literal_bayes(**more: object) -> BeliefSettings:
     """The paper's update: evidence in full, nobody forgotten, and no word for elsewhere."""
     rules: dict[str, object] = {
         "transition_probability": 0.0,
-        "evidence_slope": 1.0,
+        "view_distance_m": 0.0,
+        "evidence_misfit": math.inf,
         "kidnapping_probability": 0.0,
         "least_probability": 0.0,
         "particles": 0,
@@ -70,7 +71,7 @@ def searched(
     *,
     epoch: int = 0,
     log_evidence: float = 0.0,
-    annealed: bool = True,
+    left_out_gap: float = 12.0,
 ) -> SearchReport:
     return SearchReport(
         sender="w",
@@ -79,7 +80,7 @@ def searched(
         step=step,
         log_evidence=log_evidence,
         particles=100,
-        annealed=annealed,
+        left_out_gap=left_out_gap,
         log_likelihood_per_beam=-1.0,
         places=tuple(place(share, mean, step) for mean, share in places.items()),
     )
@@ -110,14 +111,11 @@ def tracked(
     )
 
 
-def elsewhere(
-    step: int, log_likelihood: float, *, epoch: int = 0, x_m: float = 0.0
-) -> ElsewhereReport:
+def elsewhere(step: int, log_likelihood: float, *, epoch: int = 0) -> ElsewhereReport:
     return ElsewhereReport(
         sender="w",
         job_id="e0",
         epoch=epoch,
         step=step,
-        odom_from_robot=(x_m, 0.0, 0.0),
         log_likelihood=log_likelihood,
     )
