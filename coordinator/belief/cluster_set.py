@@ -268,8 +268,7 @@ class ClusterSet:
     def explain(self, share: float) -> None:
         """So much of what was elsewhere is among the newcomers now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
-        kidnapped = self._rules.kidnapping_probability > 0.0
-        self.log_elsewhere = self.log_elsewhere + rest if kidnapped else -math.inf
+        self.log_elsewhere += rest
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
@@ -320,6 +319,8 @@ class ClusterSet:
         return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
 
     def _normalise(self) -> None:
+        if self._clusters and self._rules.kidnapping_probability == 0.0:
+            self.log_elsewhere = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
     def _set(self, log_probabilities: NDArray[np.float64]) -> None:
