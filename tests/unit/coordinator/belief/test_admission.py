@@ -14,6 +14,7 @@ from coordinator.belief.admission import (
 )
 from coordinator.belief.given_places import cloud, diagonal
 from coordinator.belief.search_pool import Pool
+from particle_filter.evidence_model import misfit
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
@@ -37,8 +38,8 @@ BESIDE = (0.7, 0.0, 0.0)
 NO_EVIDENCE = -math.inf
 
 
-def pool(*found: tuple[float, PoseTuple]) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0)
+def pool(*found: tuple[float, PoseTuple], fit: float = 0.0) -> Pool:
+    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, fit, 12.0)
 
 
 def entered(
@@ -106,30 +107,30 @@ def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
 # --- first places -------------------------------------------------------------------------------
 
 
+def first_shares(found: Pool, **belief: object) -> list[float]:
+    settings = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
+    return [place.share for place in first_places(found, settings)]
+
+
 def test_first_places_are_as_probable_as_their_shares() -> None:
     found = pool((0.6, FAR), (0.3, FARTHER), (0.05, LEAST))
-    assert [p.share for p in first_places(found, 3, SETTINGS.belief)] == pytest.approx(
-        [0.6, 0.3, 0.05]
-    )
+    assert first_shares(found) == pytest.approx([0.6, 0.3, 0.05])
 
 
-def test_what_tells_first_places_apart_counts_as_the_evidence_of_so_many_views() -> None:
-    """Log shares 4 nat apart: within the knee of two views, 3 nat beyond that of one half."""
-    shares = np.array([1.0, math.exp(-4.0)]) / (1.0 + math.exp(-4.0))
-    found = pool((float(shares[0]), FAR), (float(shares[1]), FARTHER))
-    rules = replace(SETTINGS.belief, evidence_slope=0.25, evidence_knee=2.0)
-    for views, counts in ((1, 0.25 * 2.0 + 2.0), (2, 0.25 * 4.0), (9, 0.25 * 4.0)):
-        first, second = (p.share for p in first_places(found, views, rules))
-        assert math.log(first / second) == pytest.approx(counts)
-        assert first + second == pytest.approx(1.0)
+def test_what_tells_first_places_apart_counts_less_where_none_of_them_fits() -> None:
+    found = pool((0.8, FAR), (0.1, FARTHER), fit=-1.0)
+    bad = misfit(-1.0, SETTINGS.sensor)
+    first, second = first_shares(found, evidence_misfit=bad)
+    assert math.log(first / second) == pytest.approx(0.5 * math.log(8.0))
+    assert first + second == pytest.approx(0.9), "elsewhere is as probable as before"
 
 
 def test_first_places_are_at_most_as_many_as_may_be_and_none_too_improbable() -> None:
     found = pool((0.6, FAR), (0.3, FARTHER), (0.0005, LEAST))
-    assert len(first_places(found, 1, SETTINGS.belief)) == 2
-    assert len(first_places(found, 1, replace(SETTINGS.belief, max_clusters=1))) == 1
-    assert len(first_places(found, 1, replace(SETTINGS.belief, least_probability=0.0))) == 3
-    assert first_places(pool(), 1, SETTINGS.belief) == []
+    assert len(first_shares(found)) == 2
+    assert len(first_shares(found, max_clusters=1)) == 1
+    assert len(first_shares(found, least_probability=0.0)) == 3
+    assert first_shares(pool()) == []
 
 
 def test_a_search_that_found_the_clusters_weighs_as_they_say() -> None:

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import LEAST_LOG, ClusterSet, Newcomer
+from coordinator.belief.cluster_set import LEAST_LOG, NEWS_M, ClusterSet, Newcomer
+from particle_filter.evidence_model import misfit
+from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
 from protocol.message import PoseTuple
 from protocol.work import TrackReport
@@ -19,15 +21,20 @@ PLACES: tuple[PoseTuple, ...] = (NORTH, SOUTH, EAST)
 
 def first(*shares: float, **belief: object) -> ClusterSet:
     """Clusters with these probabilities; the rest is elsewhere."""
-    made = ClusterSet(literal_bayes(**{"kidnapping_probability": 0.01, **belief}))
+    rules = literal_bayes(**{"kidnapping_probability": 0.01, **belief})
+    made = ClusterSet(rules, SensorSettings())
     made.explain(min(math.fsum(shares), 1.0))
     made.admit([(place(s, PLACES[i % 3], 0), "first search") for i, s in enumerate(shares)], 0)
     return made
 
 
-def told(*likelihoods: float, view: float = 1.0) -> dict[str, TrackReport]:
-    reports = [tracked(f"c{i}", 1, value, PLACES[i % 3]) for i, value in enumerate(likelihoods)]
-    return {report.job_id: replace(report, view_weight=view) for report in reports}
+def told(
+    *likelihoods: float, moved_m: float = math.inf, fit: float = 0.0
+) -> dict[str, TrackReport]:
+    reports = [
+        tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit) for i, value in enumerate(likelihoods)
+    ]
+    return {r.job_id: replace(r, moved_m=moved_m, turned_rad=0.0) for r in reports}
 
 
 def probabilities(made: ClusterSet) -> list[float]:
@@ -35,7 +42,7 @@ def probabilities(made: ClusterSet) -> list[float]:
 
 
 def test_before_anything_is_found_the_robot_is_elsewhere() -> None:
-    made = ClusterSet(literal_bayes())
+    made = ClusterSet(literal_bayes(), SensorSettings())
     assert probabilities(made) == [1.0]
     assert made.weigh({}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
     assert made.weigh({}) == 0.0
@@ -51,16 +58,15 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 
 
 def test_a_robot_that_stands_still_is_neither_kidnapped_nor_mixed_up_nor_told_anything() -> None:
-    made = first(0.6, 0.3, transition_probability=0.1)
+    made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
-        said = made.weigh(told(0.9, 0.1, view=0.0), 5.0)
+        made.weigh(told(0.9, 0.1, moved_m=0.0), 5.0)
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
-    assert said == pytest.approx(5.0), "as much for any hypothesis that is outside"
 
 
 def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up() -> None:
     made = first(0.6, 0.4, transition_probability=0.1)
-    made.weigh(told(0.1, 0.1, view=0.5), math.log(0.1))
+    made.weigh(told(0.1, 0.1, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx(
         [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
@@ -73,11 +79,10 @@ def test_while_nobody_weighs_elsewhere_it_keeps_its_probability() -> None:
     assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
 
 
-def test_where_no_cluster_was_heard_of_elsewhere_keeps_its_probability() -> None:
+def test_where_no_cluster_was_heard_of_nothing_is_known_but_that_it_may_be_lifted() -> None:
     made = first(0.6, 0.3)
-    assert made.weigh({}, -2.0) == pytest.approx(-2.0)
-    assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
-    assert made.weigh({}) == 0.0
+    assert made.weigh({}, -2.0) == 0.0
+    assert probabilities(made) == pytest.approx([0.594, 0.297, 0.1 + 0.009])
 
 
 def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
@@ -93,13 +98,31 @@ def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
     assert probabilities(made) == [1.0, 0.0]
 
 
-def test_the_evidence_model_counts_what_tells_elsewhere_from_a_place_too() -> None:
-    rules = {"evidence_slope": 0.5, "evidence_knee": 2.0}
-    made = first(0.5, 0.3, kidnapping_probability=1e-9, **rules)
-    said = made.weigh(told(1.0, math.exp(-1.0)), -6.0)
-    counts = [0.5, 0.3 * math.exp(-0.5), 0.2 * math.exp(-(0.5 * 2.0 + 4.0))]
-    assert said == pytest.approx(math.log(math.fsum(counts)))
-    assert probabilities(made) == pytest.approx([p / math.fsum(counts) for p in counts])
+def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhere_in_full() -> (
+    None
+):
+    """After a way on which half is a new view, and where the best one's misfit halves it again."""
+    way_m = 2.0 * math.log(2.0)
+    best = math.log(0.5)
+    made = first(
+        0.5, 0.3, kidnapping_probability=1e-9, view_distance_m=2.0,
+        evidence_misfit=misfit(best, SensorSettings()),
+    )  # fmt: skip
+    said = made.weigh(told(0.4, 0.1, moved_m=way_m, fit=best), math.log(0.05))
+    scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
+    here, there = 0.8 * scan, 0.2 * 0.05
+    assert said == pytest.approx(math.log(here + there), abs=1e-4)
+    assert made.elsewhere == pytest.approx(there / (here + there), abs=1e-4)
+    one, other, _ = probabilities(made)
+    assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
+
+
+def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
+    made = first(0.8, kidnapping_probability=1e-9)
+    made.weigh(told(0.5, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
+    assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
+        math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
+    )
 
 
 def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
@@ -197,7 +220,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         kidnapping_probability=hazard,
         least_probability=0.05,
         transition_probability=0.01,
-        evidence_slope=0.3,
+        evidence_misfit=0.3,
     )
     for step, (deed, values, value) in enumerate(deeds):
         clusters = made.by_probability()

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from coordinator.belief.fit_monitor import FitMonitor
 from msgspec.structs import replace
 
 from coordinator.belief.search_pool import SearchPool
-from particle_filter.settings import SearchSettings
+from particle_filter.evidence_model import misfit
+from particle_filter.settings import SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.work import Particles, Place
 from tests.unit.coordinator.belief.test_ensemble import (
@@ -39,10 +39,12 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
     leaking = bootstrapped(first, transition_probability=0.2).advance(1, reports)
     assert probabilities(leaking)[0] == pytest.approx(0.8 * 1.8 / 2.2 + 0.1)
     same = {NORTH: 0.5, SOUTH: 0.5}
-    half = bootstrapped(same, evidence_slope=0.5, evidence_knee=3.0).advance(1, reports)
+    bad = misfit(-1.0, SensorSettings())
+    half = bootstrapped(same, evidence_misfit=bad).advance(1, reports)
     assert probabilities(half)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
-    beyond = bootstrapped(same, evidence_slope=0.0, evidence_knee=1.0).advance(1, reports)
-    assert probabilities(beyond)[0] == pytest.approx(1.0 / (1.0 + math.e / 3.0))
+    near = [replace(r, moved_m=math.log(2.0), turned_rad=0.0) for r in reports]
+    again = bootstrapped(same, view_distance_m=1.0).advance(1, near)
+    assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
 
 
 def seen(share: float, x_m: float, step: int, count: int) -> Place:
