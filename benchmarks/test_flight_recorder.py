@@ -43,7 +43,10 @@ STARTED = Started(
     filter_settings=FilterSettings(
         search=SearchSettings(shards=1),
         belief=BeliefSettings(
-            clusters=CLUSTERS, search_every_steps=10**9, evidence_bound=1.0, merge_distance_m=0.0
+            max_clusters=CLUSTERS,
+            search_every_steps=10**9,
+            kidnapping_probability=0.0,
+            merge_distance_m=0.0,
         ),
     ),
     settings=CoordinatorSettings(),

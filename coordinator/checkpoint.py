@@ -23,7 +23,7 @@ from coordinator.state_checks import (
 from coordinator.step_collector import StepCollectorState
 from protocol.work import Checkpoint
 
-STATE_VERSION = 2
+STATE_VERSION = 3
 
 
 class ImpossibleStateError(ValueError):
@@ -92,7 +92,7 @@ def _problem(state: CheckpointState) -> str | None:
         items_problem(state.jobs)
         or collector_problem(state.collector)
         or ensemble_problem(state.ensemble, state.collector.applied)
-        or jobs_problem(state.jobs, state.ensemble)
+        or jobs_problem(state.jobs, state.ensemble, state.collector.applied)
         or commands_problem(state.commands)
         or age_problem(state.age_s)
         or counts_problem(counts)

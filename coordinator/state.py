@@ -233,6 +233,7 @@ class CoordinatorState:
         self._map_digest = state.map_digest
         self.ensemble.restore(state.ensemble)
         self.placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state), now_ns)
+        self._begin_standing_jobs(state.collector.applied)
         self.collector.restore(state.collector)
         self.commands.restore(state.commands)
         self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
@@ -249,6 +250,12 @@ class CoordinatorState:
             )
             self.outcome = self.ensemble.again(applied.step, state.missing)
             self.pose.believed(self.outcome, applied.odom_from_robot)
+
+    def _begin_standing_jobs(self, applied: Scan | None) -> None:
+        """Those that the other coordinator, with other settings, has not had."""
+        standing = self.ensemble.standing_jobs(applied.step + 1 if applied else 0)
+        jobs = self.placement.jobs
+        jobs.begin({job_id: job for job_id, job in standing.items() if jobs.get(job_id) is None})
 
     def _rebuilt(self, job_id: str, state: CheckpointState) -> TrackJob:
         """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""

@@ -54,8 +54,8 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
     numbers = [cluster.cluster for cluster in state.clusters]
     if len(set(numbers)) < len(numbers) or max(numbers, default=-1) >= state.next_cluster:
         return "clusters whose numbers are taken, or were never given"
-    if not state.log_elsewhere <= SUM_TOLERANCE:  # NaN is not
-        return f"elsewhere with a probability whose logarithm is {state.log_elsewhere}"
+    if problem := _elsewhere_problem(state.log_elsewhere):
+        return problem
     probabilities = [math.exp(state.log_elsewhere), *(c.probability for c in state.clusters)]
     if abs(math.fsum(probabilities) - 1) > SUM_TOLERANCE:
         return "probabilities that do not sum to one"
@@ -82,7 +82,9 @@ def _cluster_problem(cluster: Cluster, applied: Scan | None) -> str | None:
     )
 
 
-def jobs_problem(jobs: Sequence[JobState], ensemble: EnsembleState) -> str | None:
+def jobs_problem(
+    jobs: Sequence[JobState], ensemble: EnsembleState, applied: Scan | None
+) -> str | None:
     """Why these cannot be the jobs of this belief: each cluster has one, and the search some."""
     ids = [job.job_id for job in jobs]
     clusters = {cluster.job_id for cluster in ensemble.clusters}
@@ -90,7 +92,7 @@ def jobs_problem(jobs: Sequence[JobState], ensemble: EnsembleState) -> str | Non
         return "a job that is there twice"
     if clusters - set(ids):
         return "a cluster that has no job"
-    return first_problem(_job_problem(job, clusters, ensemble.search) for job in jobs)
+    return first_problem(_job_problem(job, clusters, ensemble.search, applied) for job in jobs)
 
 
 def collector_problem(state: StepCollectorState) -> str | None:
@@ -138,12 +140,14 @@ def _search_problem(state: SearchState, searches: int, applied: Scan | None) -> 
         or number_problem("first step", state.first_step, least=-1)
         or items_problem(state.evidence.gathered)
         or first_problem(map(_gathered_problem, state.evidence.gathered))
-        or (
-            "a search that begins with no number"
-            if math.isnan(state.evidence.log_elsewhere)
-            else None
-        )
+        or _elsewhere_problem(state.evidence.log_elsewhere)
     )
+
+
+def _elsewhere_problem(log_probability: float) -> str | None:
+    if log_probability <= SUM_TOLERANCE:  # NaN is not
+        return None
+    return f"elsewhere with a probability whose logarithm is {log_probability}"
 
 
 def _gathered_problem(gathered: tuple[int, float]) -> str | None:
@@ -161,7 +165,9 @@ def _prior_problem(prior: PriorPose) -> str | None:
     )
 
 
-def _job_problem(state: JobState, clusters: set[str], search: SearchState | None) -> str | None:
+def _job_problem(
+    state: JobState, clusters: set[str], search: SearchState | None, applied: Scan | None
+) -> str | None:
     if len(state.job_id) > MAX_ID_CHARACTERS or not (state.worker is None or is_name(state.worker)):
         return "a job or a worker with no name"
     job = state.job
@@ -171,12 +177,13 @@ def _job_problem(state: JobState, clusters: set[str], search: SearchState | None
         case TrackJob():
             fits = state.job_id in clusters and state.job_id == f"c{job.cluster}"
         case ElsewhereJob():
-            fits = state.job_id == ELSEWHERE
+            due = applied is None or job.first_step <= applied.step + 1
+            fits = state.job_id == ELSEWHERE and due
         case SearchJob():
             begun = search and (search.search, search.first_step) == (job.search, job.first_step)
             fits = bool(begun) and state.job_id == f"s{job.search}.{job.shard}"
     if not fits:
-        return "a job that has no cluster and no search"
+        return "a job that has no cluster, no search and no step"
     if job is None:
         return number_problem("epoch", state.epoch)
     return assignment_problem(Assignment(job_id=state.job_id, epoch=state.epoch, job=job))

@@ -129,7 +129,8 @@ class ClusterSet:
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                 )
-        log_here, log_there = self._kidnapped()
+        news = max(map(self._news_of_elsewhere, reports.values()), default=1.0)
+        log_here, log_there = self._kidnapped(news)
         among = belief.normalised_logs(self._log_probabilities()[:-1])
         reported = ~np.isnan(evidence)
         if not np.any(reported):
@@ -139,20 +140,19 @@ class ClusterSet:
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         told = counted(evidence, self._share_that_counts(reports), self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
-        among = belief.mixed(among, self._rules.transition_probability)
+        among = belief.mixed(among, self._rules.transition_probability * news)
         if not math.isnan(elsewhere):
-            news = max(map(self._news_of_elsewhere, reports.values()))
             log_there += news * (elsewhere - log_scan)
             log_scan = float(np.logaddexp(log_here + log_scan, log_there + log_scan))
         self._set(belief.normalised_logs(np.append(among + log_here, log_there)))
         return log_scan
 
-    def _kidnapped(self) -> tuple[float, float]:
+    def _kidnapped(self, news: float) -> tuple[float, float]:
         """Logs of the probabilities of all clusters together, and of none of them.
 
-        The robot may have been lifted elsewhere since the step before.
+        The robot may have been lifted elsewhere since the last scan, so far as this is another.
         """
-        hazard = self._rules.kidnapping_probability
+        hazard = self._rules.kidnapping_probability * news
         log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-1]))
         if hazard == 0.0:
             return log_here, self.log_elsewhere
@@ -268,8 +268,7 @@ class ClusterSet:
     def explain(self, share: float) -> None:
         """So much of what was elsewhere is among the newcomers now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
-        kidnapped = self._rules.kidnapping_probability > 0.0
-        self.log_elsewhere = self.log_elsewhere + rest if kidnapped else -math.inf
+        self.log_elsewhere += rest
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int
@@ -320,6 +319,8 @@ class ClusterSet:
         return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
 
     def _normalise(self) -> None:
+        if self._clusters and self._rules.kidnapping_probability == 0.0:
+            self.log_elsewhere = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
     def _set(self, log_probabilities: NDArray[np.float64]) -> None:

@@ -35,7 +35,7 @@ from protocol.work import (
 )
 
 ELSEWHERE = "e0"
-"""The job that weighs scans all over the map; it never ends."""
+"""The job that weighs scans all over the map; it begins anew where steps or maps do."""
 KEPT_MEANS = 100
 """Steps that a search may lie behind the clusters it is compared with."""
 LEAST_REST = 1e-12
@@ -88,10 +88,14 @@ class Ensemble:
             prior_pose: a place that is possible from earlier knowledge.
         """
         self._prior_pose = prior_pose
-        self._begin |= {job_id: ElsewhereJob(first_step=step) for job_id in self._elsewhere}
+        self._begin |= self.standing_jobs(step)
         self._start_search(step)
         begin, self._begin = self._begin, {}
         return begin
+
+    def standing_jobs(self, first_step: int) -> dict[str, Job]:
+        """What is done all the time, from this step on."""
+        return {job_id: ElsewhereJob(first_step=first_step) for job_id in self._elsewhere}
 
     def advance(
         self, step: int, reports: Sequence[Report], before_from_after: Pose | None = None
@@ -146,6 +150,7 @@ class Ensemble:
         self._events += self.clusters.clear(cause)
         self._stop_search(step, "search stopped")
         self._prior_pose = None
+        self._begin |= self.standing_jobs(step + 1)
         self._start_search(step + 1)
         return self._outcome(step, ())
 

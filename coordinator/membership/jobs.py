@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import msgspec
 
 from coordinator.membership.balance import Move
-from protocol.work import Assignment, ElsewhereJob, Job, Report, SearchJob, TrackJob, TrackReport
+from protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Job,
+    Report,
+    SearchJob,
+    TrackJob,
+    TrackReport,
+)
 
 MISSED_NS = 1_500_000_000
 """More than the longest pause between two tries to connect, less than a new job is waited for."""

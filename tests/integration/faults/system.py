@@ -31,7 +31,7 @@ SMALL = Settings(
     seed=3,
     cluster=ClusterSettings(particles=300),
     search=SearchSettings(poses=4_000, max_steps=20),
-    belief=BeliefSettings(clusters=4, search_every_steps=100_000),
+    belief=BeliefSettings(max_clusters=4, search_every_steps=100_000),
     bridge=BridgeSettings(source="sim:cross", rate=2.0),
     worker=WorkerSettings(count=4),
 )

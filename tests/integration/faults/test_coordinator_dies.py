@@ -27,7 +27,7 @@ from zenoh_link.wire import ask
 STEPS = 60
 PACED = msgspec.structs.replace(
     SMALL,
-    belief=BeliefSettings(clusters=6, search_every_steps=12),
+    belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
 )
 """As fast as the workers follow, with searches and newcomers all along."""

@@ -16,7 +16,7 @@ SMALL_FILTER = [
     for setting in (
         "cluster.particles=300",
         "search.poses=4000",
-        "belief.clusters=6",
+        "belief.max_clusters=6",
     )
     for word in ("--set", setting)
 ]

@@ -16,7 +16,7 @@ SMALL = Settings(
     seed=3,
     cluster=ClusterSettings(particles=300),
     search=SearchSettings(poses=4_000, max_steps=20),
-    belief=BeliefSettings(clusters=6, search_every_steps=12),
+    belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
     worker=WorkerSettings(count=4),
 )

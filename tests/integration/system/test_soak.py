@@ -64,7 +64,7 @@ def test_three_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
 
 def test_ctrl_c_ends_it_with_what_was_seen_so_far(short_folder: str, tmp_path: Path) -> None:
     words = ["soak", "--minutes", "5", "--world", "hall", "--workers", "2"]
-    words += ["--set", "belief.clusters=2"]
+    words += ["--set", "belief.max_clusters=2"]
     environment = {**os.environ, "TMPDIR": short_folder}
     with typed(*words, folder=tmp_path, environment=environment) as soak:
         soak.wait_for("0.0 of 5 min", deadline_s=90.0)

@@ -26,6 +26,7 @@ ANSWER = PoseAnswer(
     map_from_robot=(1.0, 2.0, 3.0),
     covariance=COVARIANCE,
     workers=4,
+    elsewhere_probability=0.005,
 )
 
 

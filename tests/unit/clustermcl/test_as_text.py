@@ -34,6 +34,8 @@ def test_a_pose_says_what_stands_against_believing_it() -> None:
         "stale: the newest data is 12.3 s old",
         "no worker is alive: the belief does not follow the robot",
     ]
+    unsure = msgspec.structs.replace(ANSWER, elsewhere_probability=0.123)
+    assert list(pose_lines(unsure))[1:] == ["it may be elsewhere, with probability 0.12"]
     assert list(pose_lines(ANSWER)) == [
         "localized with probability 0.95: x 1.00 m  y 2.00 m  heading 171.9 deg  +-0.20 m, 2.9 deg"
     ]
@@ -44,7 +46,7 @@ def test_a_blind_pose_says_how_old_its_last_scan_is() -> None:
     line = "blind: odometry alone moves the pose, the last scan is 7.5 s old"
     assert list(pose_lines(blind))[1:] == [line]
     places = Hypotheses(sender="coordinator", pose=blind, hypotheses=(place(1.0),))
-    assert list(hypotheses_lines(places))[-1] == line
+    assert list(hypotheses_lines(places))[-2:] == ["   0.005  elsewhere", line]
     status = msgspec.structs.replace(STATUS, freshness="blind", scan_age_s=7.51)
     assert next(status_lines(status)).endswith("the last scan is 7.5 s old")
 
@@ -64,9 +66,11 @@ def test_before_the_first_scan_there_is_no_pose() -> None:
 
 
 def test_a_belief_is_one_line_however_many_places_there_are() -> None:
-    line = belief_line(belief(7, "ambiguous", *[place(0.1)] * 10, searching=True))
+    line = belief_line(
+        belief(7, "ambiguous", *[place(0.1)] * 9, searching=True, elsewhere_probability=0.1)
+    )
     assert line.startswith("step 7: ambiguous, searching; best x 0.00 m")
-    assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ...")
+    assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ..., elsewhere 0.10")
     assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"
 
 

@@ -10,8 +10,10 @@ from typer.testing import CliRunner, Result
 
 from clustermcl import replay
 from clustermcl.command import app
+from coordinator.belief import cluster_set
 from coordinator.recorder.blocks import BlockWriter
 from coordinator.recorder.ring import files_in
+from particle_filter.evidence_model import counted
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError
 from tests.unit.coordinator.living import Living, symmetric_room
@@ -84,7 +86,7 @@ def test_a_belief_that_is_another_is_told_with_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
-    monkeypatch.setattr("particle_filter.belief.bounded", lambda evidence, _: evidence * 1.0000001)
+    monkeypatch.setattr(cluster_set, "counted", lambda *given: counted(*given) * 1.0000001)
     result = run(recording)
     assert result.exit_code == 1
     assert "NOT the recorded belief" in result.stdout

@@ -75,7 +75,9 @@ SETTINGS = FilterSettings(
         places=8,
         places_with_particles=4,
     ),
-    belief=BeliefSettings(clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
+    belief=BeliefSettings(
+        max_clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2
+    ),
 )
 EVENT_NS = 1_000_000
 NOBODY = TakeOver(sender="coordinator", term=0)

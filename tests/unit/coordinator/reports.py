@@ -4,10 +4,25 @@ import math
 
 import numpy as np
 
+from particle_filter.settings import BeliefSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from protocol.work import Particles, Place, SearchReport, TrackReport
+from protocol.work import ElsewhereReport, Particles, Place, SearchReport, TrackReport
+
+
+def literal_bayes(**more: object) -> BeliefSettings:
+    """The paper's update: evidence in full, nobody forgotten, and no word for elsewhere."""
+    rules: dict[str, object] = {
+        "transition_probability": 0.0,
+        "view_distance_m": 0.0,
+        "evidence_misfit": math.inf,
+        "kidnapping_probability": 0.0,
+        "least_probability": 0.0,
+        "particles": 0,
+    }
+    return BeliefSettings(**rules | more)  # type: ignore[arg-type] # keywords of the test
+
 
 NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)
 
@@ -93,4 +108,14 @@ def tracked(
         mean=mean,
         covariance=NO_SPREAD,
         snapshot=snapshot,
+    )
+
+
+def elsewhere(step: int, log_likelihood: float, *, epoch: int = 0) -> ElsewhereReport:
+    return ElsewhereReport(
+        sender="w",
+        job_id="e0",
+        epoch=epoch,
+        step=step,
+        log_likelihood=log_likelihood,
     )

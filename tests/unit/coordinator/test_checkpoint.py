@@ -3,6 +3,7 @@ import math
 import msgspec
 import pytest
 
+from coordinator.belief.ensemble import EnsembleState
 from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
@@ -11,7 +12,7 @@ from coordinator.instructions import PublishCheckpoint
 from coordinator.step_collector import StepCollectorState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
-from protocol.work import Checkpoint
+from protocol.work import Checkpoint, ElsewhereJob
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.reports import scan
 
@@ -31,6 +32,16 @@ def changed(state: CheckpointState, **fields: object) -> bytes:
     return to_bytes(msgspec.structs.replace(state, **fields))
 
 
+def gathering(state: CheckpointState, **evidence: object) -> EnsembleState:
+    """The belief, and other things that it has gathered while it searched."""
+    search = state.ensemble.search
+    assert search is not None
+    told = msgspec.structs.replace(search.evidence, **evidence)
+    return msgspec.structs.replace(
+        state.ensemble, search=msgspec.structs.replace(search, evidence=told)
+    )
+
+
 def test_a_state_comes_back_as_it_was(state: CheckpointState) -> None:
     assert from_bytes(to_bytes(state)) == state
     assert len(state.ensemble.clusters) > 1
@@ -42,11 +53,12 @@ def test_it_is_small_for_particles_stay_with_the_workers(state: CheckpointState)
 
 
 def test_states_that_cannot_be_used_are_refused_with_the_reason(state: CheckpointState) -> None:
-    lost = msgspec.structs.replace(state.ensemble, clusters=())
+    replace = msgspec.structs.replace
+    lost = replace(state.ensemble, clusters=(), log_elsewhere=0.0)
     first, *rest = state.ensemble.clusters
-    poisoned = msgspec.structs.replace(
-        state.ensemble, clusters=(msgspec.structs.replace(first, log_probability=math.nan), *rest)
-    )
+    poisoned = replace(state.ensemble, clusters=(replace(first, log_probability=math.nan), *rest))
+    assert ElsewhereJob in {type(job.job) for job in state.jobs}
+    misnamed = [replace(job, job_id="e1") if job.job_id == "e0" else job for job in state.jobs]
     for data, words in (
         (b"", "not a coordinator's state"),
         (b"\xc1", "not a coordinator's state"),
@@ -55,6 +67,14 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (changed(state, ensemble=lost), "no cluster"),
         (changed(state, collector=StepCollectorState(applied=None, steps_lost=0)), "no cluster"),
         (changed(state, ensemble=poisoned), "probability"),
+        (changed(state, ensemble=replace(state.ensemble, log_elsewhere=math.nan)), "elsewhere"),
+        (changed(state, ensemble=replace(state.ensemble, log_elsewhere=0.0)), "sum to one"),
+        (changed(state, ensemble=gathering(state, log_elsewhere=math.nan)), "elsewhere"),
+        (changed(state, ensemble=gathering(state, log_elsewhere=math.inf)), "elsewhere"),
+        (changed(state, ensemble=gathering(state, gathered=((3, math.nan),))), "log-likelihood"),
+        (changed(state, ensemble=gathering(state, gathered=((-3, 1.0),))), "step"),
+        (changed(state, ensemble=gathering(state, gathered=((3, 1.0),) * 3000)), "of one kind"),
+        (changed(state, jobs=tuple(misnamed)), "no cluster"),
     ):
         with pytest.raises(ValueError, match=words):
             from_bytes(data)

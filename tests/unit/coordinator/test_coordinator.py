@@ -25,13 +25,13 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
 from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
-from tests.unit.coordinator.reports import scan, searched, tracked
+from tests.unit.coordinator.reports import literal_bayes, scan, searched, tracked
 
 SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
@@ -43,7 +43,7 @@ class Story:
     def __init__(self, *workers: str) -> None:
         settings = FilterSettings(
             search=SearchSettings(shards=1),
-            belief=BeliefSettings(clusters=3, transition_probability=0.0, evidence_bound=100.0),
+            belief=literal_bayes(max_clusters=3),
         )
         self.coordinator = Coordinator("coordinator", settings, CoordinatorSettings(), "test", 0)
         self.epochs: dict[str, int] = {}

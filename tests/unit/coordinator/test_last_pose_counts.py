@@ -7,7 +7,7 @@ from coordinator.events import ScanArrived, WorkerJoined
 from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
-from tests.unit.coordinator.reports import NO_SPREAD, scan, searched
+from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, scan, searched
 from tests.unit.coordinator.test_coordinator import NORTH, SOUTH, Story
 
 EAST = (10.0, 5.0, 0.0)
@@ -33,7 +33,7 @@ def story_of(state_folder: str) -> Story:
     story = Story()
     story.coordinator = Coordinator(
         "coordinator",
-        FilterSettings(search=SearchSettings(shards=1)),
+        FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes()),
         CoordinatorSettings(state_folder=state_folder),
         "test",
         0,

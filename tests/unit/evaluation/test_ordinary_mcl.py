@@ -17,9 +17,9 @@ from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
 from tests.unit.particle_filter.rooms import model_of, plain_room
 
-SMALL = ["belief.clusters=3"]
+SMALL = ["belief.max_clusters=3"]
 ROOM = model_of(plain_room())
-SETTINGS = FilterSettings(belief=BeliefSettings(clusters=2))
+SETTINGS = FilterSettings(belief=BeliefSettings(max_clusters=2))
 WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
 
 
@@ -58,7 +58,7 @@ def test_while_all_fits_there_are_no_random_particles(tmp_path: Path) -> None:
 def test_visibility_can_be_turned_off_and_is_no_part_of_a_beam_model(
     off: str, tmp_path: Path
 ) -> None:
-    few = "belief.clusters=1"
+    few = "belief.max_clusters=1"
     plain = beliefs("mcl", tmp_path, off, few)
     assert beliefs("mcl-visibility", tmp_path, off, few) == plain
 

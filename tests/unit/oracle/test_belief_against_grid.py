@@ -10,11 +10,11 @@ from particle_filter.arrays import Cells
 from tests.unit.oracle.grid_filter import Array
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
-    LARGE,
     MIRRORED,
     TRUTH,
     Drive,
     ensemble_steps,
+    exact_elsewhere,
     exact_evidence,
     exact_patch,
     plain_room,
@@ -22,6 +22,7 @@ from tests.unit.oracle.tiny_world import (
     symmetric_room,
 )
 
+SLOPED = {"evidence_slope": 0.3, "evidence_knee": 0.5}
 STEPS, SEEDS = 6, range(16)
 GRID_ERROR = 0.02
 """Of a log ratio over all steps: a place and its mirror image differ by 0.016, finer grids less."""
@@ -38,14 +39,19 @@ def drive(room: str) -> Drive:
 
 @cache
 def evidence(room: str, place: str) -> Array:
-    """(steps,) exact log evidence of one place."""
+    """(steps,) exact log evidence of one place, or of all others."""
+    if place == "elsewhere":
+        return np.array(exact_elsewhere(ROOMS[room](), drive(room)))
     return np.array(exact_evidence(ROOMS[room](), drive(room), exact_patch(PLACES[place])))
 
 
 def log_odds(
     room: str, first: dict[str, float], *, unheard: dict[int, str] | None = None, **belief: object
 ) -> list[list[float]]:
-    """By seed, the log odds of each other cluster against the first one after the last step."""
+    """By seed, the log odds of the others against the first cluster after the last step.
+
+    Elsewhere comes last, where the robot may be lifted.
+    """
     cells: Cells = ROOMS[room]()
     found = [(share, PLACES[place]) for place, share in first.items()]
     odds = []
@@ -53,8 +59,12 @@ def log_odds(
         given = settings(seed, **belief)
         *_, (outcome, _) = ensemble_steps(cells, drive(room), found, given, unheard=unheard)
         logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
-        assert math.fsum(math.exp(value) for value in logs.values()) == pytest.approx(1.0)
-        odds.append([logs[cluster] - logs[0] for cluster in sorted(logs)[1:]])
+        told = [math.exp(value) for value in logs.values()]
+        assert math.fsum([*told, outcome.elsewhere_probability]) == pytest.approx(1.0)
+        others = [logs[cluster] for cluster in sorted(logs)[1:]]
+        if given.belief.kidnapping_probability > 0.0:
+            others.append(math.log(outcome.elsewhere_probability))
+        odds.append([other - logs[0] for other in others])
     return odds
 
 
@@ -63,30 +73,41 @@ def exact_log_odds(
     evidence_of: Array,
     *,
     rho: float = 0.0,
-    bound: float = LARGE,
+    slope: float = 1.0,
+    knee: float = 0.0,
     power: int = 1,
+    hazard: float = 0.0,
     unheard: dict[int, int] | None = None,
 ) -> Array:
     """Bayes' rule over the places, in plain numbers; (K - 1,) log odds against the first.
 
     Args:
-        logs: (K,) probabilities before the first step, as logarithms.
+        logs: (K,) probabilities before the first step, as logarithms; with a hazard the last one
+            is elsewhere.
         evidence_of: (K, steps) of the grid.
-        rho: share that is spread evenly after each step.
-        bound: on how far a place's evidence is below the best one.
+        rho: share that is spread evenly over the places after each step.
+        slope: of how much a difference to the best one counts, up to the knee.
+        knee: where it begins to count in full [nat].
         power: of the prior.
+        hazard: that the robot is lifted elsewhere before a step.
         unheard: by step from 1, the place of which nothing is heard.
     """
     belief = np.exp(logs) / np.exp(logs).sum()
+    places = len(belief) - (hazard > 0.0)
     for step in range(evidence_of.shape[1]):
+        belief *= 1.0 - hazard
+        belief[-1] += hazard
         told = np.full(len(belief), True)
         if unheard and step + 1 in unheard:
             told[unheard[step + 1]] = False
         mass = belief[told].sum()
         gain = evidence_of[told, step]
-        fresh = belief[told] ** power * np.exp(np.maximum(gain, gain.max() - bound))
+        lost = gain.max() - gain
+        lost = np.where(lost < knee, slope * lost, lost - (1.0 - slope) * knee)
+        fresh = belief[told] ** power * np.exp(-lost)
         belief[told] = mass * fresh / fresh.sum()
-        belief = (1.0 - rho) * belief + rho / len(belief)
+        there = belief[:places]
+        belief[:places] = (1.0 - rho) * there + rho * there.sum() / places
     return np.asarray(np.log(belief[1:] / belief[0]))
 
 
@@ -96,17 +117,17 @@ def exact_log_odds(
         ({}, {}),
         ({"transition_probability": 0.1}, {"rho": 0.1}),
         ({"squared_prior": True}, {"power": 2}),
-        ({"evidence_bound": 0.2}, {"bound": 0.2}),
-        ({"transition_probability": 0.05, "evidence_bound": 0.3}, {"rho": 0.05, "bound": 0.3}),
+        (SLOPED, {"slope": 0.3, "knee": 0.5}),
+        ({"transition_probability": 0.05, **SLOPED}, {"rho": 0.05, "slope": 0.3, "knee": 0.5}),
     ],
-    ids=["plain Bayes", "rho", "squared prior", "bound", "rho and bound"],
+    ids=["plain Bayes", "rho", "squared prior", "evidence model", "rho and evidence model"],
 )
 def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
     told: dict[str, object], exactly: dict[str, float]
 ) -> None:
     shares = {"mirrored": 0.6, "truth": 0.4}
-    # The one step of the search told no more against a place than a step of tracking does.
-    first = np.maximum([0.6, 0.4], 0.6 * np.exp(-exactly.get("bound", LARGE)))
+    # What the one step of the search told apart, log(0.6 / 0.4), lies below the knee.
+    first = np.array([0.6, 0.4]) ** exactly.get("slope", 1.0)
     exact = exact_log_odds(
         np.log(first),
         np.stack([evidence("plain", place) for place in shares]),
@@ -116,6 +137,33 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
     # Squared priors double what is off at every step: by 2^5 at the first of six.
     error = GRID_ERROR * (2 ** (STEPS - 1) if "squared_prior" in told else 1)
     assert_is_mean_of(exact[0], found, error)
+
+
+@pytest.mark.parametrize(
+    ("told", "exactly"),
+    [
+        ({}, {}),
+        (SLOPED, {"slope": 0.3, "knee": 0.5}),
+        ({"transition_probability": 0.1}, {"rho": 0.1}),
+    ],
+    ids=["plain Bayes", "evidence model", "rho"],
+)
+@pytest.mark.parametrize("shares", [{"truth": 0.5, "mirrored": 0.3}, {"mirrored": 0.9}])
+def test_elsewhere_is_believed_as_much_as_it_should_be(
+    shares: dict[str, float], told: dict[str, object], exactly: dict[str, float]
+) -> None:
+    """Where the true place is among those that are tracked, and where it is not."""
+    counted = np.array(list(shares.values())) ** exactly.get("slope", 1.0)
+    counted *= sum(shares.values()) / counted.sum()
+    exact = exact_log_odds(
+        np.log([*counted, 1.0 - counted.sum()]),
+        np.stack([evidence("plain", place) for place in (*shares, "elsewhere")]),
+        hazard=0.02,
+        **exactly,  # type: ignore[arg-type] # keywords of the test
+    )
+    found = log_odds("plain", shares, kidnapping_probability=0.02, **told)
+    for other in range(len(shares)):
+        assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
 
 
 def test_two_places_that_look_alike_stay_alike() -> None:

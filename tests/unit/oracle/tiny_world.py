@@ -11,7 +11,6 @@ from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import (
-    BeliefSettings,
     ClusterSettings,
     FilterSettings,
     MotionSettings,
@@ -22,7 +21,15 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
-from protocol.work import Assignment, Particles, Place, SearchReport, TrackJob, TrackReport
+from protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Particles,
+    Place,
+    SearchReport,
+    TrackReport,
+)
+from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.oracle.grid_filter import Array, ExactField, GridFilter
 from tests.unit.particle_filter.naive_rays import cast_rays
 from worker.jobs import RunningJob, running
@@ -43,8 +50,8 @@ SPREAD = np.array([0.08, 0.06, 0.05])
 """Standard deviations at the start of every place: x, y [m], heading [rad]."""
 HANDED_OVER = 2000
 """Particles in the sample that a cluster is handed."""
-LARGE = 1e6
-"""A bound on evidence that binds nothing."""
+ELSEWHERE_POSES = 20_000
+"""The logarithm of their average likelihood is less than 0.01 too small."""
 
 
 def symmetric_room() -> Cells:
@@ -108,8 +115,8 @@ def _scan(step: int, odom: Array, ranges: NDArray[np.float32]) -> Scan:
 
 def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettings:
     rules = {
-        "clusters": 4, "transition_probability": 0.0, "evidence_bound": LARGE,
-        "merge_every_steps": 1000, "search_every_steps": 1000, **belief,
+        "max_clusters": 4, "merge_every_steps": 1000, "search_every_steps": 1000,
+        "elsewhere_poses": ELSEWHERE_POSES, "lost_probability": 1.0, **belief,
     }  # fmt: skip
     return FilterSettings(
         seed=seed,
@@ -117,7 +124,7 @@ def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettin
         sensor=SENSOR,
         cluster=ClusterSettings(particles=particles),
         search=SearchSettings(shards=1, source_radius_m=0.2),
-        belief=BeliefSettings(**rules),  # type: ignore[arg-type] # keywords of the test
+        belief=literal_bayes(**rules),
     )
 
 
@@ -129,7 +136,7 @@ def ensemble_steps(
     *,
     unheard: Mapping[int, str] | None = None,
 ) -> Iterator[tuple[Outcome, dict[str, TrackReport]]]:
-    """The product: an `Ensemble` and the `Tracking` jobs that it begins, step by step.
+    """The product: an `Ensemble` and the jobs that it begins, step by step.
 
     Args:
         cells: the map.
@@ -141,15 +148,16 @@ def ensemble_steps(
     model = computed_model(Grid(cells, CELL_M, np.zeros(3)), given.sensor)
     rng = np.random.default_rng(given.seed + 1000)
     ensemble = Ensemble(given)
-    ensemble.begin_at(0)
+    begin = ensemble.begin_at(0)
     found = tuple(_place(share, mean, rng) for share, mean in places)
     outcome = ensemble.advance(0, [_search_report(found)])
+    standing = {job_id: job for job_id, job in begin.items() if isinstance(job, ElsewhereJob)}
     jobs: dict[str, RunningJob] = {}
     for scan in drive.scans:
-        for job_id, job in outcome.begin.items():
-            assert isinstance(job, TrackJob)
+        for job_id, job in (standing | outcome.begin).items():
             order = Assignment(job_id=job_id, epoch=0, job=job)
             jobs[job_id] = running(order, model, given, sender="w")
+        standing = {}
         for job_id in outcome.end:
             jobs.pop(job_id, None)
         reports = {job_id: job.advance(scan) for job_id, job in jobs.items()}
@@ -180,6 +188,25 @@ def exact_evidence(cells: Cells, drive: Drive, patch: GridFilter) -> list[float]
         patch.move(DRIVE, MOTION)
         evidence.append(patch.weigh(field, hits, exponent))
     return evidence
+
+
+def exact_everywhere(cells: Cells) -> GridFilter:
+    """The grid that knows nothing but the free space."""
+    rows, cols = cells.shape
+    made = GridFilter(
+        np.arange(0.5 * CELL_M, cols * CELL_M, CELL_M),
+        np.arange(0.5 * CELL_M, rows * CELL_M, CELL_M),
+        np.arange(-np.pi, np.pi - 1e-9, 2.0 * np.pi / 90),
+    )
+    made.mass = np.repeat((cells.T == 0).astype(float)[:, :, None], 90, axis=2)
+    made.mass /= made.mass.sum()
+    return made
+
+
+def exact_elsewhere(cells: Cells, drive: Drive) -> list[float]:
+    """Log evidence of every step, wherever the robot may be at each."""
+    field, exponent = ExactField(cells, CELL_M, SENSOR), SENSOR.scan_likelihood_exponent
+    return [exact_everywhere(cells).weigh(field, hits, exponent) for hits in drive.hits]
 
 
 def _place(share: float, mean: Array, rng: np.random.Generator) -> Place:

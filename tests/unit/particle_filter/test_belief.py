@@ -81,6 +81,13 @@ def test_the_transition_keeps_a_share_and_spreads_the_rest(
     np.testing.assert_allclose(after, expected, rtol=1e-9, atol=1e-12)
 
 
+def test_the_transition_keeps_the_sum_of_a_part_of_the_belief() -> None:
+    part = np.log([0.3, 0.1])
+    spread = belief.mixed(part, 0.5)
+    np.testing.assert_allclose(np.exp(spread), [0.25, 0.15])
+    assert belief.mixed(np.array([]), 0.5).size == 0
+
+
 def test_no_transition_is_eq_14_to_the_letter() -> None:
     before = belief.normalised_logs(np.array([0.0, -5.0, -700.0]))
     assert belief.mixed(before, 0.0) is before
@@ -95,12 +102,3 @@ def test_entropy_is_one_for_no_preference_and_zero_for_certainty() -> None:
 def test_a_belief_without_mass_is_refused() -> None:
     with pytest.raises(ValueError, match="finite"):
         belief.normalised_logs(np.full(3, -np.inf))
-
-
-def test_one_step_tells_no_more_than_the_bound_against_a_cluster() -> None:
-    likelihood = np.array([-1.0, -1.3, -50.0, np.nan])
-    np.testing.assert_array_equal(belief.bounded(likelihood, 0.5), [-1.0, -1.3, -1.5, np.nan])
-
-
-def test_a_bound_on_nothing_is_nothing() -> None:
-    assert np.all(np.isnan(belief.bounded(np.full(2, np.nan), 0.5)))

@@ -39,8 +39,9 @@ def values_of(info: SettingInfo) -> st.SearchStrategy[bool | int | float | str]:
         low = over if over is not None else least
         return st.floats(
             -1e18 if low is None else low,
-            1e18 if meta.le is None else meta.le,
+            next((m for m in (meta.le, meta.lt) if m is not None), 1e18),
             exclude_min=over is not None,
+            exclude_max=meta.lt is not None,
         )
     if meta.pattern is not None:
         return st.from_regex(meta.pattern).filter(lambda text: len(text) <= meta.max_length)
@@ -153,7 +154,9 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
     [
         ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
         ("seeed=5", "unknown setting seeed, did you mean seed?"),
-        ("clusters=5", "unknown setting clusters, did you mean belief.clusters?"),
+        ("max_clusters=5", "unknown setting max_clusters, did you mean belief.max_clusters?"),
+        ("belief.max_clusters=5", "setting belief.clusters, did you mean belief.max_clusters?"),
+        ("belief.kidnapping_probability=1", "expected a number >= 0 and < 1"),
         ("qqqq=5", "unknown setting qqqq; 'clustermcl settings' lists all"),
         ("motion=5", "motion is a section: give motion.KEY"),
         ("cluster.particles=abc", "cluster.particles = 'abc': expected a whole number > 0"),

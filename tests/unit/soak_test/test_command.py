@@ -47,7 +47,7 @@ def test_a_fault_that_is_none_is_refused_with_those_that_are() -> None:
 
 def test_too_few_clusters_for_the_rooms_are_refused_before_anything_starts() -> None:
     with pytest.raises(SettingsError, match="eight rooms alike need 8"):
-        run(OPTIONS, Settings(belief=BeliefSettings(clusters=4)))
+        run(OPTIONS, Settings(belief=BeliefSettings(max_clusters=4)))
 
 
 def test_a_world_that_is_none_is_refused() -> None:

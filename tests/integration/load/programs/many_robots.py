@@ -39,7 +39,7 @@ SETTINGS = Settings(
     seed=100,
     cluster=ClusterSettings(particles=300),
     search=SearchSettings(heading_step_rad=0.1, poses=8_000),
-    belief=BeliefSettings(clusters=4),
+    belief=BeliefSettings(max_clusters=4),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
     coordinator=CoordinatorSettings(state_folder="off"),
     worker=WorkerSettings(count=2),

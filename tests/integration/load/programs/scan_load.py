@@ -37,7 +37,7 @@ RATE_HZ = 40.0
 SETTINGS = Settings(
     seed=1,
     search=SearchSettings(poses=20_000),
-    belief=BeliefSettings(clusters=PLACES, search_every_steps=10**9),
+    belief=BeliefSettings(max_clusters=PLACES, search_every_steps=10**9),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
     coordinator=CoordinatorSettings(state_folder="off"),
     worker=WorkerSettings(count=PLACES),

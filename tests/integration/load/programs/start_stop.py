@@ -23,7 +23,7 @@ SMALL = (
     "worker.count=2",
     "cluster.particles=300",
     "search.poses=4000",
-    "belief.clusters=4",
+    "belief.max_clusters=4",
 )
 END_WITHIN_S = 3.0
 CLEAN_CODES = {0, 130, 143, -signal.SIGINT, -signal.SIGTERM}

@@ -1,86 +1,146 @@
-"""Who enters beside the clusters and with what; clouds round given places; how places are told."""
+"""Who enters beside the clusters and with what; clouds round given places."""
 
 import math
 
 import numpy as np
 import pytest
-from coordinator.belief.fit_monitor import FitMonitor, FitState
+from msgspec.structs import replace
 
-from coordinator.belief.admission import Terms, newcomers, terms
-from coordinator.belief.cluster_set import ClusterSet
+from coordinator.belief.admission import (
+    MOST_LOG,
+    admission,
+    first_places,
+    log_weight_of_held,
+)
 from coordinator.belief.given_places import cloud, diagonal
-from coordinator.belief.outcome import places_of
 from coordinator.belief.search_pool import Pool
-from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from particle_filter.evidence_model import misfit
+from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
-from tests.unit.coordinator.reports import place
+from tests.unit.coordinator.reports import literal_bayes, place
 
 SETTINGS = FilterSettings(
     search=SearchSettings(source_radius_m=1.0, source_heading_rad=0.5),
-    belief=BeliefSettings(clusters=4, merge_distance_m=0.5, merge_heading_rad=0.35),
+    belief=literal_bayes(
+        max_clusters=4,
+        merge_distance_m=0.5,
+        merge_heading_rad=0.35,
+        newcomer_min_share=0.1,
+        newcomer_probability=0.02,
+        least_probability=0.001,
+    ),
 )
 HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
+FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
+BESIDE = (0.7, 0.0, 0.0)
+"""Of the place that is held: no longer the same, but a search tells them no further apart."""
+NO_EVIDENCE = -math.inf
 
 
-def pool(*found: tuple[float, PoseTuple], fit: float = -1.0) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, 12.0, fit)
+def pool(*found: tuple[float, PoseTuple], fit: float = 0.0) -> Pool:
+    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, fit, 12.0)
 
 
-def entered(found: Pool, yielding: list[float], given: Terms) -> list[tuple[PoseTuple, float]]:
-    fresh = newcomers(found, HELD, yielding, 1.0, given, SETTINGS)
-    return [(place.mean, place.share) for place in fresh]
+def entered(
+    found: Pool, log_weight: float, room: tuple[float, ...] = (0.0,) * 4, **belief: object
+) -> dict[PoseTuple, float]:
+    rules = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
+    fresh = admission(found, HELD, room, log_weight, rules).entering
+    return {place.mean: place.share for place in fresh}
 
 
-def test_newcomers_share_what_is_given_by_their_shares_of_the_search() -> None:
-    far, farther, least = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
-    found = pool((0.3, HELD[0]), (0.4, far), (0.2, farther), (0.1, least))
-    given = Terms(most=2, least_share=0.1, probability=0.06, replaces_alternatives=True)
-    assert entered(found, [0.0, 0.0, 0.0], given) == [
-        (far, pytest.approx(0.04)),
-        (farther, pytest.approx(0.02)),
-    ]
-    assert entered(found, [0.0], given) == [(far, pytest.approx(0.06))]
-    assert entered(found, [], given) == []
-    all_of_them = Terms(most=9, least_share=0.1, probability=0.07, replaces_alternatives=True)
-    assert len(entered(found, [0.0] * 9, all_of_them)) == 3
-    only_large = Terms(most=9, least_share=0.11, probability=0.07, replaces_alternatives=True)
-    assert len(entered(found, [0.0] * 9, only_large)) == 2
+# --- beside clusters ----------------------------------------------------------------------------
 
 
-def test_one_that_stays_out_leaves_its_part_to_the_others() -> None:
-    """The one beside a cluster comes last, and nobody more probable leaves for it."""
-    beside, far = (0.7, 0.0, 0.0), (9.0, 0.0, 0.0)
-    found = pool((0.5, beside), (0.5, far))
-    given = Terms(most=2, least_share=0.1, probability=0.1, replaces_alternatives=True)
-    assert entered(found, [0.2, 0.3], given) == [(far, pytest.approx(0.1))]
-    both = entered(found, [0.2, 0.04], given)
-    assert both == [(far, pytest.approx(0.05)), (beside, pytest.approx(0.05))]
+def test_a_place_weighs_its_share_of_what_the_whole_search_weighs() -> None:
+    found = pool((0.4, HELD[0]), (0.35, FAR), (0.25, FARTHER))
+    weights = entered(found, math.log(3.0))
+    assert list(weights) == [FAR, FARTHER], "what a cluster holds does not enter"
+    assert weights == pytest.approx({FAR: 1.05, FARTHER: 0.75})
+
+
+def test_a_place_with_much_of_its_search_gets_a_trial_whatever_it_weighs() -> None:
+    found = pool((0.5, FAR), (0.4, FARTHER), (0.09, LEAST))
+    assert entered(found, NO_EVIDENCE) == {FAR: 0.02, FARTHER: 0.02}
+    earned = entered(found, math.log(0.1))
+    assert earned == pytest.approx({FAR: 0.05, FARTHER: 0.04, LEAST: 0.009})
+    assert entered(found, NO_EVIDENCE, newcomer_probability=0.0) == {}
+
+
+def test_a_place_beside_a_cluster_has_to_earn_its_place() -> None:
+    found = pool((0.6, BESIDE), (0.4, FAR))
+    assert entered(found, NO_EVIDENCE) == {FAR: 0.02}
+    assert entered(found, math.log(0.1)) == pytest.approx({BESIDE: 0.06, FAR: 0.04})
 
 
 def test_a_place_is_near_only_in_place_and_heading() -> None:
     turned, aside = (0.0, 0.0, 0.36), (0.51, 0.0, 0.0)
-    given = Terms(most=3, least_share=0.0, probability=0.1, replaces_alternatives=True)
     found = pool((0.3, turned), (0.3, aside), (0.3, (0.3, 0.3, 0.3)))
-    assert {mean for mean, _ in entered(found, [0.0] * 4, given)} == {turned, aside}
+    assert set(entered(found, 0.0)) == {turned, aside}
 
 
-@pytest.mark.parametrize(
-    ("lost", "fit", "expected"),
-    [
-        (False, -1.0, Terms(3, 0.1, 0.02, False)),
-        (True, -1.39, Terms(8, 0.01, 0.3, True)),
-        (True, -1.41, Terms(3, 0.1, 0.1, True)),
-    ],
-    ids=["tracking", "lost and found", "lost among people"],
-)
-def test_terms_follow_from_whether_it_is_lost_and_what_fits(
-    lost: bool, fit: float, expected: Terms
-) -> None:
-    rules = BeliefSettings()
-    monitor = FitMonitor(rules)
-    monitor.restore(FitState(-1.0, -3.0, lost))
-    assert terms(pool(fit=fit), monitor, rules) == expected
+def test_nobody_more_probable_leaves_for_a_newcomer() -> None:
+    found = pool((0.5, FAR), (0.3, FARTHER), (0.2, LEAST))
+    assert set(entered(found, 0.0, (0.0, 0.2, 0.25))) == {FAR, FARTHER}
+    assert set(entered(found, 0.0, (0.0, 0.31, 0.4))) == {FAR}
+    assert set(entered(found, 0.0, (0.5,))) == set()
+    assert set(entered(found, 0.0, ())) == set()
+
+
+def test_places_that_are_too_improbable_do_not_enter() -> None:
+    found = pool((0.09, FAR), (0.05, FARTHER))
+    assert set(entered(found, 0.0, least_probability=0.06)) == {FAR}
+
+
+def test_what_enters_or_is_held_is_explained() -> None:
+    found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
+    for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
+        assert admission(found, HELD, room, 0.0, SETTINGS).explained == pytest.approx(explained)
+
+
+def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
+    weights = entered(pool((1.0, FAR)), 1e6)
+    assert weights == pytest.approx({FAR: math.exp(MOST_LOG)})
+
+
+# --- first places -------------------------------------------------------------------------------
+
+
+def first_shares(found: Pool, **belief: object) -> list[float]:
+    settings = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
+    return [place.share for place in first_places(found, settings)]
+
+
+def test_first_places_are_as_probable_as_their_shares() -> None:
+    found = pool((0.6, FAR), (0.3, FARTHER), (0.05, LEAST))
+    assert first_shares(found) == pytest.approx([0.6, 0.3, 0.05])
+
+
+def test_what_tells_first_places_apart_counts_less_where_none_of_them_fits() -> None:
+    found = pool((0.8, FAR), (0.1, FARTHER), fit=-1.0)
+    bad = misfit(-1.0, SETTINGS.sensor)
+    first, second = first_shares(found, evidence_misfit=bad)
+    assert math.log(first / second) == pytest.approx(0.5 * math.log(8.0))
+    assert first + second == pytest.approx(0.9), "elsewhere is as probable as before"
+
+
+def test_first_places_are_at_most_as_many_as_may_be_and_none_too_improbable() -> None:
+    found = pool((0.6, FAR), (0.3, FARTHER), (0.0005, LEAST))
+    assert len(first_shares(found)) == 2
+    assert len(first_shares(found, max_clusters=1)) == 1
+    assert len(first_shares(found, least_probability=0.0)) == 3
+    assert first_shares(pool()) == []
+
+
+def test_a_search_that_found_the_clusters_weighs_as_they_say() -> None:
+    """It holds places with half of it that have 0.4 of the belief: the whole weighs 0.8."""
+    found = pool((0.3, HELD[0]), (0.2, FAR), (0.5, FARTHER))
+    held: list[tuple[PoseTuple, float]] = [(HELD[0], 0.25), (FAR, 0.15), (LEAST, 0.6)]
+    weight = log_weight_of_held(found, held, SETTINGS.belief)
+    assert weight == pytest.approx(math.log(0.8))
+    assert log_weight_of_held(found, [(LEAST, 1.0)], SETTINGS.belief) is None
+    assert log_weight_of_held(pool(), held, SETTINGS.belief) is None
 
 
 def test_a_given_cloud_has_the_mean_and_covariance_that_were_given() -> None:
@@ -94,31 +154,3 @@ def test_a_given_cloud_has_the_mean_and_covariance_that_were_given() -> None:
     assert np.all(np.abs(np.cov(poses.T) - spread) < 0.23 * np.outer(sigma, sigma))
     assert np.all(made.log_weights.array() == 0.0)
     assert diagonal(0.3, 0.2) == pytest.approx((0.09, 0, 0, 0, 0.09, 0, 0, 0, 0.04))
-
-
-def test_what_a_search_holds_possible_is_told_with_probabilities_that_sum_to_one() -> None:
-    told = places_of(pool((0.3, (1.0, 0.0, 0.0)), (0.1, (2.0, 0.0, 0.0))))
-    assert [h.probability for h in told] == pytest.approx([0.75, 0.25])
-    assert [h.log_probability for h in told] == pytest.approx([math.log(0.75), math.log(0.25)])
-    assert [h.cluster for h in told] == [-1, -2]
-
-
-def test_the_protected_and_the_best_stay_when_improbable_ones_are_dropped() -> None:
-    clusters = ClusterSet(BeliefSettings(clusters=4, drop_below_probability=0.2))
-    clusters.admit([(place(p, HELD[0], 0), "first search") for p in (0.8, 0.1)], 0)
-    clusters.admit([(place(0.1, HELD[0], 0), "restart")], 1, protected_until=5)
-    assert [ended.job_id for ended in clusters.drop_improbable(4)] == ["c1"]
-    assert math.fsum(cluster.probability for cluster in clusters.all()) == pytest.approx(1.0)
-    assert [ended.job_id for ended in clusters.drop_improbable(5)] == ["c2"]
-    assert clusters.drop_improbable(99) == []
-
-
-def test_the_newcomers_probability_is_theirs_and_the_others_share_the_rest() -> None:
-    clusters = ClusterSet(BeliefSettings(clusters=3))
-    clusters.admit([(place(p, HELD[0], 0), "first search") for p in (0.5, 0.3, 0.2)], 0)
-    assert clusters.yielding(0) == pytest.approx([0.2, 0.3, 0.5])
-    admitted, _ = clusters.admit([(place(0.36, HELD[0], 1), "restart")], 1, protected_until=9)
-    assert [c.probability for c in clusters.all()] == pytest.approx([0.4, 0.24, 0.36])
-    assert (admitted[0].born_step, admitted[0].protected_until) == (1, 9)
-    assert clusters.yielding(8) == pytest.approx([0.24, 0.4])
-    assert clusters.yielding(9) == pytest.approx([0.24, 0.36, 0.4])

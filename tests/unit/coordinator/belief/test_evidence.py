@@ -1,18 +1,17 @@
-"""What reports do to the belief: averages, missing ones, being lost, shares of what is found."""
+"""What reports do to the belief: averages, missing ones, shares of what is found."""
 
 import math
 
 import numpy as np
 import pytest
-from coordinator.belief.fit_monitor import FitMonitor
 from msgspec.structs import replace
 
 from coordinator.belief.search_pool import SearchPool
-from particle_filter.settings import BeliefSettings, SearchSettings
+from particle_filter.evidence_model import misfit
+from particle_filter.settings import SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.work import Particles, Place
 from tests.unit.coordinator.belief.test_ensemble import (
-    EAST,
     NORTH,
     SOUTH,
     bootstrapped,
@@ -39,43 +38,13 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
     assert probabilities(squared)[0] == pytest.approx(0.36 * 3 / (0.36 * 3 + 0.16))
     leaking = bootstrapped(first, transition_probability=0.2).advance(1, reports)
     assert probabilities(leaking)[0] == pytest.approx(0.8 * 1.8 / 2.2 + 0.1)
-    # Large enough not to lift the first shares, 0.5 each.
-    bound = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, evidence_bound=0.5).advance(1, reports)
-    assert probabilities(bound)[0] == pytest.approx(1.0 / (1.0 + math.exp(-0.5)))
-
-
-def test_a_robot_is_lost_when_no_cluster_fits_and_not_when_one_does_not() -> None:
-    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
-    for step in range(1, 20):
-        fits = {"c0": (NORTH, -1.0), "c1": (SOUTH, -1.0 if step < 5 else -9.0)}
-        reports = [tracked(job, step, 0.1, at, fit=fit) for job, (at, fit) in fits.items()]
-        assert made.advance(step, reports).state == "ambiguous"
-    states = []
-    for step in range(20, 24):
-        reports = [tracked("c0", step, 0.1, NORTH, fit=-9.0)]
-        reports.append(tracked("c1", step, 0.1, SOUTH, fit=-9.0))
-        states.append(made.advance(step, reports).state)
-    assert states[-1] == "lost"
-
-
-def test_lost_begins_at_the_drop_and_ends_at_half_of_it() -> None:
-    rules = BeliefSettings(lost_fit_drop=1.0, recent_fit_gain=1.0, usual_fit_gain=0.5)
-    fit = FitMonitor(rules)
-    said = []
-    for value in (-1.0, -1.9, -2.6, -2.1, -1.94, -math.nan, -2.4):
-        fit.update(value)
-        said.append(fit.lost)
-    # The usual fit: -1, then half way to -1.9 is -1.45; 1.15 below that is lost, and while it is
-    # lost nothing becomes usual. 0.65 below is lost still, 0.49 is not: then -1.695 is usual.
-    assert said == [False, False, True, True, False, False, False]
-    state = fit.state()
-    assert state.usual == pytest.approx((-1.695 - 2.4) / 2)
-    assert state.recent == -2.4
-    again = FitMonitor(rules)
-    again.restore(state)
-    assert again.state() == state
-    assert again.is_usual(state.usual - 0.49)
-    assert not again.is_usual(state.usual - 0.51)
+    same = {NORTH: 0.5, SOUTH: 0.5}
+    bad = misfit(-1.0, SensorSettings())
+    half = bootstrapped(same, evidence_misfit=bad).advance(1, reports)
+    assert probabilities(half)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
+    near = [replace(r, moved_m=math.log(2.0), turned_rad=0.0) for r in reports]
+    again = bootstrapped(same, view_distance_m=1.0).advance(1, near)
+    assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
 
 
 def seen(share: float, x_m: float, step: int, count: int) -> Place:
@@ -131,11 +100,3 @@ def test_a_search_that_takes_too_long_ends() -> None:
         assert found is not None
         ended.append(pool.finished(found, 2))
     assert ended == [False, False, True]
-
-
-def test_first_places_are_lifted_by_the_bound_of_each_step_of_the_search() -> None:
-    places = {NORTH: 0.9, SOUTH: 0.0999, EAST: 0.0001}
-    outcome = bootstrapped(places, evidence_bound=3.0).again(0, ())
-    shares = np.array([0.9, 0.0999, 0.9 * math.exp(-3.0)])
-    expected = shares / shares.sum()
-    assert probabilities(outcome) == pytest.approx(dict(enumerate(expected)))

@@ -5,15 +5,13 @@ import pytest
 from coordinator.belief.cluster_set import Newcomer
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
-from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.job_events import Began
 from protocol.message import PoseTuple
 from protocol.work import Place, TrackJob
-from tests.unit.coordinator.reports import NO_SPREAD, place, searched
+from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, place, searched
 
-RULES = FilterSettings(
-    search=SearchSettings(shards=1), belief=BeliefSettings(clusters=3, evidence_bound=100.0)
-)
+RULES = FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(max_clusters=3))
 ORIGIN = (0.0, 0.0, 0.0)
 OFFER = PriorPose(
     step=4,

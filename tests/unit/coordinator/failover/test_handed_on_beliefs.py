@@ -32,7 +32,10 @@ def lived(model: SensorModel, *, steps: int = STEPS) -> Living:
 
 def essence(belief: Belief) -> tuple[object, ...]:
     """All of a belief but the term."""
-    return (belief.state, belief.hypotheses, belief.searching, belief.missing)
+    return (
+        belief.state, belief.hypotheses, belief.elsewhere_probability, belief.searching,
+        belief.missing,
+    )  # fmt: skip
 
 
 def assert_same(living: Living, undisturbed: Living) -> None:

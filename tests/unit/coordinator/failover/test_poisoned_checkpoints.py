@@ -12,7 +12,7 @@ from coordinator.events import CheckpointHeard
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
 from protocol.codec import decode, encode
-from protocol.work import Checkpoint, OrderAnswer
+from protocol.work import Checkpoint, ElsewhereJob, OrderAnswer
 from tests.unit.coordinator.living import Living, symmetric_room
 from worker import events as worker_events
 
@@ -52,7 +52,10 @@ def counters(living: Living) -> dict[str, int]:
 
 
 def essence(belief: Belief) -> tuple[object, ...]:
-    return (belief.state, belief.hypotheses, belief.searching, belief.missing)
+    return (
+        belief.state, belief.hypotheses, belief.elsewhere_probability, belief.searching,
+        belief.missing,
+    )  # fmt: skip
 
 
 def nan_covariance(state: CheckpointState) -> CheckpointState:
@@ -74,10 +77,29 @@ def far_step(state: CheckpointState) -> CheckpointState:
     return replace(state, collector=replace(state.collector, applied=replace(applied, step=2**62)))
 
 
+def with_elsewhere(state: CheckpointState, log_probability: float) -> CheckpointState:
+    return replace(state, ensemble=replace(state.ensemble, log_elsewhere=log_probability))
+
+
+def elsewhere_later(state: CheckpointState) -> CheckpointState:
+    """Who weighs scans elsewhere would be waited for at every step for ever."""
+    jobs = [
+        replace(job, job=replace(job.job, first_step=2**40))
+        if isinstance(job.job, ElsewhereJob)
+        else job
+        for job in state.jobs
+    ]
+    return replace(state, jobs=tuple(jobs))
+
+
 POISONS: list[Callable[[CheckpointState], CheckpointState]] = [
     nan_covariance,
     nan_odometry,
     far_step,
+    elsewhere_later,
+    lambda state: with_elsewhere(state, math.nan),
+    lambda state: with_elsewhere(state, 1e9),
+    lambda state: with_elsewhere(state, 0.0),
     lambda state: replace(state, age_s=math.nan),
     lambda state: replace(state, age_s=math.inf),
 ]
@@ -139,7 +161,8 @@ def test_a_coordinator_with_another_key_believes_nothing_of_it(model: SensorMode
     assert set(living.refused) >= {"malformed Checkpoint: not signed"}
     assert counters(living) == {}
     living.drive(LAST + 1)
-    assert living.beliefs[LAST + 1][-1].state == "searching"
+    told = living.beliefs[LAST + 1][-1].hypotheses
+    assert all(place.age_steps == 0 for place in told), "nobody older than the first search"
 
 
 def test_a_forged_checkpoint_is_refused_and_the_true_one_used(model: SensorModel) -> None:
@@ -150,7 +173,9 @@ def test_a_forged_checkpoint_is_refused_and_the_true_one_used(model: SensorModel
     one = replace(state.ensemble.clusters[0], log_probability=0.0)
     jobs = tuple(job for job in state.jobs if job.job_id == one.job_id)
     dictated = replace(
-        state, jobs=jobs, ensemble=replace(state.ensemble, clusters=(one,), search=None)
+        state,
+        jobs=jobs,
+        ensemble=replace(state.ensemble, clusters=(one,), log_elsewhere=-math.inf, search=None),
     )
     forged = replace(last, term=last.term + 5, state=to_bytes(dictated))
     assert from_bytes(forged.state) == dictated, "it would be carried on from"

@@ -1,7 +1,7 @@
 from coordinator.membership.balance import Move
 from coordinator.membership.jobs import MISSED_NS, Jobs
-from protocol.work import Assignment, SearchJob, TrackJob
-from tests.unit.coordinator.reports import cloud_at
+from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
+from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 
 TRACK = TrackJob(cluster=0, start=cloud_at((0.0, 0.0, 0.0), 0), exact=False)
 SEARCH = SearchJob(search=0, shard=0, first_step=0)
@@ -32,9 +32,10 @@ def test_an_epoch_stands_above_those_of_all_terms_before() -> None:
 
 def test_a_job_is_fresh_until_its_worker_has_reported_in_time() -> None:
     made = jobs_of("a", "c0")
-    made.reported("c0", None, in_time=False)
+    report = tracked("c0", 1, 0.1, (0.0, 0.0, 0.0))
+    made.reported(report, in_time=False)
     assert made.placed_ns("c0") == 1
-    made.reported("c0", None, in_time=True)
+    made.reported(report, in_time=True)
     assert made.placed_ns("c0") == 0
 
 
@@ -42,10 +43,19 @@ def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> Non
     made = Jobs()
     made.begin({"s0.0": SEARCH, "c0": TRACK})
     assert made.may_move("s0.0")
-    for job_id in ("s0.0", "c0"):
-        made.reported(job_id, None, in_time=True)
+    made.reported(searched("s0.0", 0, {}), in_time=True)
+    made.reported(tracked("c0", 1, 0.1, (0.0, 0.0, 0.0)), in_time=True)
     assert not made.may_move("s0.0")
     assert made.may_move("c0")
+
+
+def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_that_was_weighed() -> None:
+    made = Jobs()
+    made.begin({"e0": ElsewhereJob(first_step=3)})
+    made.reported(elsewhere(7, -2.0), in_time=True)
+    made.reported(elsewhere(6, -2.0), in_time=False)
+    assert made.assignment("e0").job == ElsewhereJob(first_step=8)
+    assert made.may_move("e0")
 
 
 def test_jobs_of_one_who_is_missed_are_kept_for_a_while() -> None:

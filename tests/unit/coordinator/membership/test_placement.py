@@ -3,7 +3,7 @@ from coordinator.membership.placement import Placement
 from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
 from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
-from tests.unit.coordinator.reports import cloud_at
+from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
 
@@ -66,7 +66,8 @@ def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot()
     orders = due(made, 0)
     follow(made, orders)
     epoch = orders[0][1].begin[0].epoch
-    made.reported("c0", cloud_at((1.0, 2.0, 0.0), step=10), in_time=True)
+    snapshot = cloud_at((1.0, 2.0, 0.0), step=10)
+    made.reported(tracked("c0", 10, 0.1, (1.0, 2.0, 0.0), snapshot=snapshot), in_time=True)
     made.left("a")
     ((name, order),) = due(made, SECOND)
     assert name == "b"
@@ -109,7 +110,7 @@ def test_a_search_that_has_reported_stays_where_it_is() -> None:
     made.jobs.begin({f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(3)})
     follow(made, due(made, 0))
     for n in range(3):
-        made.reported(f"s0.{n}", None, in_time=True)
+        made.reported(searched(f"s0.{n}", 0, {}), in_time=True)
     made.joined("b")
     assert begun(due(made, SECOND)) == {}
 

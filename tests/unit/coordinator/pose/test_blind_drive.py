@@ -36,6 +36,7 @@ def outcome_at(map_from_robot: PoseTuple) -> Outcome:
         step=1,
         state="localized",
         hypotheses=(place,),
+        elsewhere_probability=0.0,
         searching=False,
         missing=(),
         begin={},

@@ -48,6 +48,7 @@ def believed_at(
         step=7,
         state="localized",
         hypotheses=(best,),
+        elsewhere_probability=0.0,
         searching=False,
         missing=(),
         begin={},

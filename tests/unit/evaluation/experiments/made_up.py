@@ -88,7 +88,7 @@ ORIGIN = Provenance(
     numpy="2",
     numba="0",
     jobs=2,
-    settings={"belief.clusters": 3},
+    settings={"belief.max_clusters": 3},
 )
 
 

@@ -37,7 +37,7 @@ def test_the_list_names_the_experiments_and_what_is_left_out() -> None:
     [
         (["crosss"], UnknownExperimentError, "did you mean cross"),
         (["wean-1"], UnknownExperimentError, DATA_VARIABLE),
-        (["--set", "belief.clusters=no"], SettingsError, "belief.clusters"),
+        (["--set", "belief.max_clusters=no"], SettingsError, "belief.max_clusters"),
     ],
 )
 def test_what_cannot_be_done_is_said_before_anything_runs(

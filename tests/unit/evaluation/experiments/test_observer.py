@@ -1,3 +1,5 @@
+import math
+
 import msgspec
 import numpy as np
 import pytest
@@ -30,6 +32,7 @@ def outcome(*places: Hypothesis) -> Outcome:
         step=0,
         state="localized",
         hypotheses=places,
+        elsewhere_probability=1.0 - math.fsum(p.probability for p in places),
         searching=False,
         missing=(),
         begin={},

@@ -53,7 +53,7 @@ def test_every_algorithm_gets_the_same_seeds() -> None:
 
 
 def test_first_seeds_come_first_and_long_runs_before_short_ones() -> None:
-    tasks = tasks_of(CASES, 10, Given(None, ["belief.clusters=3"]), CACHE)
+    tasks = tasks_of(CASES, 10, Given(None, ["belief.max_clusters=3"]), CACHE)
     order = [(task.case.name, task.algorithm, task.seed) for task in tasks]
     assert order == [
         ("long", "mcl", 10),
@@ -65,7 +65,7 @@ def test_first_seeds_come_first_and_long_runs_before_short_ones() -> None:
         ("short", "mcl", 11),
         ("short", "cluster-mcl", 11),
     ]
-    assert {task.settings.belief.clusters for task in tasks} == {3}
+    assert {task.settings.belief.max_clusters for task in tasks} == {3}
     assert [task.with_trace for task in tasks] == [True] * 4 + [False] * 4
 
 

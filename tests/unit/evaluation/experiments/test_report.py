@@ -52,7 +52,7 @@ def test_the_report_says_where_it_comes_from_and_what_to_hold_against_it() -> No
     )
     assert "    clustermcl experiments made-up" in text
     assert "* Version 1.2.3, commit abc, 2001-02-03 04:05 UTC." in text
-    assert "`belief.clusters = 3`" in text
+    assert "`belief.max_clusters = 3`" in text
     for words in ("**Interrupted**", "**Quick**", "Recordings are left out.", "made-up 2 of 5"):
         assert words in text
 
@@ -104,7 +104,7 @@ def test_the_pool_leaves_out_experiments_with_settings_of_their_own() -> None:
         measures=measures(updates=10, confidently_wrong_share=0.0),
         reliability=claims((0.5, True)),
     )
-    own = result([sure], name="own", settings=("belief.clusters=1",))
+    own = result([sure], name="own", settings=("belief.max_clusters=1",))
     pool = summary([result([sure]), result([calm], name="calm"), own], "cluster-mcl")
     assert pool.updates == 40
     assert pool.confidently_wrong == pytest.approx(0.075)

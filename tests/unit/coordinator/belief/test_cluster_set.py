@@ -1,0 +1,247 @@
+"""The places and elsewhere: Bayes' rule over both, kidnappings, and that they sum to one."""
+
+import math
+
+import hypothesis
+import pytest
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from coordinator.belief.cluster_set import LEAST_LOG, NEWS_M, ClusterSet, Newcomer
+from particle_filter.evidence_model import misfit
+from particle_filter.settings import SensorSettings
+from protocol.job_events import Ended
+from protocol.message import PoseTuple
+from protocol.work import TrackReport
+from tests.unit.coordinator.reports import literal_bayes, place, tracked
+
+NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
+PLACES: tuple[PoseTuple, ...] = (NORTH, SOUTH, EAST)
+
+
+def first(*shares: float, **belief: object) -> ClusterSet:
+    """Clusters with these probabilities; the rest is elsewhere."""
+    rules = literal_bayes(**{"kidnapping_probability": 0.01, **belief})
+    made = ClusterSet(rules, SensorSettings())
+    made.explain(min(math.fsum(shares), 1.0))
+    made.admit([(place(s, PLACES[i % 3], 0), "first search") for i, s in enumerate(shares)], 0)
+    return made
+
+
+def told(
+    *likelihoods: float, moved_m: float = math.inf, fit: float = 0.0
+) -> dict[str, TrackReport]:
+    reports = [
+        tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit) for i, value in enumerate(likelihoods)
+    ]
+    return {r.job_id: replace(r, moved_m=moved_m, turned_rad=0.0) for r in reports}
+
+
+def probabilities(made: ClusterSet) -> list[float]:
+    return [*(cluster.probability for cluster in made.all()), made.elsewhere]
+
+
+def test_before_anything_is_found_the_robot_is_elsewhere() -> None:
+    made = ClusterSet(literal_bayes(), SensorSettings())
+    assert probabilities(made) == [1.0]
+    assert made.weigh({}, -3.0) == -3.0, "so likely is the scan wherever the robot may be"
+    assert made.weigh({}) == 0.0
+    assert probabilities(made) == [1.0]
+
+
+def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() -> None:
+    made = first(0.6, 0.3)
+    said = made.weigh(told(0.2, 0.1), math.log(0.05))
+    after = [0.6 * 0.99 * 0.2, 0.3 * 0.99 * 0.1, (0.1 * 0.99 + 0.01) * 0.05]
+    assert said == pytest.approx(math.log(math.fsum(after)))
+    assert probabilities(made) == pytest.approx([p / math.fsum(after) for p in after])
+
+
+def test_a_robot_that_stands_still_is_neither_kidnapped_nor_mixed_up_nor_told_anything() -> None:
+    made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
+    for _ in range(1000):
+        made.weigh(told(0.9, 0.1, moved_m=0.0), 5.0)
+    assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
+
+
+def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up() -> None:
+    made = first(0.6, 0.4, transition_probability=0.1)
+    made.weigh(told(0.1, 0.1, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
+    there = 1.0 - 0.005
+    assert probabilities(made) == pytest.approx(
+        [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
+    )
+
+
+def test_while_nobody_weighs_elsewhere_it_keeps_its_probability() -> None:
+    made = first(0.6, 0.3)
+    assert made.weigh(told(0.2, 0.1)) == pytest.approx(math.log(0.15 / 0.9))
+    assert made.elsewhere == pytest.approx(0.1 * 0.99 + 0.01)
+
+
+def test_where_no_cluster_was_heard_of_nothing_is_known_but_that_it_may_be_lifted() -> None:
+    made = first(0.6, 0.3)
+    assert made.weigh({}, -2.0) == 0.0
+    assert probabilities(made) == pytest.approx([0.594, 0.297, 0.1 + 0.009])
+
+
+def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
+    made = first(0.6, 0.3, kidnapping_probability=0.0)
+    assert probabilities(made) == pytest.approx([2 / 3, 1 / 3, 0.0])
+    made.weigh(told(0.1, 0.2))
+    assert probabilities(made) == pytest.approx([0.5, 0.5, 0.0])
+    made.admit([(place(1.0, EAST, 1), "given")], 1)
+    assert made.elsewhere == 0.0
+    made.clear("forgotten")
+    assert probabilities(made) == [1.0], "nothing is known any more"
+    made.admit([(place(19.0, EAST, 1), "given")], 1)
+    assert probabilities(made) == [1.0, 0.0]
+
+
+def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhere_in_full() -> (
+    None
+):
+    """After a way on which half is a new view, and where the best one's misfit halves it again."""
+    way_m = 2.0 * math.log(2.0)
+    best = math.log(0.5)
+    made = first(
+        0.5, 0.3, kidnapping_probability=1e-9, view_distance_m=2.0,
+        evidence_misfit=misfit(best, SensorSettings()),
+    )  # fmt: skip
+    said = made.weigh(told(0.4, 0.1, moved_m=way_m, fit=best), math.log(0.05))
+    scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
+    here, there = 0.8 * scan, 0.2 * 0.05
+    assert said == pytest.approx(math.log(here + there), abs=1e-4)
+    assert made.elsewhere == pytest.approx(there / (here + there), abs=1e-4)
+    one, other, _ = probabilities(made)
+    assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
+
+
+def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
+    made = first(0.8, kidnapping_probability=1e-9)
+    made.weigh(told(0.5, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
+    assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
+        math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
+    )
+
+
+def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
+    made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
+    made.weigh(told(0.1, 0.1), math.log(0.1))
+    assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
+
+
+def test_what_newcomers_explain_is_no_longer_elsewhere() -> None:
+    """Elsewhere had 0.5; the search explains 0.8 of it, half of which the newcomer has."""
+    made = first(0.5)
+    made.explain(0.8)
+    made.admit([(place(0.2, SOUTH, 1), "restart")], 1)
+    assert probabilities(made) == pytest.approx([0.5 / 0.8, 0.2 / 0.8, 0.1 / 0.8])
+    made.explain(1.0)
+    made.admit([], 1)
+    assert probabilities(made) == pytest.approx([5 / 7, 2 / 7, 0.0])
+    made.weigh({}, math.nan)
+    assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
+
+
+def test_the_newcomers_weights_are_beside_those_of_the_belief() -> None:
+    made = first(0.5, 0.3, 0.2, max_clusters=3)
+    assert made.room(0) == pytest.approx([0.2, 0.3, 0.5])
+    admitted, _ = made.admit([(place(0.45, NORTH, 1), "restart")], 1, protected_until=9)
+    assert [c.probability for c in made.all()] == pytest.approx([0.4, 0.24, 0.36])
+    assert (admitted[0].born_step, admitted[0].protected_until) == (1, 9)
+    assert made.room(8) == pytest.approx([0.24, 0.4])
+    assert made.room(9) == pytest.approx([0.24, 0.36, 0.4])
+
+
+def test_free_places_are_room_for_anybody() -> None:
+    assert first(0.7, 0.3, max_clusters=4).room(0) == pytest.approx([0.0, 0.0, 0.3, 0.7])
+
+
+def test_who_is_pushed_out_is_told_by_whom() -> None:
+    """Of three newcomers the first takes the free place, the others the least probable ones'."""
+    made = first(0.5, 0.2, 0.3, max_clusters=4)
+    more: list[Newcomer] = [(place(0.1, EAST, 0), "restart") for _ in range(3)]
+    _, events = made.admit(more, 1)
+    assert [event for event in events if isinstance(event, Ended)] == [
+        Ended("c1", "pushed out", ("c4",), pytest.approx(0.2)),
+        Ended("c2", "pushed out", ("c5",), pytest.approx(0.3)),
+    ]
+
+
+def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
+    made = first(1.0, 0.0)
+    first_one, second = made.by_probability()
+    assert (first_one.cluster, second.cluster) == (0, 1)
+    assert first_one.log_probability == pytest.approx(0.0)
+    assert second.log_probability == LEAST_LOG
+
+
+def test_who_was_dropped_may_be_where_the_robot_is_so_it_is_elsewhere() -> None:
+    made = first(0.5, 0.3, 0.1, least_probability=0.2)
+    (ended,) = made.drop_improbable(0)
+    assert ended == Ended("c2", "improbable", (), pytest.approx(0.1))
+    assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
+    never = first(0.6, 0.3, 0.1, least_probability=0.2, kidnapping_probability=0.0)
+    never.drop_improbable(0)
+    assert probabilities(never) == pytest.approx([2 / 3, 1 / 3, 0.0])
+
+
+def test_the_protected_and_the_best_stay_when_improbable_ones_are_dropped() -> None:
+    made = first(0.8, 0.1, least_probability=0.2)
+    made.admit([(place(0.1, NORTH, 0), "restart")], 1, protected_until=5)
+    assert [ended.job_id for ended in made.drop_improbable(4)] == ["c1"]
+    assert [ended.job_id for ended in made.drop_improbable(5)] == ["c2"]
+    assert made.drop_improbable(99) == []
+    assert math.fsum(probabilities(made)) == pytest.approx(1.0)
+
+
+SMALL = st.floats(1e-6, 1.0)
+DEEDS = st.lists(
+    st.one_of(
+        st.tuples(st.just("weigh"), st.lists(SMALL, min_size=4, max_size=4), SMALL),
+        st.tuples(st.just("admit"), st.lists(SMALL, max_size=3), SMALL),
+        st.tuples(st.just("drop"), st.none(), st.none()),
+        st.tuples(st.just("merge"), st.none(), st.none()),
+        st.tuples(st.just("split"), st.tuples(SMALL, SMALL), st.none()),
+        st.tuples(st.just("clear"), st.none(), st.none()),
+    ),
+    max_size=12,
+)
+
+
+@hypothesis.given(DEEDS, st.sampled_from([0.0, 1e-3, 0.2]))
+def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
+    deeds: list[tuple[str, tuple[float, ...], float]], hazard: float
+) -> None:
+    made = first(
+        0.5,
+        0.3,
+        kidnapping_probability=hazard,
+        least_probability=0.05,
+        transition_probability=0.01,
+        evidence_misfit=0.3,
+    )
+    for step, (deed, values, value) in enumerate(deeds):
+        clusters = made.by_probability()
+        match deed:
+            case "weigh":
+                heard = dict(zip(made.job_ids, values, strict=False))
+                reports = {job: tracked(job, step, v, NORTH) for job, v in heard.items()}
+                made.weigh(reports, math.log(value) if hazard > 0.0 else math.nan)
+            case "admit":
+                made.explain(value)
+                made.admit([(place(v, SOUTH, step), "restart") for v in values], step)
+            case "drop":
+                made.drop_improbable(step)
+            case "merge":
+                made.merge_overlaps()
+            case "split" if clusters:
+                parts = [place(v, EAST, step) for v in values]
+                made.split(clusters[0].job_id, parts, step)
+            case "clear":
+                made.clear("forgotten")
+        assert math.fsum(probabilities(made)) == pytest.approx(1.0, abs=1e-9)
+        assert all(math.isfinite(cluster.log_probability) for cluster in made.all())
+        if hazard == 0.0 and len(made):
+            assert made.elsewhere == 0.0

@@ -1,0 +1,180 @@
+"""Whether the robot is at none of the tracked places: kidnappings, commands, and being lost."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from coordinator.belief.ensemble import Ensemble
+from coordinator.belief.outcome import Outcome
+from particle_filter.settings import FilterSettings, SearchSettings
+from protocol.message import PoseTuple
+from protocol.work import ElsewhereJob, Report
+from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, searched, tracked
+
+NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
+HAZARD = 0.01
+
+
+def ensemble(**belief: object) -> Ensemble:
+    rules = {
+        "kidnapping_probability": HAZARD,
+        "max_clusters": 3,
+        "newcomer_probability": 0.0,
+        "lost_probability": 0.5,
+        "localized_probability": 0.9,
+        **belief,
+    }
+    return Ensemble(FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(**rules)))
+
+
+def bootstrapped(places: dict[PoseTuple, float], **belief: object) -> Ensemble:
+    """An ensemble whose first search has ended at step 0 with these places."""
+    made = ensemble(**belief)
+    made.begin_at(0)
+    made.advance(0, [elsewhere(0, -3.0), searched("s0.0", 0, places)])
+    return made
+
+
+def believed(outcome: Outcome) -> dict[int, float]:
+    assert math.fsum(
+        [outcome.elsewhere_probability, *(h.probability for h in outcome.hypotheses)]
+    ) == pytest.approx(1.0)
+    return {h.cluster: h.probability for h in outcome.hypotheses}
+
+
+def test_scans_are_weighed_elsewhere_from_the_first_one_on() -> None:
+    made = ensemble()
+    assert made.begin_at(7)["e0"] == ElsewhereJob(first_step=7)
+    assert made.expected == ("s0.0", "e0")
+    assert made.advance(7, []).missing == ("s0.0", "e0")
+    never = ensemble(kidnapping_probability=0.0)
+    assert set(never.begin_at(7)) == {"s0.0"}
+    assert never.expected == ("s0.0",)
+
+
+def test_what_the_first_search_has_not_found_is_elsewhere() -> None:
+    made = ensemble()
+    made.begin_at(0)
+    nothing = made.advance(0, [elsewhere(0, -3.0)])
+    assert (nothing.elsewhere_probability, nothing.state) == (1.0, "searching")
+    found = {NORTH: 0.6, SOUTH: 0.2}
+    outcome = made.advance(1, [elsewhere(1, -3.0), searched("s0.0", 1, found)])
+    assert believed(outcome) == pytest.approx({0: 0.6, 1: 0.2})
+    assert outcome.elsewhere_probability == pytest.approx(0.2)
+    assert outcome.state == "ambiguous"
+
+
+def test_elsewhere_takes_part_in_the_update() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.39})
+    tracks: list[Report] = [tracked("c0", 1, 0.4, NORTH), tracked("c1", 1, 0.1, SOUTH)]
+    outcome = made.advance(1, [*tracks, elsewhere(1, math.log(0.05))])
+    parts = [0.6 * 0.99 * 0.4, 0.39 * 0.99 * 0.1, (0.01 * 0.99 + 0.01) * 0.05]
+    assert [*believed(outcome).values(), outcome.elsewhere_probability] == pytest.approx(
+        [part / math.fsum(parts) for part in parts]
+    )
+
+
+def test_a_robot_that_stands_with_the_motion_gate_off_gathers_nothing() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.39}, transition_probability=0.01, view_distance_m=0.8)
+    for step in range(1, 200):
+        still = [tracked("c0", step, 0.9, NORTH), tracked("c1", step, 0.1, SOUTH)]
+        reports = [replace(report, moved_m=0.0, turned_rad=0.0) for report in still]
+        outcome = made.advance(step, [*reports, elsewhere(step, -9.0)])
+    assert believed(outcome) == pytest.approx({0: 0.6, 1: 0.39})
+    assert outcome.elsewhere_probability == pytest.approx(0.01)
+
+
+def at_north(step: int, log_fit: float, log_elsewhere: float) -> list[Report]:
+    return [tracked("c0", step, math.exp(log_fit), NORTH), elsewhere(step, log_elsewhere)]
+
+
+def test_after_a_kidnapping_it_is_lost_at_once_and_found_by_the_search_that_begins() -> None:
+    made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
+    for step in range(1, 6):
+        outcome = made.advance(step, at_north(step, -1.0, -7.0))
+        assert (outcome.state, outcome.searching) == ("localized", False)
+    lifted = made.advance(6, at_north(6, -15.0, -6.0))
+    assert lifted.state == "lost"
+    assert lifted.elsewhere_probability > 0.95
+    assert set(lifted.begin) == {"s1.0"}
+    found = {SOUTH: 0.8, EAST: 0.2}
+    # Over all the map, the search has found the scans as likely as e0 has.
+    report = searched("s1.0", 8, found, log_evidence=-12.0)
+    made.advance(7, at_north(7, -15.0, -6.0))
+    outcome = made.advance(8, [*at_north(8, -15.0, -6.0), report])
+    probabilities = believed(outcome)
+    assert probabilities[1] == pytest.approx(0.8, abs=0.02)
+    assert probabilities[2] == pytest.approx(0.2, abs=0.02)
+    assert outcome.elsewhere_probability < 0.01
+    assert outcome.state == "ambiguous"
+
+
+def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
+    """The scans fit again before the search ends, and it finds where the cluster is."""
+    made = bootstrapped({NORTH: 0.999}, search_every_steps=1000)
+    assert made.advance(1, at_north(1, -15.0, -6.0)).state == "lost"
+    for step in range(2, 4):
+        outcome = made.advance(step, at_north(step, -1.0, -7.0))
+    assert outcome.state == "localized"
+    found = searched("s1.0", 4, {NORTH: 0.9, SOUTH: 0.1}, log_evidence=-15.0)
+    outcome = made.advance(4, [*at_north(4, -1.0, -7.0), found])
+    assert believed(outcome)[0] > 0.98
+    assert not outcome.searching
+
+
+def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
+    """B0 at the search's start x its evidence x share, against what the clusters gathered."""
+    made = bootstrapped({NORTH: 0.95}, search_every_steps=1, kidnapping_probability=1e-12)
+    started = made.advance(1, at_north(1, -2.0, -2.0))
+    assert set(started.begin) == {"s1.0"}
+    assert started.elsewhere_probability == pytest.approx(0.05)
+    made.advance(2, at_north(2, -3.0, -4.0))
+    found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
+    outcome = made.advance(3, [*at_north(3, -5.0, -5.0), found])
+    # So likely were both scans by all hypotheses together.
+    gathered = 0.95 * math.exp(-8.0) + 0.05 * math.exp(-9.0)
+    weight = 0.05 * math.exp(-6.0) * 0.25 / gathered
+    north = 0.95 * math.exp(-8.0) / gathered
+    total = north + weight  # all of the search is where clusters are, or enters
+    assert believed(outcome) == pytest.approx({0: north / total, 1: weight / total})
+
+
+def test_a_building_that_has_changed_for_good_does_not_leave_it_lost_for_ever() -> None:
+    """From one day on scans fit 5 nat worse at the true place; elsewhere they never fit well."""
+    made = bootstrapped({NORTH: 0.999}, search_every_steps=10_000)
+    for step in range(1, 500):
+        outcome = made.advance(step, at_north(step, -1.0 if step < 50 else -6.0, -7.0))
+        assert (outcome.state, outcome.searching) == ("localized", False)
+    assert outcome.elsewhere_probability < 0.05
+
+
+def test_relocalize_leaves_everything_elsewhere_and_weighs_scans_there_anew() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.39})
+    outcome = made.relocalize(4)
+    assert believed(outcome) == {}
+    assert (outcome.elsewhere_probability, outcome.state) == (1.0, "searching")
+    assert outcome.begin["e0"] == ElsewhereJob(first_step=5)
+    assert set(outcome.begin) == {"e0", "s1.0"}
+    assert set(outcome.end) == {"c0", "c1"}, "the old e0 goes by its epoch"
+
+
+def test_a_given_pose_takes_its_share_from_elsewhere_too() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.2})
+    outcome = made.set_pose(place(0.95, EAST, 0))
+    assert believed(outcome) == pytest.approx({0: 0.03, 1: 0.01, 2: 0.95})
+    assert outcome.elsewhere_probability == pytest.approx(0.01)
+    certain = made.set_pose(place(1.0, NORTH, 0))
+    assert believed(certain)[3] == pytest.approx(1.0)
+
+
+def test_it_is_handed_on_with_all_that_was_gathered() -> None:
+    made = bootstrapped({NORTH: 0.95}, search_every_steps=1)
+    made.advance(1, at_north(1, -2.0, -2.0))
+    made.advance(2, at_north(2, -3.0, -4.0))
+    again = ensemble(search_every_steps=1)
+    again.restore(made.state())
+    assert again.state() == made.state()
+    found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
+    reports = [*at_north(3, -5.0, -5.0), found]
+    assert again.advance(3, reports) == made.advance(3, reports)

@@ -1,0 +1,43 @@
+"""What the clusters gather while a search runs, step by step."""
+
+import math
+
+import pytest
+
+from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
+
+
+def test_a_search_weighs_what_elsewhere_had_times_how_much_better_it_fits() -> None:
+    evidence = SearchEvidence(math.log(0.2))
+    for step, told in ((4, -1.0), (5, -2.5), (6, -0.5)):
+        evidence.gather(step, told)
+    assert evidence.log_weight(6, -3.0) == pytest.approx(math.log(0.2) - 3.0 + 4.0)
+    assert evidence.log_weight(5, -3.0) == pytest.approx(math.log(0.2) - 3.0 + 3.5)
+
+
+def test_a_step_of_which_nothing_is_known_weighs_nothing() -> None:
+    evidence = SearchEvidence()
+    assert evidence.log_weight(0, 0.0) == -math.inf
+    for step in range(KEPT_STEPS + 1):
+        evidence.gather(step, -1.0)
+    assert evidence.log_weight(0, 0.0) == -math.inf, "too long ago"
+    assert evidence.log_weight(1, 0.0) == pytest.approx(2.0), "all before it still counts"
+    assert evidence.log_weight(KEPT_STEPS, 0.0) == pytest.approx(KEPT_STEPS + 1.0)
+
+
+def test_where_elsewhere_was_impossible_a_search_weighs_nothing() -> None:
+    evidence = SearchEvidence(-math.inf)
+    evidence.gather(1, -1.0)
+    assert evidence.log_weight(1, 5.0) == -math.inf
+
+
+def test_it_is_handed_on_as_it_is() -> None:
+    evidence = SearchEvidence(math.log(0.3))
+    for step in range(KEPT_STEPS + 7):
+        evidence.gather(step, -0.1 * step)
+    again = SearchEvidence.restored(evidence.state())
+    assert again.state() == evidence.state()
+    for both in (evidence, again):
+        both.gather(KEPT_STEPS + 7, -3.0)
+    assert again.state() == evidence.state()
+    assert SearchEvidence.restored(SearchEvidence().state()).state() == SearchEvidence().state()

@@ -1,0 +1,73 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from particle_filter.evidence_model import counted, misfit, new_view, share_that_counts, way
+from particle_filter.settings import BeliefSettings, SensorSettings
+
+RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_misfit=0.5)
+EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
+
+
+def test_differences_to_the_best_count_by_their_share_and_missing_reports_stay() -> None:
+    evidence = np.array([-11.0, np.nan, -10.0, -14.0])
+    np.testing.assert_allclose(counted(evidence, 0.25), [-0.25, np.nan, 0.0, -1.0])
+    np.testing.assert_allclose(counted(evidence, 0.0), [0.0, np.nan, 0.0, 0.0])
+    np.testing.assert_array_equal(counted(np.full(2, np.nan), 0.5), np.full(2, np.nan))
+
+
+@given(EVIDENCE)
+def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> None:
+    np.testing.assert_allclose(counted(evidence, 1.0), evidence - evidence.max())
+
+
+@given(EVIDENCE, st.floats(0.0, 1.0))
+def test_who_fits_better_never_counts_for_less(evidence: NDArray[np.float64], share: float) -> None:
+    told = counted(evidence, share)
+    assert np.all(np.diff(told[np.argsort(evidence)]) >= 0.0)
+    assert told.max() == 0.0
+
+
+def test_less_counts_the_worse_the_best_one_fits() -> None:
+    shares = [share_that_counts(1.0, bad, RULES) for bad in (0.0, 0.25, 0.5, 1.0)]
+    assert shares == pytest.approx([1.0, 0.8, 0.5, 0.2])
+    assert share_that_counts(0.3, 0.5, RULES) == pytest.approx(0.15)
+    assert share_that_counts(0.3, math.nan, RULES) == 0.3, "no beam said how it fits"
+    literal = BeliefSettings(evidence_misfit=math.inf)
+    assert share_that_counts(1.0, 9.0, literal) == 1.0
+
+
+def test_misfit_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> None:
+    sensor = SensorSettings(hit_weight=0.75, random_weight=0.25, hit_sigma_m=0.15, max_range_m=30.0)
+    best = math.log(0.75 / (math.sqrt(2.0 * math.pi) * 0.15) + 0.25 / 30.0)
+    assert misfit(best, sensor) == 0.0
+    assert misfit(best - 1.5, sensor) == pytest.approx(1.5)
+    assert misfit(best + 1e-9, sensor) == 0.0, "rounding"
+    assert math.isnan(misfit(math.nan, sensor))
+
+
+@pytest.mark.parametrize(
+    ("moved_m", "turned_rad", "view"),
+    [(0.0, 0.0, 0.0), (0.8, 0.0, 1.0), (0.0, 1.6, 1.0), (0.4, 0.8, 1.0), (0.2, 0.0, 0.25)],
+)
+def test_a_scan_is_a_new_view_as_far_as_the_robot_has_moved(
+    moved_m: float, turned_rad: float, view: float
+) -> None:
+    assert new_view(moved_m, turned_rad, RULES) == pytest.approx(1.0 - math.exp(-view))
+
+
+def test_the_first_scan_and_where_all_count_every_scan_is_a_new_view() -> None:
+    assert new_view(math.inf, math.inf, RULES) == 1.0
+    assert new_view(0.0, 0.0, BeliefSettings(view_distance_m=0.0)) == 1.0
+
+
+def test_the_way_is_as_the_robot_has_gone_and_turns_go_round() -> None:
+    before, after = np.array([3.0, 4.0, math.pi - 0.05]), np.array([3.3, 4.4, 0.05 - math.pi])
+    assert way(before, after) == pytest.approx((0.5, 0.1))
+    assert way(after, before) == pytest.approx((0.5, 0.1))
+    assert way(before, before) == (0.0, 0.0)

@@ -1,0 +1,112 @@
+"""Poses that cover the free space of a map evenly."""
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from particle_filter import uniform_poses
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, Poses
+from particle_filter.poses import between
+from particle_filter.sensor_model import Grid
+from particle_filter.uniform_poses import UniformPoses
+
+ORIGIN = np.zeros(3)
+
+
+def drawn(cells: Cells, count: int, seed: int = 0, cell_m: float = 0.5) -> Poses:
+    poses = UniformPoses(Grid(cells, cell_m, ORIGIN), np.random.default_rng(seed))
+    return poses.draw(count, np.random.default_rng(seed + 1))
+
+
+def cells_of(poses: Poses, cell_m: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    return (poses[:, 1] / cell_m).astype(int), (poses[:, 0] / cell_m).astype(int)
+
+
+def room() -> Cells:
+    cells = np.full((12, 15), UNKNOWN, np.int8)
+    cells[2:10, 2:13] = OCCUPIED
+    cells[3:9, 3:12] = FREE
+    cells[5, 5:9] = OCCUPIED
+    return cells
+
+
+def test_all_poses_are_on_free_ground() -> None:
+    rows, cols = cells_of(drawn(room(), 4000))
+    assert np.all(room()[rows, cols] == FREE)
+
+
+def test_every_cell_gets_its_share_and_hardly_more_or_less() -> None:
+    """Strata: each of the 50 cells gets its 80 of 4,000 poses give or take two strata's edges."""
+    counts = np.zeros(room().shape, int)
+    np.add.at(counts, cells_of(drawn(room(), 4000)), 1)
+    free = counts[room() == FREE]
+    assert len(free) == 50
+    assert np.all(np.abs(free - 80) <= 2)
+
+
+def test_poses_lie_anywhere_in_their_cells_and_look_everywhere() -> None:
+    poses = drawn(room(), 8000)
+    inside = np.mod(poses[:, :2] / 0.5, 1.0)
+    for values in (inside[:, 0], inside[:, 1], (poses[:, 2] + np.pi) / (2.0 * np.pi)):
+        counts, _ = np.histogram(values, bins=20, range=(0.0, 1.0))
+        assert counts.sum() == 8000
+        chi_squared = float(((counts - 400.0) ** 2 / 400.0).sum())
+        assert chi_squared < chi2.ppf(1.0 - 1e-4, 19)  # a false alarm in ten thousand seeds
+
+
+def test_headings_are_even_within_any_part_of_the_map() -> None:
+    """Neighbours look in directions far apart: each cell of 80 poses has all eight directions."""
+    poses = drawn(room(), 4000)
+    rows, cols = cells_of(poses)
+    for row, col in np.argwhere(room() == FREE):
+        turns = poses[(rows == row) & (cols == col), 2]
+        counts, _ = np.histogram(turns, bins=8, range=(-np.pi, np.pi))
+        assert counts.min() >= 5
+
+
+def test_the_same_streams_give_the_same_poses_and_others_others() -> None:
+    np.testing.assert_array_equal(drawn(room(), 100, seed=3), drawn(room(), 100, seed=3))
+    assert not np.any(drawn(room(), 100, seed=3) == drawn(room(), 100, seed=4))
+    poses = UniformPoses(Grid(room(), 0.5, ORIGIN), np.random.default_rng(0))
+    first, second = (poses.draw(100, np.random.default_rng(step)) for step in (1, 2))
+    assert not np.any(first == second), "fresh ones at every step"
+
+
+def test_they_are_poses_in_the_map_not_in_its_grid() -> None:
+    shifted = np.array([3.0, -2.0, 0.7])
+    poses = UniformPoses(Grid(room(), 0.5, shifted), np.random.default_rng(0))
+    in_map = poses.draw(500, np.random.default_rng(1))
+    in_grid = np.array([between(shifted, pose) for pose in in_map])
+    rows, cols = cells_of(in_grid)
+    assert np.all(room()[rows, cols] == FREE)
+
+
+def test_a_large_map_is_read_in_strips_and_covered_as_evenly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Free space in three far apart strips of one that is mostly unknown; more of it than kept."""
+    monkeypatch.setattr(uniform_poses, "_STRIP_ROWS", 16)
+    monkeypatch.setattr(uniform_poses, "_CELLS_KEPT", 500)
+    cells = np.full((200, 90), UNKNOWN, np.int8)
+    cells[3:13, :60] = FREE  # 600 cells
+    cells[100:140, 10:40] = FREE  # 1,200, over four strips
+    cells[199, :] = FREE  # 90, in the last row
+    poses = drawn(cells, 1890)
+    rows, cols = cells_of(poses)
+    assert np.all(cells[rows, cols] == FREE)
+    parts = [np.count_nonzero(rows < 50), np.count_nonzero((rows > 50) & (rows < 150))]
+    # 500 kept cells of 1,890 stand for 3.8 each; two at each edge.
+    assert parts[0] == pytest.approx(600, abs=8)
+    assert parts[1] == pytest.approx(1200, abs=8)
+    assert np.count_nonzero(rows == 199) == pytest.approx(90, abs=8)
+    counts, _ = np.histogram(rows[(rows >= 100) & (rows < 140)], bins=8, range=(100, 140))
+    assert np.all(np.abs(counts - 150) <= 8), "evenly within a part, too"
+
+
+def test_one_free_cell_is_enough_and_none_is_refused() -> None:
+    cells = np.full((1500, 3), UNKNOWN, np.int8)
+    with pytest.raises(ValueError, match="no free cell"):
+        drawn(cells, 10)
+    cells[1400, 1] = FREE
+    rows, cols = cells_of(drawn(cells, 10))
+    assert (set(rows), set(cols)) == ({1400}, {1})
