@@ -17,6 +17,7 @@ def literal_bayes(**more: object) -> BeliefSettings:
         "transition_probability": 0.0,
         "view_distance_m": 0.0,
         "evidence_misfit": math.inf,
+        "evidence_noise": 0.0,
         "kidnapping_probability": 0.0,
         "least_probability": 0.0,
         "particles": 0,

@@ -6,10 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from coordinator.belief.cluster_set import NEWS_M, NEWS_RAD
 from particle_filter.arrays import Cells
 from tests.unit.oracle.grid_filter import Array
 from tests.unit.oracle.statistics import assert_is_mean_of
 from tests.unit.oracle.tiny_world import (
+    DRIVE,
     MIRRORED,
     TRUTH,
     Drive,
@@ -22,7 +24,11 @@ from tests.unit.oracle.tiny_world import (
     symmetric_room,
 )
 
-SLOPED = {"evidence_slope": 0.3, "evidence_knee": 0.5}
+MOVED_M, TURNED_RAD = math.hypot(DRIVE[0], DRIVE[1]), float(DRIVE[2])
+NEWS = 1.0 - math.exp(-MOVED_M / NEWS_M - TURNED_RAD / NEWS_RAD)
+"""Of whether the robot is at any place at all, in each scan."""
+TEMPERED: dict[str, object] = {"evidence_noise": 0.3, "view_distance_m": 0.4, "view_turn_rad": 0.2}
+EXACTLY = {"noise": 0.3, "share": 1.0 - math.exp(-MOVED_M / 0.4 - TURNED_RAD / 0.2)}
 STEPS, SEEDS = 6, range(16)
 GRID_ERROR = 0.02
 """Of a log ratio over all steps: a place and its mirror image differ by 0.016, finer grids less."""
@@ -73,8 +79,8 @@ def exact_log_odds(
     evidence_of: Array,
     *,
     rho: float = 0.0,
-    slope: float = 1.0,
-    knee: float = 0.0,
+    share: float = 1.0,
+    noise: float = 0.0,
     power: int = 1,
     hazard: float = 0.0,
     unheard: dict[int, int] | None = None,
@@ -86,29 +92,31 @@ def exact_log_odds(
             is elsewhere.
         evidence_of: (K, steps) of the grid.
         rho: share that is spread evenly over the places after each step.
-        slope: of how much a difference to the best one counts, up to the knee.
-        knee: where it begins to count in full [nat].
+        share: of a difference between places that counts.
+        noise: differences within it count next to nothing [nat].
         power: of the prior.
         hazard: that the robot is lifted elsewhere before a step.
         unheard: by step from 1, the place of which nothing is heard.
     """
-    belief = np.exp(logs) / np.exp(logs).sum()
-    places = len(belief) - (hazard > 0.0)
+    here = np.exp(logs) / np.exp(logs).sum()
+    here, there = (here[:-1], here[-1]) if hazard > 0.0 else (here, 0.0)
     for step in range(evidence_of.shape[1]):
-        belief *= 1.0 - hazard
-        belief[-1] += hazard
-        told = np.full(len(belief), True)
+        there += hazard * NEWS * here.sum()
+        here *= 1.0 - hazard * NEWS
+        told = np.full(len(here), True)
         if unheard and step + 1 in unheard:
             told[unheard[step + 1]] = False
-        mass = belief[told].sum()
-        gain = evidence_of[told, step]
+        gain, mass = evidence_of[: len(here)][told, step], here[told].sum()
+        scan = (here[told] * np.exp(gain)).sum() / mass
         lost = gain.max() - gain
-        lost = np.where(lost < knee, slope * lost, lost - (1.0 - slope) * knee)
-        fresh = belief[told] ** power * np.exp(-lost)
-        belief[told] = mass * fresh / fresh.sum()
-        there = belief[:places]
-        belief[:places] = (1.0 - rho) * there + rho * there.sum() / places
-    return np.asarray(np.log(belief[1:] / belief[0]))
+        lost = share * (lost if noise == 0.0 else lost * lost / (lost + noise))
+        fresh = here[told] ** power * np.exp(-lost)
+        here[told] = mass * fresh / fresh.sum()
+        here = (1.0 - rho * NEWS) * here + rho * NEWS * here.sum() / len(here)
+        if hazard > 0.0:
+            there *= (np.exp(evidence_of[-1, step]) / scan) ** NEWS
+    others = [*here[1:], there] if hazard > 0.0 else here[1:]
+    return np.asarray(np.log(np.array(others) / here[0]))
 
 
 @pytest.mark.parametrize(
@@ -117,8 +125,8 @@ def exact_log_odds(
         ({}, {}),
         ({"transition_probability": 0.1}, {"rho": 0.1}),
         ({"squared_prior": True}, {"power": 2}),
-        (SLOPED, {"slope": 0.3, "knee": 0.5}),
-        ({"transition_probability": 0.05, **SLOPED}, {"rho": 0.05, "slope": 0.3, "knee": 0.5}),
+        (TEMPERED, EXACTLY),
+        ({"transition_probability": 0.05, **TEMPERED}, {"rho": 0.05, **EXACTLY}),
     ],
     ids=["plain Bayes", "rho", "squared prior", "evidence model", "rho and evidence model"],
 )
@@ -126,10 +134,8 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
     told: dict[str, object], exactly: dict[str, float]
 ) -> None:
     shares = {"mirrored": 0.6, "truth": 0.4}
-    # What the one step of the search told apart, log(0.6 / 0.4), lies below the knee.
-    first = np.array([0.6, 0.4]) ** exactly.get("slope", 1.0)
     exact = exact_log_odds(
-        np.log(first),
+        np.log(list(shares.values())),
         np.stack([evidence("plain", place) for place in shares]),
         **exactly,  # type: ignore[arg-type] # keywords of the test
     )
@@ -143,7 +149,7 @@ def test_the_place_that_fits_better_is_believed_as_much_as_it_should_be(
     ("told", "exactly"),
     [
         ({}, {}),
-        (SLOPED, {"slope": 0.3, "knee": 0.5}),
+        (TEMPERED, EXACTLY),
         ({"transition_probability": 0.1}, {"rho": 0.1}),
     ],
     ids=["plain Bayes", "evidence model", "rho"],
@@ -153,10 +159,8 @@ def test_elsewhere_is_believed_as_much_as_it_should_be(
     shares: dict[str, float], told: dict[str, object], exactly: dict[str, float]
 ) -> None:
     """Where the true place is among those that are tracked, and where it is not."""
-    counted = np.array(list(shares.values())) ** exactly.get("slope", 1.0)
-    counted *= sum(shares.values()) / counted.sum()
     exact = exact_log_odds(
-        np.log([*counted, 1.0 - counted.sum()]),
+        np.log([*shares.values(), 1.0 - sum(shares.values())]),
         np.stack([evidence("plain", place) for place in (*shares, "elsewhere")]),
         hazard=0.02,
         **exactly,  # type: ignore[arg-type] # keywords of the test

@@ -16,21 +16,30 @@ EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
 
 def test_differences_to_the_best_count_by_their_share_and_missing_reports_stay() -> None:
     evidence = np.array([-11.0, np.nan, -10.0, -14.0])
-    np.testing.assert_allclose(counted(evidence, 0.25), [-0.25, np.nan, 0.0, -1.0])
-    np.testing.assert_allclose(counted(evidence, 0.0), [0.0, np.nan, 0.0, 0.0])
-    np.testing.assert_array_equal(counted(np.full(2, np.nan), 0.5), np.full(2, np.nan))
+    np.testing.assert_allclose(counted(evidence, 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
+    np.testing.assert_allclose(counted(evidence, 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
+    np.testing.assert_array_equal(counted(np.full(2, np.nan), 0.5, 0.1), np.full(2, np.nan))
 
 
 @given(EVIDENCE)
 def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> None:
-    np.testing.assert_allclose(counted(evidence, 1.0), evidence - evidence.max())
+    np.testing.assert_allclose(counted(evidence, 1.0, 0.0), evidence - evidence.max())
 
 
-@given(EVIDENCE, st.floats(0.0, 1.0))
-def test_who_fits_better_never_counts_for_less(evidence: NDArray[np.float64], share: float) -> None:
-    told = counted(evidence, share)
+def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
+    evidence = -np.array([0.0, 0.003, 0.3, 3.0, 300.0])
+    expected = [0.0, 0.003 * 0.003 / 0.303, 0.15, 9.0 / 3.3, 300.0 * 300.0 / 300.3]
+    np.testing.assert_allclose(counted(evidence, 0.5, 0.3), -0.5 * np.array(expected))
+
+
+@given(EVIDENCE, st.floats(0.0, 1.0), st.floats(0.0, 2.0))
+def test_who_fits_better_never_counts_for_less_and_nobody_counts_for_more_than_the_difference(
+    evidence: NDArray[np.float64], share: float, noise: float
+) -> None:
+    told = counted(evidence, share, noise)
     assert np.all(np.diff(told[np.argsort(evidence)]) >= 0.0)
     assert told.max() == 0.0
+    assert np.all(told >= evidence - evidence.max())
 
 
 def test_less_counts_the_worse_the_best_one_fits() -> None:

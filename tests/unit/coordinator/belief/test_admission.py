@@ -14,7 +14,6 @@ from coordinator.belief.admission import (
 )
 from coordinator.belief.given_places import cloud, diagonal
 from coordinator.belief.search_pool import Pool
-from particle_filter.evidence_model import misfit
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
@@ -38,8 +37,8 @@ BESIDE = (0.7, 0.0, 0.0)
 NO_EVIDENCE = -math.inf
 
 
-def pool(*found: tuple[float, PoseTuple], fit: float = 0.0) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, fit, 12.0)
+def pool(*found: tuple[float, PoseTuple]) -> Pool:
+    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, 12.0)
 
 
 def entered(
@@ -108,21 +107,12 @@ def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
 
 
 def first_shares(found: Pool, **belief: object) -> list[float]:
-    settings = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
-    return [place.share for place in first_places(found, settings)]
+    return [place.share for place in first_places(found, replace(SETTINGS.belief, **belief))]
 
 
 def test_first_places_are_as_probable_as_their_shares() -> None:
     found = pool((0.6, FAR), (0.3, FARTHER), (0.05, LEAST))
-    assert first_shares(found) == pytest.approx([0.6, 0.3, 0.05])
-
-
-def test_what_tells_first_places_apart_counts_less_where_none_of_them_fits() -> None:
-    found = pool((0.8, FAR), (0.1, FARTHER), fit=-1.0)
-    bad = misfit(-1.0, SETTINGS.sensor)
-    first, second = first_shares(found, evidence_misfit=bad)
-    assert math.log(first / second) == pytest.approx(0.5 * math.log(8.0))
-    assert first + second == pytest.approx(0.9), "elsewhere is as probable as before"
+    assert first_shares(found) == [0.6, 0.3, 0.05]
 
 
 def test_first_places_are_at_most_as_many_as_may_be_and_none_too_improbable() -> None:

@@ -221,6 +221,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         least_probability=0.05,
         transition_probability=0.01,
         evidence_misfit=0.3,
+        evidence_noise=0.2,
     )
     for step, (deed, values, value) in enumerate(deeds):
         clusters = made.by_probability()
