@@ -73,6 +73,7 @@ SETTINGS = FilterSettings(
         max_steps=4,
         hand_over_particles=15,
         places=8,
+        places_with_particles=4,
     ),
     belief=BeliefSettings(
         max_clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2

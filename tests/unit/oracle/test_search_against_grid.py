@@ -9,9 +9,17 @@ from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.work import Assignment, SearchJob, SearchReport
-from tests.unit.oracle.grid_filter import ExactField, GridFilter
+from tests.unit.coordinator.reports import literal_bayes
+from tests.unit.oracle.grid_filter import ExactField
 from tests.unit.oracle.statistics import assert_is_mean_of
-from tests.unit.oracle.tiny_world import CELL_M, DRIVE, MOTION, SENSOR, Drive
+from tests.unit.oracle.tiny_world import (
+    CELL_M,
+    DRIVE,
+    MOTION,
+    SENSOR,
+    Drive,
+    exact_everywhere,
+)
 from worker.jobs import running
 
 STEPS, SEEDS, START = 4, range(16), np.array([0.75, 0.85, 0.3])
@@ -43,20 +51,13 @@ def drive() -> Drive:
 def exact(drive: Drive) -> tuple[float, float]:
     """Log evidence of all steps, and the share of the belief left of the middle."""
     cells = small_room()
-    rows, cols = cells.shape
-    grid = GridFilter(
-        np.arange(0.5 * CELL_M, cols * CELL_M, CELL_M),
-        np.arange(0.5 * CELL_M, rows * CELL_M, CELL_M),
-        np.arange(-np.pi, np.pi - 1e-9, 2.0 * np.pi / 90),
-    )
-    grid.mass = np.repeat((cells.T == 0).astype(float)[:, :, None], 90, axis=2)
-    grid.mass /= grid.mass.sum()
+    grid = exact_everywhere(cells)
     field, log_evidence = ExactField(cells, CELL_M, BLUNT), 0.0
     for step, hits in enumerate(drive.hits):
         if step > 0:
             grid.move(DRIVE, MOTION)
         log_evidence += grid.weigh(field, hits, BLUNT.scan_likelihood_exponent)
-    return log_evidence, float(grid.mass[grid.xs < 0.5 * cols * CELL_M].sum())
+    return log_evidence, float(grid.mass[grid.xs < 0.5 * cells.shape[1] * CELL_M].sum())
 
 
 def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
@@ -65,7 +66,9 @@ def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
     assert 0.1 < left < 0.9, "both halves are possible, else there is nothing to compare"
     evidences, shares = [], []
     for seed in SEEDS:
-        settings = FilterSettings(seed=seed, motion=MOTION, sensor=BLUNT, search=RULES)
+        settings = FilterSettings(
+            seed=seed, motion=MOTION, sensor=BLUNT, search=RULES, belief=literal_bayes()
+        )
         model = computed_model(Grid(small_room(), CELL_M, np.zeros(3)), BLUNT)
         for shard in range(RULES.shards):
             search = SearchJob(search=0, shard=shard, first_step=0)

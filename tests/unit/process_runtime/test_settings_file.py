@@ -155,7 +155,7 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
         ("cluster.partcles=5", "unknown setting cluster.partcles, did you mean cluster.particles?"),
         ("seeed=5", "unknown setting seeed, did you mean seed?"),
         ("max_clusters=5", "unknown setting max_clusters, did you mean belief.max_clusters?"),
-        ("belief.max_clusters=5", "setting belief.clusters, did you mean belief.max_clusters?"),
+        ("belief.clusters=5", "setting belief.clusters, did you mean belief.max_clusters?"),
         ("belief.kidnapping_probability=1", "expected a number >= 0 and < 1"),
         ("qqqq=5", "unknown setting qqqq; 'clustermcl settings' lists all"),
         ("motion=5", "motion is a section: give motion.KEY"),
