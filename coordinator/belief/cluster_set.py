@@ -107,7 +107,7 @@ class ClusterSet:
         after the other: what nobody can explain tells little of the first, and much of the second.
 
         Args:
-            reports: of the clusters that reported, by job.
+            reports: of the jobs that reported; those of clusters that have ended are left out.
             log_likelihood_elsewhere: log of the scan's average likelihood all over the map; NaN:
                 it is not known.
 
@@ -118,6 +118,7 @@ class ClusterSet:
         elsewhere = log_likelihood_elsewhere
         if not self._clusters:
             return 0.0 if math.isnan(elsewhere) else elsewhere
+        reports = {job: reports[job] for job in self.job_ids if job in reports}
         evidence = np.full(len(self._clusters), np.nan)
         for index, cluster in enumerate(self._clusters.values()):
             report = reports.get(cluster.job_id)
