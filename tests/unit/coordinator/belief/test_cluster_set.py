@@ -85,6 +85,15 @@ def test_where_no_cluster_was_heard_of_nothing_is_known_but_that_it_may_be_lifte
     assert probabilities(made) == pytest.approx([0.594, 0.297, 0.1 + 0.009])
 
 
+def test_a_cluster_that_has_ended_has_no_say() -> None:
+    """Its worker may not have heard yet, or nobody may have been there to tell it."""
+    both, one = (first(0.6, 0.3, evidence_misfit=0.5) for _ in range(2))
+    reports = told(0.2, 0.1, 0.9, fit=-1.0)
+    reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
+    assert both.weigh(reports, -3.0) == one.weigh(told(0.2, 0.1, fit=-1.0), -3.0)
+    assert probabilities(both) == probabilities(one)
+
+
 def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
     made = first(0.6, 0.3, kidnapping_probability=0.0)
     assert probabilities(made) == pytest.approx([2 / 3, 1 / 3, 0.0])
