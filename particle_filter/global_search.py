@@ -8,6 +8,7 @@ than can be kept, all is searched again after 2, 4 and 8 scans, by all of them j
 """
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -133,10 +134,25 @@ class GlobalSearch:
         Returns:
             The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
         """
+        slices = self.slices(odom_from_before, odom_from_after, beams, rng)
+        while True:
+            try:
+                next(slices)
+            except StopIteration as done:
+                return float(done.value)
+
+    def slices(
+        self,
+        odom_from_before: Pose | None,
+        odom_from_after: Pose,
+        beams: Beams,
+        rng: np.random.Generator,
+    ) -> Generator[None, None, float]:
+        """As `advance`, some milliseconds at a time."""
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._seen.append(_Seen(odom_from_after, beams))
             if len(self._seen) in (1, *_SEARCHED_AGAIN):
-                return self._search(rng)
+                return (yield from self._search(rng))
         if self._kept is None:
             return math.nan
         if odom_from_before is None:
@@ -154,18 +170,18 @@ class GlobalSearch:
         cloud = Cloud(self._kept.poses, self._kept.log_weights)
         return _places(cloud, self._labels, self._rules, self._rules.min_place_share, rng)
 
-    def _search(self, rng: np.random.Generator) -> float:
+    def _search(self, rng: np.random.Generator) -> Generator[None, None, float]:
         """Search everything, by all scans so far."""
         now = self._seen[-1]
         hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
         grid = GridSearch(self._model, self._space, hits, self._shard, self._rules, rng)
-        while grid.advance():
-            pass
+        yield from grid.slices()
         leaves = grid.leaves()
         self._sampled, scores = leaves.sampled, leaves.scores
         kept = _Kept(leaves.map_from_robot, leaves.log_weights, np.ones(len(scores)))
         self._wanted = self._most
         for _ in range(_REFINEMENTS):
+            yield
             kept, chosen = self._thin(kept, rng)
             kept, parent = self._split(kept, rng, also_unsplit=True)
             # Leaves reach into walls at their sides: where no robot can be there is nothing.
@@ -174,6 +190,7 @@ class GlobalSearch:
             before = kept.log_weights - scores[chosen][parent]
             scores, per_beam = self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
+        yield
         self._settle(self._thin(kept, rng)[0], now.beams)
         return per_beam
 

@@ -7,6 +7,7 @@ more leaves than can be kept, the heavy ones are, and of the light ones some tha
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +24,12 @@ from particle_filter.settings import SearchSettings
 
 _LARGEST_GAP = 48
 """Tiles between two of interest in a row that are scored with them: one long run is faster."""
-_WAITING, _SIFTED = 16, 2
+_WAITING, _SIFTED = 8, 2
 """Times as many leaves as are kept may wait to be thinned, and are left then."""
+
+
+_TILES_OF_BAND = 8000
+"""Searched at a time, with one heading."""
 
 
 class SearchSpace:
@@ -84,7 +89,7 @@ class Leaves:
 
 
 class GridSearch:
-    """One shard's part of a search: `advance` until it is done, then ask for `leaves`.
+    """One shard's part of a search: exhaust its `slices`, then ask for `leaves`.
 
     Args:
         model: its pyramid scores leaves.
@@ -112,37 +117,41 @@ class GridSearch:
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
         self._most = max(settings.poses // settings.shards, 1)
         self._headings = range(shard, len(space.headings), settings.shards)
-        self._bounds: list[int] = []
-        """Of the headings, for the whole map."""
-        self._order: list[int] = []
-        """The headings that are left, the best last."""
         self._best = 0
         self._leaves = _Found.none()
         self._waiting: list[_Found] = []
+        self._waiting_count = 0
 
-    def advance(self) -> bool:
-        """Bound or search one more heading; whether there is one left.
+    def slices(self) -> Iterator[None]:
+        """Search, a few milliseconds at a time; exhaust it before asking for `leaves`.
 
-        All are bounded first and searched from the best one on: the best leaf soon leaves out much.
+        Every band of the map is bounded with every heading first, and searched from the best one
+        on: the best leaf soon leaves out much.
         """
-        if len(self._bounds) < len(self._headings):
-            heading = self._headings[len(self._bounds)]
-            sums = self._pyramid.levels[0].sums(self._offsets(heading), self._space.runs)
-            self._bounds.append(int(sums.max()))
-            self._order = list(np.argsort(self._bounds, kind="stable"))
-            return True
-        self._search(self._headings[self._order.pop()])
-        return bool(self._order)
+        bands = _bands(self._space.runs)
+        bounds: list[int] = []
+        for heading in self._headings:
+            offsets = self._offsets(heading)
+            for band in bands:
+                bounds.append(self._pyramid.levels[0].sums(offsets, band).max(initial=0))
+                yield
+        for part in np.argsort(bounds, kind="stable")[::-1].tolist():
+            if bounds[part] < self._least():
+                break
+            heading, at = divmod(part, len(bands))
+            self._search(self._headings[heading], bands[at])
+            yield
 
-    def _search(self, heading: int) -> None:
-        offsets, runs = self._offsets(heading), self._space.runs
+    def _search(self, heading: int, runs: Runs) -> None:
+        offsets = self._offsets(heading)
         for level, free in zip(self._pyramid.levels[:-1], self._space.free[:-1], strict=True):
             runs = _finer(runs, level.sums(offsets, runs), free, self._least())
         sums, free = self._pyramid.levels[-1].sums(offsets, runs), self._space.free[-1]
         self._best = max(self._best, _best(runs, sums, free))
         found, kept = _good(runs, sums, free, self._least())
         self._waiting.append(_Found.at_heading(heading, found, kept))
-        if sum(len(some.sums) for some in self._waiting) > _WAITING * self._most:
+        self._waiting_count += len(found)
+        if self._waiting_count > _WAITING * self._most:
             self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
@@ -175,6 +184,7 @@ class GridSearch:
         """Leave what is still within the margin, and no more than some."""
         found = _Found.joined([self._leaves, *self._waiting])
         found, self._waiting = found.at(np.flatnonzero(found.sums >= self._least())), []
+        self._waiting_count = 0
         scores = self._scale * self._pyramid.log_step * found.sums
         chosen, log_weights = thinned(scores + found.log_worth, count, self._rng)
         self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
@@ -240,6 +250,12 @@ def _runs(free: NDArray[np.bool_]) -> Runs:
     """All free tiles, and small gaps between them."""
     every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
     return _joined_runs(every, free.reshape(-1))
+
+
+def _bands(runs: Runs) -> list[Runs]:
+    """Runs in turn, so many that a band takes a few milliseconds at most."""
+    band = np.cumsum(runs[:, 2]) // _TILES_OF_BAND
+    return np.split(runs, np.flatnonzero(np.diff(band)) + 1)
 
 
 @kernel

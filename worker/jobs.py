@@ -4,6 +4,7 @@ Each job is told of scans in the order of their steps and answers with a report.
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
+from collections.abc import Generator
 from functools import lru_cache
 from typing import Protocol
 
@@ -195,12 +196,21 @@ class Searching:
 
     def advance(self, scan: Scan) -> SearchReport:
         """Move, weigh, and tell the places that are possible."""
-        after = np.array(scan.odom_from_robot)
-        beams = scan_beams(scan, self._model)
-        per_beam = self._search.advance(
-            self._odom_from_robot, after, beams, self._rng(scan.step, 1)
-        )
+        slices = self.slices(scan)
+        while True:
+            try:
+                next(slices)
+            except StopIteration as done:
+                report: SearchReport = done.value
+                return report
+
+    def slices(self, scan: Scan) -> Generator[None, None, SearchReport]:
+        """As `advance`, some milliseconds at a time; the step counts as done from the first on."""
+        before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
+        beams, rng = scan_beams(scan, self._model), self._rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
+        per_beam = yield from self._search.slices(before, after, beams, rng)
+        yield
         found = self._search.places(self._rng(scan.step, 2))
         return SearchReport(
             sender=self._sender,
