@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.grid_search import GridSearch, SearchSpace
+from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
@@ -54,11 +54,12 @@ class FoundPlace:
 
 
 @lru_cache(maxsize=2)
-def search_space(model: SensorModel, settings: SearchSettings) -> SearchSpace:
+def search_space(
+    model: SensorModel, settings: SearchSettings, near: Circle | None = None
+) -> SearchSpace:
     """The leaves of a model's map; the shards and searches of a process share them."""
-    return SearchSpace(
-        model.grid, model.pyramid.leaf_cells, settings.heading_step_rad, settings.shards
-    )
+    leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
+    return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near)
 
 
 @dataclass(frozen=True)
@@ -97,10 +98,16 @@ class GlobalSearch:
         ValueError: the map has no free cell.
     """
 
-    def __init__(self, model: SensorModel, settings: FilterSettings, shard: int) -> None:
+    def __init__(
+        self,
+        model: SensorModel,
+        settings: FilterSettings,
+        shard: int,
+        near: Circle | None = None,
+    ) -> None:
         self._model, self._settings, self._shard = model, settings, shard
         self._rules = settings.search
-        self._space = search_space(model, settings.search)
+        self._space = search_space(model, settings.search, near)
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
         self._seen: list[_Seen] = []

@@ -9,14 +9,15 @@ more leaves than can be kept, the heavy ones are, and of the light ones some tha
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, Cells, LogWeights, Points, Poses
+from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
-from particle_filter.poses import TURN, compose
+from particle_filter.poses import TURN, between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Runs
 from particle_filter.resampling import thinned
 from particle_filter.sensor_model import Grid, SensorModel
@@ -32,6 +33,10 @@ _TILES_OF_BAND = 8000
 """Searched at a time, with one heading."""
 
 
+Circle: TypeAlias = tuple[float, float, float]
+"""x [m], y [m], radius [m] in the map."""
+
+
 class SearchSpace:
     """The leaves of a map: where they lie, and which hold free cells.
 
@@ -40,15 +45,27 @@ class SearchSpace:
         leaf_cells: side of a leaf [cells].
         heading_step_rad: at most so far from one heading to the next.
         shards: the headings are dealt out to so many.
+        near: where to look only; a circle without a free leaf is no help and left out.
 
     Raises:
         ValueError: the map has no free cell.
     """
 
-    def __init__(self, grid: Grid, leaf_cells: int, heading_step_rad: float, shards: int) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        leaf_cells: int,
+        heading_step_rad: float,
+        shards: int,
+        near: Circle | None = None,
+    ) -> None:
         free, free_cells = _free_leaves(grid.cells, leaf_cells)
         if free_cells == 0:
             raise ValueError("the map has no free cell to search")
+        leaf_m, all_leaves = leaf_cells * grid.cell_m, np.count_nonzero(free)
+        if near is not None:
+            inside = free & _inside(near, free.shape, leaf_m, grid.map_from_grid)
+            free = inside if inside.any() else free
         self.free = [free]
         """For each level, coarse to fine, whether a tile holds a free cell."""
         for _ in range(LEVELS - 1):
@@ -56,8 +73,9 @@ class SearchSpace:
         self.runs = _runs(self.free[0])
         per_shard = math.ceil(TURN / heading_step_rad / shards)
         self.headings = np.arange(per_shard * shards) * (TURN / (per_shard * shards)) - math.pi
-        self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_cells * grid.cell_m
-        self.leaf_count = free_cells / leaf_cells**2 * per_shard
+        self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
+        share = np.count_nonzero(free) / all_leaves
+        self.leaf_count = share * free_cells / leaf_cells**2 * per_shard
         """So many leaves would be a shard's part of the free space, if none reached into walls."""
 
     @property
@@ -240,6 +258,16 @@ def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
         count += int(np.count_nonzero(at))
         free[row] = strip.any(axis=0).reshape(cols, leaf).any(axis=1)
     return free, count
+
+
+def _inside(
+    near: Circle, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
+) -> NDArray[np.bool_]:
+    """(rows, cols) whether the middle of a leaf is in a circle of the map."""
+    x, y, _ = between(map_from_grid, np.array([near[0], near[1], 0.0]))
+    down = (np.arange(shape[0]) + 0.5) * leaf_m - y
+    across = (np.arange(shape[1]) + 0.5) * leaf_m - x
+    return np.asarray(down[:, None] ** 2 + across**2 <= near[2] ** 2)
 
 
 def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:

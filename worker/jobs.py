@@ -177,7 +177,7 @@ class Searching:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
         self._model, self._settings = model, settings
-        self._search = global_search.GlobalSearch(model, settings, job.shard)
+        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near)
         self._odom_from_robot: Pose | None = None
 
     def handed_on(self) -> Assignment:
@@ -218,7 +218,7 @@ class Searching:
             epoch=self.assignment.epoch,
             step=scan.step,
             log_evidence=self._search.log_evidence,
-            particles=self._search.poses,
+            particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
             places=tuple(_place(place, scan) for place in found),

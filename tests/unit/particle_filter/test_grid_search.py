@@ -89,3 +89,17 @@ def test_a_scan_is_found_in_every_place_that_looks_alike() -> None:
     for truth in (HERE, turned):
         near = np.hypot(*(found.map_from_robot[:, :2] - truth[:2]).T) < 0.2
         assert found.scores[near].max() > found.scores.max() - 2.0
+
+
+def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
+    model, everywhere = ROOM, space_of()
+    near = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(1.0, 3.0, 0.7))
+    leaves = np.flatnonzero(near.free[-1])
+    poses = near.poses(leaves, np.zeros(len(leaves), np.int64))
+    assert np.all(np.hypot(poses[:, 0] - 1.0, poses[:, 1] - 3.0) <= 0.7)
+    # A circle of 1.5 m2 holds 38 leaves, give or take those at its rim.
+    assert len(leaves) == pytest.approx(38, abs=6)
+    share = len(leaves) / np.count_nonzero(everywhere.free[-1])
+    assert near.leaf_count == pytest.approx(share * everywhere.leaf_count)
+    nowhere = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(99.0, 0.0, 1.0))
+    assert nowhere.leaf_count == everywhere.leaf_count

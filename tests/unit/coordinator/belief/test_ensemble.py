@@ -320,6 +320,14 @@ def test_relocalize_forgets_everything_and_searches() -> None:
     assert all(isinstance(job, SearchJob) for job in outcome.begin.values())
 
 
+def test_relocalize_near_a_place_searches_there_and_later_everywhere() -> None:
+    made, near = bootstrapped({NORTH: 0.5, SOUTH: 0.5}), (3.0, 4.0, 10.0)
+    first = made.relocalize(0, near=near).begin.values()
+    later = made.relocalize(1).begin.values()
+    assert [job.near for job in first if isinstance(job, SearchJob)] == [near, near]
+    assert [job.near for job in later if isinstance(job, SearchJob)] == [None, None]
+
+
 def test_scans_that_fit_nowhere_any_more_make_the_state_lost_and_start_a_search() -> None:
     made = bootstrapped({NORTH: 1.0}, lost_fit_drop=0.5, search_every_steps=1000)
     for step in range(1, 20):
