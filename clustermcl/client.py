@@ -24,6 +24,7 @@ from protocol.answers import (
     Relocalize,
     SetPose,
     Status,
+    Update,
 )
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
@@ -166,6 +167,10 @@ class Client:
         """
         self._tell(keys.RELOCALIZE, Relocalize(sender=_SENDER, command_id=_new_id()))
 
+    def update(self) -> None:
+        """Have it look once more now: the next scan becomes a step, also if the robot stands."""
+        self._tell(keys.UPDATE, Update(sender=_SENDER, command_id=_new_id()))
+
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
         """Lift the simulated robot to another place; None: somewhere far away."""
         command = Kidnap(sender=_SENDER, command_id=_new_id(), map_from_robot=map_from_robot)
@@ -226,7 +231,7 @@ class Client:
             raise ValueError("the client is not connected: use it in a with block")
         return self._open
 
-    def _tell(self, key: str, command: SetPose | Relocalize | Kidnap) -> None:
+    def _tell(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
         done = self._ask(key, CommandDone, command)
         if done.problem:
             raise CommandRefusedError(command=key, problem=done.problem)
@@ -260,7 +265,8 @@ class Client:
             now_s = time.monotonic()
 
     def _nobody(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
-        who = {keys.KIDNAP: "simulator", keys.MAP: "bridge"}.get(key, "coordinator")
+        bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
+        who = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
         router = self._settings.zenoh.router
         denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(

@@ -354,6 +354,14 @@ def relocalize(settings_file: SettingsFile = None, assignments: Assignments = No
 
 
 @app.command()
+def update(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Make a step of the next scan, also if the robot stands still."""
+    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the module
+
+    tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
 def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Lift the simulated robot to somewhere far away."""
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module

@@ -87,6 +87,12 @@ def relocalize(settings: Settings) -> None:
         client.relocalize()
 
 
+def update(settings: Settings) -> None:
+    """Make a step of the next scan."""
+    with Client(settings) as client:
+        client.update()
+
+
 def kidnap(settings: Settings) -> None:
     """Lift the simulated robot to somewhere far away."""
     with Client(settings) as client:

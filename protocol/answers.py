@@ -118,6 +118,16 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     command_id: str
 
 
+class Update(Message, frozen=True, kw_only=True, tag="update/1"):
+    """Make a step of the next scan, also of a robot that stands. A query on ``command/update``.
+
+    The bridge answers, before that step is made.
+    """
+
+    command_id: str
+    """The same id again does nothing."""
+
+
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Lift the simulated robot to another place. A query on ``simulator/kidnap``."""
 

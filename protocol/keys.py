@@ -22,6 +22,7 @@ TRUTH = "truth"
 BRIDGE_ALIVE = "bridge/alive"
 BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
+UPDATE = "command/update"
 
 BELIEF = "belief"
 POSE = "pose"
@@ -37,6 +38,7 @@ _CONSTANT = frozenset(
     (
         *(ODOMETRY_READING, LASER_READING),
         *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP),
+        UPDATE,
         *(
             BELIEF,
             POSE,

@@ -50,6 +50,9 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     live: bool = False
     """Stamps are of a robot's own clock, which runs like any other: they tell how late a message
     is, and the robot's place outlives our processes. Not so of a recording or a simulation."""
+    standing: bool = False
+    """Since the step before, the robot has moved less than makes a step: somebody asked for this
+    one. It shows what that one showed."""
 
 
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):

@@ -11,7 +11,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.answers import Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
 from protocol.job_events import Ended, JobEvents, NumberedEvent
@@ -155,6 +155,11 @@ def _(message: SetPose) -> str | None:
 
 @problem_of.register
 def _(message: Relocalize) -> str | None:
+    return _id_problem(message.command_id)
+
+
+@problem_of.register
+def _(message: Update) -> str | None:
     return _id_problem(message.command_id)
 
 

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections import Counter
+from collections import Counter, deque
 
 import msgspec
 import zenoh
@@ -13,7 +13,7 @@ from process_runtime.logs import CauseCounter
 from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief, Status
+from protocol.answers import Belief, CommandDone, Status, Update
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, printable
 from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
@@ -38,6 +38,8 @@ from zenoh_link.wire import (
 )
 
 POLL_S = 0.1
+KEPT_COMMANDS = 100
+"""A command that is asked once more does nothing, if it is one of the last."""
 
 _log = logging.getLogger(__name__)
 
@@ -72,11 +74,13 @@ class BridgeLoop:
         self._coordinator_there = False
         self._next: Reading | None = None
         self._steps_left = source.steps if source else None
+        self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop; a recording's end does not end it."""
         serve(self._session, keys.MAP, self._inbox)
         serve(self._session, keys.SCAN_HISTORY, self._inbox)
+        serve(self._session, keys.UPDATE, self._inbox)
         for key in self._extension.serves:
             serve(self._session, key, self._inbox)
         watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
@@ -197,6 +201,9 @@ class BridgeLoop:
         if asked.key == keys.MAP:
             asked.answer(self._map_message)
             return
+        if asked.key == keys.UPDATE:
+            self._on_update(asked)
+            return
         if asked.key in self._extension.serves:
             self._extension.serves[asked.key](asked)
             return
@@ -212,3 +219,16 @@ class BridgeLoop:
             return
         scans = tuple(self._history.between(first, last))
         asked.answer(ScanHistory(sender=self._name, scans=scans))
+
+    def _on_update(self, asked: Asked) -> None:
+        """Make a step of the next scan; the very first becomes one anyway."""
+        try:
+            command = decode(asked.payload, Update)
+        except MalformedMessageError as error:
+            asked.refuse(str(error))
+            raise
+        if command.command_id not in self._updates:
+            self._updates.append(command.command_id)
+            if self._maker is not None:
+                self._maker.force_next()
+        asked.answer(CommandDone(sender=self._name))

@@ -10,7 +10,7 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.motion_gate import MotionGate
+from sensor_bridge.motion_gate import MotionGate, Passage
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
@@ -158,10 +158,13 @@ class StepMaker:
             pose = pose or self._buffer.at(reading.stamp_ns)
             if pose is None:
                 self.dropped[NO_ODOMETRY] += 1
-            elif self._gate.passes(pose):
-                self._ready.append(self._step(reading, pose))
+                continue
+            passage = self._gate.on_scan(pose)
+            if passage is not Passage.HELD_BACK:
+                standing = passage is Passage.STANDING
+                self._ready.append(self._step(reading, pose, standing=standing))
 
-    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Scan:
+    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple, *, standing: bool) -> Scan:
         ranges = reading.ranges
         if ranges.dtype != "float32":
             ranges = ArrayBlob.of(ranges.array(), "float32")
@@ -179,6 +182,7 @@ class StepMaker:
             map_digest=self._map_digest,
             paced=self._paced,
             live=self._live,
+            standing=standing,
         )
 
 

@@ -78,7 +78,7 @@ _ROLES = {
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
         reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.UPDATE),
         asks=(keys.STATUS,),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
@@ -103,7 +103,7 @@ _ROLES = {
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
-        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP),
+        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
     ),
 }
 
