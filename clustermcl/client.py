@@ -1,6 +1,5 @@
 """The Python client: ask a running system where the robot is, and tell it what a person knows."""
 
-import math
 import time
 import uuid
 from collections.abc import Iterator
@@ -29,8 +28,9 @@ from protocol.answers import (
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
-from protocol.message import Message, PoseTuple
+from protocol.message import Covariance, Message, PoseTuple
 from protocol.steps import MapMessage
+from protocol.validity import problem_of
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -135,36 +135,40 @@ class Client:
         *,
         position_sigma_m: float = 0.5,
         heading_sigma_rad: float = 0.26,
+        covariance: Covariance | None = None,
+        stamp_ns: int | None = None,
     ) -> None:
         """Say where the robot is; believed with the probability `belief.set_pose_probability`.
+
+        Before the first scan it is remembered until then.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
             position_sigma_m: how sure of x and of y.
             heading_sigma_rad: how sure of the heading.
+            covariance: how sure of all three, row by row; it stands in for both sigmas.
+            stamp_ns: when the robot was there, by its own clock; the odometry since is added.
+                None: now.
 
         Raises:
-            CommandRefusedError: no scan has arrived yet.
-            ValueError: a number is not finite, or a sigma is not positive.
+            CommandRefusedError: odometry of that time is not known any more.
+            ValueError: a number is not finite, a sigma not positive, or the covariance none.
         """
-        numbers = (*map_from_robot, position_sigma_m, heading_sigma_rad)
-        if not all(map(math.isfinite, numbers)) or min(numbers[3:]) <= 0.0:
-            raise ValueError(f"a pose is three finite numbers, a sigma is positive: {numbers}")
         command = SetPose(
             sender=_SENDER,
             command_id=_new_id(),
             map_from_robot=map_from_robot,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
+            covariance=covariance,
+            stamp_ns=stamp_ns,
         )
+        if problem := problem_of(command):
+            raise ValueError(f"{map_from_robot} cannot be told: {problem}")
         self._tell(keys.SET_POSE, command)
 
     def relocalize(self) -> None:
-        """Have it forget all places and search everywhere.
-
-        Raises:
-            CommandRefusedError: no scan has arrived yet, so it searches anyway.
-        """
+        """Have it forget all places, the last of an earlier life too, and search everywhere."""
         self._tell(keys.RELOCALIZE, Relocalize(sender=_SENDER, command_id=_new_id()))
 
     def update(self) -> None:

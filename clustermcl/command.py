@@ -328,6 +328,17 @@ def set_pose(
     heading_sigma_rad: Annotated[
         float, typer.Option(help="Standard deviation of the heading [rad].")
     ] = 0.26,
+    covariance: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="XX XY XH YY YH HH",
+            help="Covariance instead, H being the heading [m2, m rad, rad2].",
+        ),
+    ] = None,
+    stamp_ns: Annotated[
+        int | None,
+        typer.Option(help="It was there at this time of its clock, and has driven on since [ns]."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
@@ -337,12 +348,23 @@ def set_pose(
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
     from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
 
-    tell(
-        load_settings(settings_file, assignments or ()),
-        (x_m, y_m, heading_rad),
-        position_sigma_m=position_sigma_m,
-        heading_sigma_rad=heading_sigma_rad,
-    )
+    try:
+        tell(
+            load_settings(settings_file, assignments or ()),
+            (x_m, y_m, heading_rad),
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+            covariance=_symmetric(*covariance) if covariance else None,
+            stamp_ns=stamp_ns,
+        )
+    except ValueError as problem:
+        raise typer.BadParameter(str(problem)) from None
+
+
+def _symmetric(
+    xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
 @app.command()

@@ -1,18 +1,33 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
 import msgspec
+import numpy as np
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
+from coordinator.pose.odometry_history import OdometryHistory
+from particle_filter.motion_covariance import composed_covariance, motion_covariance
+from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
+from particle_filter.settings import MotionSettings
 from protocol.answers import Relocalize, SetPose
+from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.steps import Scan
 
 KEPT_COMMANDS = 100
 """A command that is asked once more is answered as before, if it is one of the last."""
 HANDED_ON_COMMANDS = 20
-TOO_EARLY = "no scan has arrived yet; start the robot or the recording first"
+
+
+class Commanded(msgspec.Struct, frozen=True):
+    """A command, and where odometry was when it held."""
+
+    command: SetPose | Relocalize
+    stamp_ns: int = 0
+    odom_from_robot: PoseTuple | None = None
+    """None: there was none yet; the robot stood until the first."""
 
 
 class CommandsState(msgspec.Struct, frozen=True):
@@ -22,6 +37,8 @@ class CommandsState(msgspec.Struct, frozen=True):
     """The last commands' ids to the reason why each was refused; empty for one that was done."""
     set_poses: int
     """How many poses have been given; their random streams are numbered by it."""
+    waiting: Commanded | None = None
+    """Came before the first step, and is carried out after it."""
 
 
 class Commands:
@@ -30,30 +47,73 @@ class Commands:
     def __init__(self) -> None:
         self._problems: dict[str, str] = {}
         self._set_poses = 0
+        self._waiting: Commanded | None = None
 
     def problem(self, command_id: str) -> str | None:
         """Why a command was refused, empty if it was done; None for one that is new."""
         return self._problems.get(command_id)
 
+    @property
+    def forgets(self) -> bool:
+        """Whether the first search is to begin without anything that was known before."""
+        return self._waiting is not None and isinstance(self._waiting.command, Relocalize)
+
     def carry_out(
-        self, command: SetPose | Relocalize, ensemble: Ensemble, applied: Scan | None
+        self,
+        command: SetPose | Relocalize,
+        ensemble: Ensemble,
+        applied: Scan | None,
+        odometry: OdometryHistory,
     ) -> Outcome | None:
-        """Do what is commanded, as of the last applied scan; None if it is refused."""
-        outcome = self._outcome(command, ensemble, applied) if applied is not None else None
-        self._problems[command.command_id] = TOO_EARLY if outcome is None else ""
+        """Do what is commanded, as of the last applied scan.
+
+        What comes before the first scan is remembered until `carry_out_waiting`; of several, the
+        last counts.
+
+        Args:
+            command: it has an id that is new.
+            ensemble: is told.
+            applied: the scan of the last step; None before the first.
+            odometry: tells how the robot moved since a pose was true.
+
+        Returns:
+            None where nothing is done now: it waits, or is refused.
+        """
+        commanded, problem = _held(command, odometry)
+        self._problems[command.command_id] = problem
         while len(self._problems) > KEPT_COMMANDS:
             del self._problems[next(iter(self._problems))]
-        return outcome
+        if problem:
+            return None
+        if applied is None:
+            self._waiting = commanded
+            return None
+        return self._outcome(commanded, ensemble, applied)
 
-    def _outcome(self, command: SetPose | Relocalize, ensemble: Ensemble, applied: Scan) -> Outcome:
-        if isinstance(command, Relocalize):
+    def carry_out_waiting(
+        self, ensemble: Ensemble, applied: Scan, odometry: OdometryHistory
+    ) -> Outcome | None:
+        """Do what was commanded before the first step, which is over now; None: there is nothing.
+
+        The first search has begun without knowing of anything before: it is the one asked for.
+        """
+        waiting, self._waiting = self._waiting, None
+        if waiting is None or isinstance(waiting.command, Relocalize):
+            return None
+        if waiting.odom_from_robot is None and (first := odometry.at(odometry.oldest_ns)):
+            waiting = Commanded(waiting.command, *first)
+        return self._outcome(waiting, ensemble, applied)
+
+    def _outcome(self, commanded: Commanded, ensemble: Ensemble, applied: Scan) -> Outcome:
+        if isinstance(commanded.command, Relocalize):
             return ensemble.relocalize(applied.step)
         self._set_poses += 1
         settings = ensemble.settings
+        mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
         given = candidate(
             settings.belief.set_pose_probability,
-            command.map_from_robot,
-            diagonal(command.position_sigma_m, command.heading_sigma_rad),
+            mean,
+            covariance,
             seed=settings.seed,
             purpose=Purpose.GIVEN_POSE,
             entity=self._set_poses,
@@ -64,11 +124,42 @@ class Commands:
 
     def state(self) -> CommandsState:
         """The last commands, to be handed on."""
-        return CommandsState(
-            dict(list(self._problems.items())[-HANDED_ON_COMMANDS:]), self._set_poses
-        )
+        recent = dict(list(self._problems.items())[-HANDED_ON_COMMANDS:])
+        return CommandsState(recent, self._set_poses, self._waiting)
 
     def restore(self, state: CommandsState) -> None:
         """Know what another coordinator was commanded."""
         self._problems |= state.problems
         self._set_poses = state.set_poses
+        self._waiting = state.waiting or self._waiting
+
+
+def _held(command: SetPose | Relocalize, odometry: OdometryHistory) -> tuple[Commanded, str]:
+    """The command with the odometry of its time, and why it cannot be carried out, if so."""
+    if isinstance(command, Relocalize) or odometry.oldest_ns is None:
+        return Commanded(command), ""
+    found = odometry.at(command.stamp_ns)
+    if found is None:
+        ago_s = (odometry.oldest_ns - (command.stamp_ns or 0)) / 1e9
+        problem = f"the pose is of {ago_s:.1f} s before the oldest odometry that is known; "
+        return Commanded(command), problem + "give a newer one, or one without a stamp"
+    return Commanded(command, *found), ""
+
+
+def _at_step(
+    commanded: Commanded, given: SetPose, applied: Scan, motion: MotionSettings
+) -> tuple[PoseTuple, Covariance]:
+    """A given pose, carried by odometry to the step after which it is tracked.
+
+    The motion there makes it less certain. What is told of now, after the step, is carried back
+    as it is: it gets its noise on the way forth.
+    """
+    covariance = given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
+    then, now = commanded.odom_from_robot, applied.odom_from_robot
+    if then is None or then == now:
+        return given.map_from_robot, covariance
+    mean, moved = np.array(given.map_from_robot), between(np.array(then), np.array(now))
+    forth = commanded.stamp_ns < applied.stamp_ns
+    noise = motion_covariance(moved, motion) if forth else np.zeros((3, 3))
+    carried = composed_covariance(mean, covariance_matrix(covariance), moved, noise)
+    return pose_tuple(compose(mean, moved)), covariance_tuple(carried)

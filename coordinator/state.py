@@ -145,11 +145,17 @@ class CoordinatorState:
         if not outcome.missing or set(weighing) - set(outcome.missing):
             self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
+        history = self.pose.history
+        given = self.commands.carry_out_waiting(self.ensemble, ready.scan, history)
+        if given is not None:
+            self._founded = True
+            self._follow(given, ready.scan)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
-        """Do what is commanded; False if it is refused."""
+        """Do what is commanded; False if it waits for the first step, or is refused."""
         applied = self.collector.applied
-        outcome = self.commands.carry_out(command, self.ensemble, applied)
+        history, self._changed = self.pose.history, True
+        outcome = self.commands.carry_out(command, self.ensemble, applied, history)
         if outcome is None or applied is None:
             return False
         self._founded = True
@@ -217,6 +223,7 @@ class CoordinatorState:
         search, applied = state.ensemble.search, state.collector.applied
         newest = self.collector.newest_scan
         if not state.ensemble.searches:
+            self.commands.restore(state.commands)
             return None
         if self._map_digest not in ("", state.map_digest):
             self.counters["checkpoint of another map"] += 1

@@ -26,13 +26,13 @@ _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 def odometry_problem(reading: OdometryReading) -> str | None:
     """Why an odometry reading cannot be used; None if it can."""
-    return pose_problem(reading.odom_from_robot) or _stamp_problem(reading.stamp_ns)
+    return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
 def laser_problem(reading: LaserReading | Scan) -> str | None:
     """Why a scan cannot be used; None if it can."""
     poses = (reading.robot_from_laser, reading.odom_from_robot or reading.robot_from_laser)
-    for problem in (_stamp_problem(reading.stamp_ns), *map(pose_problem, poses)):
+    for problem in (stamp_problem(reading.stamp_ns), *map(pose_problem, poses)):
         if problem:
             return problem
     try:
@@ -42,7 +42,8 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
     return _geometry_problem(reading, ranges.shape) or _ranges_problem(ranges, reading.range_max_m)
 
 
-def _stamp_problem(stamp_ns: int) -> str | None:
+def stamp_problem(stamp_ns: int) -> str | None:
+    """Why this is no time of a robot's clock; None if it is."""
     return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
 
 

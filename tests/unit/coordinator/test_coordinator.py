@@ -8,6 +8,7 @@ from coordinator.events import (
     CommandArrived,
     LinkBack,
     LinkLost,
+    OdometryArrived,
     OrderAnswered,
     ReportArrived,
     ScanArrived,
@@ -22,6 +23,7 @@ from coordinator.instructions import (
     AskState,
     Instruction,
     PublishBelief,
+    PublishCheckpoint,
     PublishEvents,
     SendOrder,
 )
@@ -30,6 +32,7 @@ from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
+from protocol.steps import OdometryReading
 from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
 from tests.unit.coordinator.reports import scan, searched, tracked
 
@@ -275,12 +278,111 @@ def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
     assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
 
 
-def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
-    command = Relocalize(sender="client", command_id="1")
-    instructions = Story("a").coordinator.handle(CommandArrived(command), 0)
+def commanded(coordinator: Coordinator, command: SetPose | Relocalize, now_ns: int = 0) -> str:
+    """Why a command was refused; empty: it was not."""
+    instructions = coordinator.handle(CommandArrived(command), now_ns)
     (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
-    assert "no scan has arrived" in answer.done.problem
-    assert not any(isinstance(one, PublishBelief) for one in instructions)
+    return answer.done.problem
+
+
+def given(command_id: str, **fields: object) -> SetPose:
+    return msgspec.convert(
+        {"schema": "set_pose/1", "sender": "client", "command_id": command_id, **fields}, SetPose
+    )
+
+
+def odometry(stamp_ns: int, x_m: float) -> OdometryArrived:
+    pose = (x_m, 0.0, 0.0)
+    return OdometryArrived(
+        OdometryReading(sender="bridge", stamp_ns=stamp_ns, odom_from_robot=pose)
+    )
+
+
+def searched_everywhere(story: Story) -> None:
+    story.scan(0, at_s=0.0)
+    places = {NORTH: 0.5, SOUTH: 0.5}
+    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+
+
+def test_a_pose_that_is_given_before_the_first_scan_is_believed_after_it() -> None:
+    story = Story("a")
+    early = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    assert commanded(story.coordinator, early) == ""
+    assert story.beliefs == []
+    searched_everywhere(story)
+    best = story.beliefs[0].hypotheses[0]
+    assert (best.mean, best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
+    assert best.probability == pytest.approx(0.95)
+    assert not story.beliefs[0].searching
+    assert commanded(story.coordinator, early) == ""
+    assert len(story.beliefs) == 1
+
+
+def test_odometry_since_a_pose_that_was_given_before_the_first_scan_is_added() -> None:
+    story = Story("a")
+    story.coordinator.handle(odometry(-40 * SECOND, -8.0), 0)
+    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.0)))
+    for second in range(40, 0, -1):
+        story.coordinator.handle(odometry(-second * SECOND, -second / 5), 0)
+    searched_everywhere(story)  # at odometry 0
+    best = story.beliefs[0].hypotheses[0]
+    assert best.mean == pytest.approx((9.0, 2.0, 0.0))
+    assert best.covariance[0] > 0.25, "and it errs"
+
+
+def test_of_commands_before_the_first_scan_the_last_counts() -> None:
+    story = Story("a")
+    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
+    commanded(story.coordinator, given("2", map_from_robot=(3.0, 2.0, 0.5)))
+    assert commanded(story.coordinator, Relocalize(sender="client", command_id="3")) == ""
+    searched_everywhere(story)
+    assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
+
+
+def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> None:
+    story = Story("a")
+    command = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    instructions = story.coordinator.handle(CommandArrived(command), 0)
+    (published,) = [one for one in instructions if isinstance(one, PublishCheckpoint)]
+    heir = Story()
+    heir.coordinator.handle(WorkerJoined("a"), 0)
+    told = Told(term=0, holds=(), checkpoint=published.checkpoint, reports=())
+    heir.follow(heir.coordinator.handle(WorkerToldState("a", told), 0))
+    searched_everywhere(heir)
+    assert heir.beliefs[0].hypotheses[0].mean == (1.0, 2.0, 0.5)
+
+
+def test_a_pose_with_a_covariance_is_believed_with_just_that() -> None:
+    story = Story("a", "b").bootstrapped()
+    covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
+    command = given("1", map_from_robot=(1.0, 2.0, 0.5), covariance=covariance)
+    story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
+    best = story.beliefs[-1].hypotheses[0]
+    assert (best.mean, best.covariance) == ((1.0, 2.0, 0.5), covariance)
+
+
+def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:
+    story = Story("a", "b").bootstrapped()
+    for tenth in range(1, 21):  # a metre a second since the step, which was at 0
+        story.coordinator.handle(odometry(tenth * SECOND // 10, tenth / 10), tenth)
+    then = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=5 * SECOND // 10)
+    story.follow(story.coordinator.handle(CommandArrived(then), SECOND))
+    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((2.5, 2.0, 0.0))
+    now = given("2", map_from_robot=(1.0, 2.0, 0.0))
+    story.follow(story.coordinator.handle(CommandArrived(now), SECOND))
+    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((1.0, 2.0, 0.0))
+
+
+def test_a_pose_of_long_ago_is_refused_with_the_reason() -> None:
+    story = Story("a", "b").bootstrapped()
+    for second in range(1, 21):
+        story.coordinator.handle(odometry(second * SECOND, 0.1 * second), second)
+    command = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
+    before = len(story.beliefs)
+    for _ in range(2):
+        problem = commanded(story.coordinator, command)
+        assert problem.startswith("the pose is of 13.0 s before the oldest odometry")
+    assert len(story.beliefs) == before
 
 
 def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:
