@@ -175,7 +175,7 @@ class StepCollector:
     def state(self) -> StepCollectorState:
         """Which steps are over, to be handed on."""
         empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty)
+        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty, others=())
         return StepCollectorState(applied, self._steps_lost)
 
     def restore(self, state: StepCollectorState) -> None:

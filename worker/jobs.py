@@ -4,6 +4,7 @@ Each job is told of scans in the order of their steps and answers with a report.
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -17,7 +18,7 @@ from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.steps import Scan
+from protocol.steps import LaserBeams, Scan
 from protocol.work import (
     Assignment,
     Particles,
@@ -228,14 +229,19 @@ class Searching:
 @lru_cache(maxsize=1)
 def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     """The beams of a scan that are scored; all jobs of a process share those of the last scan."""
-    measured = LaserScan(
-        scan.ranges.array(),
-        scan.range_max_m,
-        scan.angle_min_rad,
-        scan.angle_step_rad,
-        np.array(scan.robot_from_laser),
+    others = tuple(map(_laser_scan, scan.others))
+    measured = _laser_scan(scan)
+    return model.beams(replace(measured, others=others) if others else measured)
+
+
+def _laser_scan(beams: Scan | LaserBeams) -> LaserScan:
+    return LaserScan(
+        beams.ranges.array(),
+        beams.range_max_m,
+        beams.angle_min_rad,
+        beams.angle_step_rad,
+        np.array(beams.robot_from_laser),
     )
-    return model.beams(measured)
 
 
 def _place(place: global_search.FoundPlace, scan: Scan, with_sample: bool = True) -> Place:
