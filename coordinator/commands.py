@@ -1,19 +1,16 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
 import msgspec
-import numpy as np
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
+from coordinator.pose.dead_reckoning import carried
 from coordinator.pose.odometry_history import OdometryHistory
-from particle_filter.motion_covariance import composed_covariance, motion_covariance
-from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import MotionSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.steps import Scan
 
 KEPT_COMMANDS = 100
@@ -155,11 +152,13 @@ def _at_step(
     as it is: it gets its noise on the way forth.
     """
     covariance = given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
-    then, now = commanded.odom_from_robot, applied.odom_from_robot
-    if then is None or then == now:
+    if commanded.odom_from_robot is None:
         return given.map_from_robot, covariance
-    mean, moved = np.array(given.map_from_robot), between(np.array(then), np.array(now))
     forth = commanded.stamp_ns < applied.stamp_ns
-    noise = motion_covariance(moved, motion) if forth else np.zeros((3, 3))
-    carried = composed_covariance(mean, covariance_matrix(covariance), moved, noise)
-    return pose_tuple(compose(mean, moved)), covariance_tuple(carried)
+    return carried(
+        given.map_from_robot,
+        covariance,
+        commanded.odom_from_robot,
+        applied.odom_from_robot,
+        motion if forth else None,
+    )

@@ -34,6 +34,21 @@ class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
     """The laser is mounted on its head: its beams go clockwise as seen from above."""
 
 
+class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
+    """The map that the robot has, or has now instead of another.
+
+    From a robot on ``readings/map``, when it has one and whenever that changes; it answers queries
+    there too, for the bridge may come later. As ROS has it in `nav_msgs/OccupancyGrid`.
+    """
+
+    cell_m: float
+    """Side of a cell (`resolution`)."""
+    map_from_grid: PoseTuple
+    """Pose of the low corner of cell [0, 0] in the map frame (`origin`)."""
+    occupancy: ArrayBlob
+    """(height, width) int8, row 0 has the lowest y: 0 free, 100 occupied, all else unknown."""
+
+
 class LaserBeams(msgspec.Struct, frozen=True, kw_only=True):
     """What one laser measured, as from where the robot was at a step."""
 

@@ -7,6 +7,9 @@ from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
 
+STANDS = 0.25
+"""A robot that has moved by less than this share of the gate stands."""
+
 
 class Passage(Enum):
     """What the gate does with a scan."""
@@ -34,6 +37,14 @@ class MotionGate:
         """Let the next scan through, however little the robot has moved."""
         self._is_open = True
 
+    def begin_anew(self) -> None:
+        """The next scan is the first."""
+        self._last, self._is_open = None, False
+
+    def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
+        """Whether a robot there still stands where it was at the last step."""
+        return self._last is not None and not self._has_moved(odom_from_robot, STANDS)
+
     def on_scan(self, odom_from_robot: PoseTuple) -> Passage:
         """Whether a scan at this pose becomes a step; if so, the next is measured from here."""
         moved = self._has_moved(odom_from_robot)
@@ -42,9 +53,9 @@ class MotionGate:
         self._last, self._is_open = odom_from_robot, False
         return Passage.MOVED if moved else Passage.STANDING
 
-    def _has_moved(self, odom_from_robot: PoseTuple) -> bool:
+    def _has_moved(self, odom_from_robot: PoseTuple, share: float = 1.0) -> bool:
         if self._last is None:
             return True
         driven_m = math.dist(odom_from_robot[:2], self._last[:2])
         turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
-        return driven_m >= self._distance_m or turned_rad >= self._turn_rad
+        return driven_m >= share * self._distance_m or turned_rad >= share * self._turn_rad

@@ -107,6 +107,16 @@ class StepMaker:
         """Let the next usable scan become a step, however little the robot has moved."""
         self._gate.open_next()
 
+    @property
+    def stands(self) -> bool:
+        """Whether the robot still is where it was at the last step."""
+        return self._odometry is not None and self._gate.has_hardly_moved(self._odometry[1])
+
+    def change_map(self, map_digest: str) -> None:
+        """Steps are of another map from now on; the next scan becomes the first of them."""
+        self._map_digest = map_digest
+        self._gate.begin_anew()
+
     def _is_of_other_laser(self, reading: Reading) -> bool:
         if isinstance(reading, OdometryReading):
             return False

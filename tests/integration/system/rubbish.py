@@ -27,7 +27,7 @@ NAN = math.nan
 
 PUBLISHED = (
     keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.POSE, keys.CHECKPOINT, keys.TRUTH,
-    keys.BRIDGE_HEALTH, keys.ODOMETRY_READING, keys.LASER_READING,
+    keys.BRIDGE_HEALTH, keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING,
     keys.worker_report(WORKER), keys.worker_health(WORKER),
 )  # fmt: skip
 SERVED = (

@@ -34,7 +34,7 @@ from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
 from protocol.steps import OdometryReading
 from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
-from tests.unit.coordinator.reports import scan, searched, tracked
+from tests.unit.coordinator.reports import NO_SPREAD, scan, searched, tracked
 
 SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
@@ -43,12 +43,12 @@ NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 class Story:
     """A coordinator and obedient workers that report what the story says."""
 
-    def __init__(self, *workers: str) -> None:
+    def __init__(self, *workers: str, rules: CoordinatorSettings = CoordinatorSettings()) -> None:  # noqa: B008 - frozen
         settings = FilterSettings(
             search=SearchSettings(shards=1),
             belief=BeliefSettings(clusters=3, transition_probability=0.0, evidence_bound=100.0),
         )
-        self.coordinator = Coordinator("coordinator", settings, CoordinatorSettings(), "test", 0)
+        self.coordinator = Coordinator("coordinator", settings, rules, "test", 0)
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
@@ -216,8 +216,8 @@ def test_where_the_bridge_counts_anew_clusters_end_for_that_reason() -> None:
     assert causes == ["steps restarted", "steps restarted"]
 
 
-def tracking_story() -> Story:
-    story = Story("a").bootstrapped()
+def tracking_story(rules: CoordinatorSettings = CoordinatorSettings()) -> Story:  # noqa: B008 - frozen
+    story = Story("a", rules=rules).bootstrapped()
     for step in range(1, 5):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     return story
@@ -263,6 +263,38 @@ def test_stray_scans_of_another_map_change_nothing() -> None:
     assert (status.map_digest, status.clusters, status.step) == ("map", 2, 11)
     assert status.counters["scan of another map"] == 14
     assert "map changed" not in status.counters
+
+
+def in_a_new_map(story: Story, *steps: int) -> None:
+    for step in steps:
+        told = scan(step, x_m=1.0 + 0.1 * step, digest="new map")
+        story.follow(story.coordinator.handle(ScanArrived(told), step * SECOND))
+
+
+def test_places_are_kept_in_a_new_map_where_the_settings_say_so() -> None:
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    in_a_new_map(story, 5, 6, 7)
+    status = story.coordinator.status(7 * SECOND, {})
+    assert (status.map_digest, status.clusters, status.searching) == ("new map", 2, False)
+    for job_id, place in (("c2", NORTH), ("c3", SOUTH)):
+        story.report(tracked(job_id, 7, 0.1, place, epoch=story.epochs[job_id]), at_s=7.1)
+    after = story.beliefs[-1]
+    assert (after.step, after.state) == (7, "ambiguous")
+    assert [place.probability for place in after.hypotheses] == pytest.approx([0.5, 0.5])
+    causes = [e.event.cause for e in story.coordinator.events().events]
+    assert (causes.count("new map"), causes.count("prior pose")) == (2, 2)
+
+
+def test_kept_places_begin_where_odometry_has_brought_them() -> None:
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    in_a_new_map(story, 5, 6, 7)
+    pose = story.coordinator.hypotheses(7 * SECOND)
+    north, south = sorted((place.mean for place in pose.hypotheses), key=lambda mean: -mean[1])
+    # The robot has driven on since the last step in the old map.
+    assert north == pytest.approx((1.7, 5.0, 0.0))
+    assert south == pytest.approx((1.7, -5.0, 0.0))
+    wider = [place.covariance[0] for place in pose.hypotheses]
+    assert min(wider) > NO_SPREAD[0]
 
 
 def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
