@@ -67,6 +67,10 @@ BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame
 Listen = Annotated[
     str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
 ]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE.mcap", help="Record the run there, as a rosbag2."),
+]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -114,6 +118,7 @@ def demo(
         bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
     ] = False,
     listen: Listen = HERE,
+    record_file: RecordFile = None,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -131,6 +136,7 @@ def demo(
         rate=rate,
         steps=steps,
         view_at=listen if view else None,
+        record=record_file,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
@@ -189,6 +195,7 @@ def evaluate(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
+    record_file: RecordFile = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -210,6 +217,7 @@ def evaluate(
         kidnap_at=kidnap_at,
         jobs=jobs,
         json_file=json_file,
+        record=record_file,
     )
     given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_evaluate(options, load_settings(settings_file, given))
@@ -389,6 +397,21 @@ def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) 
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
 
     tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def record(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
+    ],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
+    from clustermcl.record import run_record  # noqa: PLC0415 - see the module
+
+    steps = run_record(load_settings(settings_file, assignments or ()), file)
+    sys.stdout.write(f"{file}: {steps} steps\n")
 
 
 @app.command()

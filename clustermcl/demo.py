@@ -15,6 +15,7 @@ from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_objec
 from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
@@ -73,6 +74,8 @@ class DemoOptions:
     """Steps of a simulated robot."""
     view_at: str | None = None
     """``HOST:PORT`` where a page draws it; None: nowhere."""
+    record: Path | None = None
+    """Where the run is recorded; None: nowhere."""
     as_json: bool = False
 
 
@@ -122,7 +125,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             view_at=options.view_at,
         )
         with running(stack):
-            result = _run(stack, met, show, view, stop)
+            result = _run(stack, met, show, view, stop, options.record)
     wall_s = time.monotonic() - started_s
     if options.as_json:
         _print(dumped(_as_object(result, wall_s)))
@@ -203,11 +206,19 @@ def _view(options: DemoOptions, show: _Show) -> View:
     return NoView() if options.as_json else LineView(console, show.title)
 
 
-def _run(stack: Stack, settings: Settings, show: _Show, view: View, stop: StopFlag) -> _Result:
+def _run(
+    stack: Stack,
+    settings: Settings,
+    show: _Show,
+    view: View,
+    stop: StopFlag,
+    record: Path | None,
+) -> _Result:
     stack.start_without_coordinator()
     try:
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
+            recorded(session, record),
             view,
         ):
 

@@ -101,6 +101,10 @@ _ROLES = {
         announces=(keys.COORDINATOR_ALIVE,),
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
+    "recorder": Rights(
+        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF),
+        asks=(keys.MAP, keys.SCAN_HISTORY),
+    ),
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
