@@ -22,6 +22,7 @@ from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map, map_file_of
+from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
@@ -108,6 +109,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     started_s = time.monotonic()
+    if options.record is not None:
+        check_output_file(options.record)
     if options.view_at is not None:
         _say_where(options.view_at)
     stop = stop_on_signals(exit_after_s=5.0)

@@ -1,6 +1,7 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
 import msgspec
+from msgspec.structs import replace
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
@@ -25,6 +26,8 @@ class Commanded(msgspec.Struct, frozen=True):
     stamp_ns: int = 0
     odom_from_robot: PoseTuple | None = None
     """None: there was none yet; the robot stood until the first."""
+    during_search: bool = False
+    """The first search had begun already."""
 
 
 class CommandsState(msgspec.Struct, frozen=True):
@@ -83,7 +86,7 @@ class Commands:
         if problem:
             return None
         if applied is None:
-            self._waiting = commanded
+            self._waiting = replace(commanded, during_search=ensemble.searches > 0)
             return None
         return self._outcome(commanded, ensemble, applied)
 
@@ -92,10 +95,12 @@ class Commands:
     ) -> Outcome | None:
         """Do what was commanded before the first step, which is over now; None: there is nothing.
 
-        The first search has begun without knowing of anything before: it is the one asked for.
+        A search that was asked for before the first one began is that one: it knows of no place.
         """
         waiting, self._waiting = self._waiting, None
-        if waiting is None or isinstance(waiting.command, Relocalize):
+        if waiting is None:
+            return None
+        if isinstance(waiting.command, Relocalize) and not waiting.during_search:
             return None
         if waiting.odom_from_robot is None and (first := odometry.at(odometry.oldest_ns)):
             waiting = Commanded(waiting.command, *first)

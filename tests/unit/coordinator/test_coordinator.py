@@ -1,5 +1,8 @@
 """Whole stories of the coordinator: events in, instructions out, no network."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import msgspec
 import pytest
 
@@ -27,6 +30,7 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
+from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
@@ -43,12 +47,19 @@ NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 class Story:
     """A coordinator and obedient workers that report what the story says."""
 
-    def __init__(self, *workers: str, rules: CoordinatorSettings = CoordinatorSettings()) -> None:  # noqa: B008 - frozen
+    def __init__(
+        self,
+        *workers: str,
+        rules: CoordinatorSettings = CoordinatorSettings(),  # noqa: B008 - frozen
+        last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+    ) -> None:
         settings = FilterSettings(
             search=SearchSettings(shards=1),
             belief=BeliefSettings(clusters=3, transition_probability=0.0, evidence_bound=100.0),
         )
-        self.coordinator = Coordinator("coordinator", settings, rules, "test", 0)
+        self.coordinator = Coordinator(
+            "coordinator", settings, rules, "test", 0, last_poses=last_poses
+        )
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
@@ -369,6 +380,36 @@ def test_of_commands_before_the_first_scan_the_last_counts() -> None:
     assert commanded(story.coordinator, Relocalize(sender="client", command_id="3")) == ""
     searched_everywhere(story)
     assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
+
+
+def test_to_relocalize_in_the_first_step_begins_another_search_after_it() -> None:
+    story = Story("a")
+    story.scan(0, at_s=0.0)
+    assert commanded(story.coordinator, Relocalize(sender="client", command_id="1")) == ""
+    places = {NORTH: 0.5, SOUTH: 0.5}
+    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+    assert (story.beliefs[0].hypotheses, story.beliefs[0].searching) == ((), True)
+    assert "s1.0" in story.epochs
+
+
+def test_a_last_pose_counts_nothing_after_relocalize() -> None:
+    last = LastPose(
+        map_digest="map", stamp_ns=0, odom_from_robot=(5.0, 0.0, 0.0),
+        map_from_robot=(9.0, 9.0, 0.0), covariance=NO_SPREAD, probability=0.99,
+    )  # fmt: skip
+    for commands, causes in (
+        ((), {"first search", "prior pose"}),
+        ((Relocalize(sender="client", command_id="1"),), {"first search"}),
+    ):
+        story = Story(last_poses={"map": last})
+        for command in commands:
+            commanded(story.coordinator, command)
+        story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
+        story.follow(story.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
+        places = {NORTH: 0.5, SOUTH: 0.5}
+        story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+        began = [e.event for e in story.coordinator.events().events if isinstance(e.event, Began)]
+        assert {event.cause for event in began} == causes
 
 
 def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> None:
