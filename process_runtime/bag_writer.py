@@ -6,7 +6,6 @@ The library `mcap` writes the file, `rosbags` knows the messages (extra ``ros2``
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from process_runtime.bag_file import definitions
@@ -50,12 +49,7 @@ class BagWriter:
     def __enter__(self) -> "BagWriter":
         return self
 
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_how: object) -> None:
         with self._told(), self._file:
             self._writer.finish()  # type: ignore[no-untyped-call] # the library's
 

@@ -47,7 +47,7 @@ class RunRecorder:
         return self
 
     def __exit__(self, *how: object) -> None:
-        self._writer.__exit__(None, None, None)
+        self._writer.__exit__(*how)
 
     def wants_map(self, scan: Scan) -> bool:
         """Whether the map of a step has not been told yet."""

@@ -22,34 +22,21 @@ from protocol.steps import LaserReading, MapReading, OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SMALL, System, system
+from tests.integration.sensor_bridge.robot import answering
 from tests.integration.waiting import wait_until
 from zenoh_link.wire import Publisher
 
 LASER_HZ = 10.0
 
 
-def map_reading(grid_map: GridMap) -> bytes:
+def map_reading(grid_map: GridMap) -> MapReading:
     occupancy = np.where(grid_map.cells == 1, 100, grid_map.cells)
-    reading = MapReading(
+    return MapReading(
         sender="robot",
         cell_m=grid_map.cell_m,
         map_from_grid=grid_map.map_from_grid,
         occupancy=ArrayBlob.of(occupancy, "int8"),
     )
-    return encode(reading)
-
-
-@contextmanager
-def answering(session: zenoh.Session, grid_map: GridMap) -> Iterator[None]:
-    """Tell the map to whoever asks."""
-
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(keys.MAP_READING, map_reading(grid_map))
-
-    queryable = session.declare_queryable(keys.MAP_READING, answer, complete=True)
-    yield
-    queryable.undeclare()
 
 
 @contextmanager
@@ -101,13 +88,16 @@ def test_a_robot_that_stands_is_told_where_it_may_be() -> None:
     bridge = BridgeSettings(map="zenoh", source="zenoh")
     with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
-        with answering(tested.session, before), standing_robot(tested.session, "cross") as pose:
+        with (
+            answering(tested.session, map_reading(before)),
+            standing_robot(tested.session, "cross") as pose,
+        ):
             wait_until_told(tested, client, pose, before.digest)
             client.relocalize()
             relocalized = tested.step
             wait_until(lambda: tested.beliefs[-1].state == "searching" or tested.step > relocalized)
             wait_until_told(tested, client, pose, before.digest)
-            tested.session.put(keys.MAP_READING, map_reading(after))
+            tested.session.put(keys.MAP_READING, encode(map_reading(after)))
             wait_until_told(tested, client, pose, after.digest)
             told = tested.step
             assert told < 400, "steps of a standing robot end when it is told"

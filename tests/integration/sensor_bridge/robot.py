@@ -1,5 +1,7 @@
 """The real bridge, and a robot that publishes readings and asks what was made of them."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ from PIL import Image
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.health import Health
-from protocol.steps import LaserReading, Scan, ScanHistory
+from protocol.steps import LaserReading, MapReading, Scan, ScanHistory
 from sensor_bridge.reading import Reading
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -23,6 +25,19 @@ def walled_map(folder: Path) -> Path:
     header |= {"occupied_thresh": 0.65, "free_thresh": 0.196}
     (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
     return folder / "map.yaml"
+
+
+@contextmanager
+def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
+    """Tell a map to whoever asks, as somebody does who published it long ago."""
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.MAP_READING, encode(reading))
+
+    queryable = session.declare_queryable(keys.MAP_READING, answer, complete=True)
+    yield
+    queryable.undeclare()
 
 
 class Robot:

@@ -1,12 +1,8 @@
 """A robot that publishes its map: the real bridge takes it, and follows it when it changes."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import msgspec
 import numpy as np
 import pytest
-import zenoh
 
 from clustermcl.client import Client
 from grid_maps.map_message import from_reading
@@ -17,7 +13,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.steps import MapReading
 from tests.integration.conftest import OpenClient, StartProcess
-from tests.integration.sensor_bridge.robot import Robot
+from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
 
@@ -38,19 +34,6 @@ NO_MAPS = (
     encode(msgspec.structs.replace(FIRST, cell_m=-1.0)),
     bytes(40_000_000),
 )
-
-
-@contextmanager
-def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
-    """Tell the map to whoever asks, as somebody does who published it long ago."""
-
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            query.reply(keys.MAP_READING, encode(reading))
-
-    queryable = session.declare_queryable(keys.MAP_READING, answer, complete=True)
-    yield
-    queryable.undeclare()
 
 
 @pytest.fixture
