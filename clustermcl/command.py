@@ -67,6 +67,10 @@ BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame
 Listen = Annotated[
     str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
 ]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE.mcap", help="Record the run there, as a rosbag2."),
+]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -114,6 +118,7 @@ def demo(
         bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
     ] = False,
     listen: Listen = HERE,
+    record_file: RecordFile = None,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -131,6 +136,7 @@ def demo(
         rate=rate,
         steps=steps,
         view_at=listen if view else None,
+        record=record_file,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
@@ -189,6 +195,7 @@ def evaluate(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
+    record_file: RecordFile = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -210,6 +217,7 @@ def evaluate(
         kidnap_at=kidnap_at,
         jobs=jobs,
         json_file=json_file,
+        record=record_file,
     )
     given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_evaluate(options, load_settings(settings_file, given))
@@ -328,6 +336,17 @@ def set_pose(
     heading_sigma_rad: Annotated[
         float, typer.Option(help="Standard deviation of the heading [rad].")
     ] = 0.26,
+    covariance: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="XX XY XH YY YH HH",
+            help="Covariance instead, H being the heading [m2, m rad, rad2].",
+        ),
+    ] = None,
+    stamp_ns: Annotated[
+        int | None,
+        typer.Option(help="It was there at this time of its clock, and has driven on since [ns]."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
@@ -337,12 +356,23 @@ def set_pose(
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
     from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
 
-    tell(
-        load_settings(settings_file, assignments or ()),
-        (x_m, y_m, heading_rad),
-        position_sigma_m=position_sigma_m,
-        heading_sigma_rad=heading_sigma_rad,
-    )
+    try:
+        tell(
+            load_settings(settings_file, assignments or ()),
+            (x_m, y_m, heading_rad),
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+            covariance=_symmetric(*covariance) if covariance else None,
+            stamp_ns=stamp_ns,
+        )
+    except ValueError as problem:
+        raise typer.BadParameter(str(problem)) from None
+
+
+def _symmetric(
+    xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
 @app.command()
@@ -363,11 +393,34 @@ def relocalize(
 
 
 @app.command()
+def update(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Make a step of the next scan, also if the robot stands still."""
+    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the module
+
+    tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
 def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Lift the simulated robot to somewhere far away."""
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
 
     tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def record(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
+    ],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
+    from clustermcl.record import run_record  # noqa: PLC0415 - see the module
+
+    steps = run_record(load_settings(settings_file, assignments or ()), file)
+    sys.stdout.write(f"{file}: {steps} steps\n")
 
 
 @app.command()

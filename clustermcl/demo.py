@@ -15,12 +15,14 @@ from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_objec
 from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map, map_file_of
+from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
@@ -73,6 +75,8 @@ class DemoOptions:
     """Steps of a simulated robot."""
     view_at: str | None = None
     """``HOST:PORT`` where a page draws it; None: nowhere."""
+    record: Path | None = None
+    """Where the run is recorded; None: nowhere."""
     as_json: bool = False
 
 
@@ -105,6 +109,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     started_s = time.monotonic()
+    if options.record is not None:
+        check_output_file(options.record)
     if options.view_at is not None:
         _say_where(options.view_at)
     stop = stop_on_signals(exit_after_s=5.0)
@@ -122,7 +128,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             view_at=options.view_at,
         )
         with running(stack):
-            result = _run(stack, met, show, view, stop)
+            result = _run(stack, met, show, view, stop, options.record)
     wall_s = time.monotonic() - started_s
     if options.as_json:
         _print(dumped(_as_object(result, wall_s)))
@@ -203,11 +209,19 @@ def _view(options: DemoOptions, show: _Show) -> View:
     return NoView() if options.as_json else LineView(console, show.title)
 
 
-def _run(stack: Stack, settings: Settings, show: _Show, view: View, stop: StopFlag) -> _Result:
+def _run(
+    stack: Stack,
+    settings: Settings,
+    show: _Show,
+    view: View,
+    stop: StopFlag,
+    record: Path | None,
+) -> _Result:
     stack.start_without_coordinator()
     try:
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
+            recorded(session, record),
             view,
         ):
 

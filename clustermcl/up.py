@@ -9,7 +9,7 @@ from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from coordinator.last_pose_files import default_state_folder
 from grid_maps.load import load_map, map_file_of
 from process_runtime.settings import Settings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from robot_simulator.source import simulated_world
@@ -68,7 +68,8 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
             _refuse_map(map_file_of(bridge.map, path))
             open_recording(path, bridge)
         case Live():
-            _refuse_map(bridge.map)
+            if not is_published(bridge.map, bridge.source):
+                _refuse_map(bridge.map)
         case choice:
             assert_never(choice)
 

@@ -60,11 +60,16 @@ class StepCollector:
         if self._applied is None:
             self._base = step
 
-    def restart(self, before: int) -> None:
-        """Steps are counted anew: the next one follows `before`."""
+    def restart(self, before: int, applied: Scan | None = None) -> None:
+        """Steps are counted anew: the next one follows `before`.
+
+        Args:
+            before: its number.
+            applied: stands for the scan of that step, where places are known from it.
+        """
         self._open.clear()
         self._late.clear()
-        self._applied, self._base = None, before
+        self._applied, self._base = applied, before
 
     @property
     def applied(self) -> Scan | None:
@@ -175,7 +180,7 @@ class StepCollector:
     def state(self) -> StepCollectorState:
         """Which steps are over, to be handed on."""
         empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty)
+        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty, others=())
         return StepCollectorState(applied, self._steps_lost)
 
     def restore(self, state: StepCollectorState) -> None:

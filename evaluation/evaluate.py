@@ -71,6 +71,8 @@ class EvaluateOptions:
     kidnap_at: int | None = None
     jobs: int | None = None
     json_file: Path | None = None
+    record: Path | None = None
+    """Where the run, which must be one, is recorded; None: nowhere."""
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
@@ -93,6 +95,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             seed=seed,
             settings=settings,
             cache_folder=default_cache_folder(),
+            record=options.record,
         )
         for seed in seeds
     ]
@@ -100,6 +103,8 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
         starts = start_steps(steps, options.starts, case.updates or steps)
         tasks = [replace(task, start_step=start) for start in starts for task in tasks]
+    if options.record is not None:
+        _check_record(options.record, len(tasks))
     results = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
     if options.json_file is not None:
         _write(options, options.json_file, results)
@@ -108,6 +113,13 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     for columns, text in ((_POSES, title), (_PROBABILITIES, "what was told of the truth")):
         Console().print(text, soft_wrap=True, highlight=False, markup=False)
         Console().print(_table(results, columns))
+
+
+def _check_record(file: Path, runs: int) -> None:
+    if runs > 1:
+        problem = "--record: of one run; leave out --seeds and --starts"
+        raise SettingsError(key="--record", problem=problem)
+    check_output_file(file)
 
 
 def algorithm_of(options: EvaluateOptions) -> Algorithm:

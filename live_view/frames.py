@@ -11,7 +11,7 @@ import numpy as np
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
-from protocol.steps import MapMessage, Scan
+from protocol.steps import LaserBeams, MapMessage, Scan
 
 Frame: TypeAlias = dict[str, Any]
 
@@ -68,6 +68,13 @@ def history_row(frame: Frame) -> list[Any]:
 
 def scan_points_cm(scan: Scan) -> list[int]:
     """End points of the beams that returned, in the robot's frame [cm]: x, y, x, y, ..."""
+    cm = _points_cm(scan)
+    for other in scan.others:
+        cm += _points_cm(other)
+    return cm
+
+
+def _points_cm(scan: Scan | LaserBeams) -> list[int]:
     ranges = scan.ranges.array().ravel().astype(np.float64)
     every = -(-len(ranges) // MAX_BEAMS) or 1
     angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))

@@ -45,7 +45,12 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """From readings to steps."""
 
-    map: Annotated[str, described("map file: map_server YAML or wean.dat, may be .gz or .xz")] = ""
+    map: Annotated[
+        str,
+        described(
+            "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh: robot publishes it"
+        ),
+    ] = ""
     source: Annotated[
         str,
         described("a recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)"),
@@ -127,6 +132,13 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         float,
         described("given to the last pose when a first search ends; 0: none", ge=0, le=0.5),
     ] = 0.1
+    keep_pose_on_new_map: Annotated[
+        bool,
+        described(
+            "a new map is of the same place: poses in the old one are where to begin in it; else "
+            "the robot is searched for everywhere"
+        ),
+    ] = False
     key_file: Annotated[
         str,
         described(

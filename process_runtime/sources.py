@@ -27,6 +27,11 @@ class Simulated:
     """The name of a world, or the path of a map file."""
 
 
+def is_published(map_file: str, source: str) -> bool:
+    """Whether the map is ``zenoh`` too: a robot that publishes its readings publishes it."""
+    return map_file == _LIVE and source == _LIVE
+
+
 SourceChoice: TypeAlias = Live | Recorded | Simulated
 
 

@@ -107,13 +107,20 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
-    """A person says where the robot is. A query on ``command/set_pose``."""
+    """A person says where the robot is. A query on ``command/set_pose``.
+
+    Before the first scan it is remembered until then, as `Relocalize` is: the last of both counts.
+    """
 
     command_id: str
     """The same id again does nothing."""
     map_from_robot: PoseTuple
     position_sigma_m: float = 0.5
     heading_sigma_rad: float = 0.26
+    covariance: Covariance | None = None
+    """Of the pose; it stands in for both sigmas."""
+    stamp_ns: int | None = None
+    """When the robot was there, by its own clock: the odometry since is added. None: now."""
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
@@ -122,6 +129,16 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     command_id: str
     near: Circle | None = None
     """Where to search; None: everywhere."""
+
+
+class Update(Message, frozen=True, kw_only=True, tag="update/1"):
+    """Make a step of the next scan, also of a robot that stands. A query on ``command/update``.
+
+    The bridge answers, before that step is made.
+    """
+
+    command_id: str
+    """The same id again does nothing."""
 
 
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):

@@ -5,18 +5,18 @@ from types import MappingProxyType
 from typing import Any, get_args
 
 from protocol import keys
-from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status, Update
 from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.sizes import LARGEST_BYTES, LIST_BYTES, SCAN_BYTES, SMALL_BYTES
-from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
+from protocol.steps import LaserReading, MapMessage, MapReading, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, Report, SearchReport, TrackReport, WorkerState, WorkOrder
 
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
     | dict.fromkeys((Belief, Hypotheses, JobEvents, Status), LIST_BYTES)
-    | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
+    | dict.fromkeys((MapMessage, MapReading, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
     | dict.fromkeys((WorkOrder, WorkerState, Checkpoint), LARGEST_BYTES)
 )
 
@@ -34,6 +34,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
     {
         keys.ODOMETRY_READING: OdometryReading,
         keys.LASER_READING: LaserReading,
+        keys.MAP_READING: MapReading,
         keys.SCAN: Scan,
         keys.ODOMETRY: OdometryReading,
         keys.BELIEF: Belief,
@@ -42,6 +43,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.SET_POSE: SetPose,
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
+        keys.UPDATE: Update,
         WorkerTopic.ORDER: WorkOrder,
         WorkerTopic.REPORT: Report,
     }

@@ -285,6 +285,7 @@ def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) ->
         robot_from_laser=mount,
         odom_from_robot=None,
         range_limit_m=fan.range_limit_m,
+        laser=fan.frame,
     )
 
 

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from coordinator.belief.outcome import Outcome
 from coordinator.pose.dead_reckoning import BlindDrive, DeadReckoning
 from coordinator.pose.lateness import Lateness
+from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.motion_covariance import composed_covariance
 from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
@@ -40,6 +41,7 @@ class PoseTracker:
         self._blind_after_gates = settings.blind_after_gates
         self._outcome: Outcome | None = None
         self._since_step, self._blind = DeadReckoning(motion, bridge), BlindDrive(bridge)
+        self.history = OdometryHistory()
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
@@ -63,6 +65,7 @@ class PoseTracker:
             return
         late_ns = self._lateness.of(stamp_ns, now_ns) if self._lateness else 0
         self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+        self.history.add(stamp_ns, odom_from_robot)
         self._arrived_ns = now_ns - late_ns
         self._by_scan = False
         self._since_step.on_odometry(odom_from_robot)
