@@ -1,0 +1,63 @@
+"""The bridge's process: two Zenoh sessions, the robot's and ours, and one loop between them."""
+
+import logging
+from contextlib import ExitStack
+
+from process_runtime.main import Invocation, process_main
+from ros2_bridge import topics
+from ros2_bridge.bond import BondThread
+from ros2_bridge.core_link import HEARD, CoreLink
+from ros2_bridge.loop import BridgeLoop, InboxEvent
+from ros2_bridge.node import RosNode
+from ros2_bridge.robot_session import is_humble, node_name, open_robot_session, refuse_second_node
+from ros2_bridge.topics import Topics
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+
+_log = logging.getLogger(__name__)
+
+_KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
+
+
+def main() -> None:
+    """Run the bridge."""
+    process_main(
+        "ros2_bridge",
+        run_ros2_bridge,
+        describe="Stands in for nav2's AMCL on a robot that speaks ROS 2 over rmw_zenoh.",
+    )
+
+
+def run_ros2_bridge(invocation: Invocation) -> None:
+    """Be the node until told to stop.
+
+    Raises:
+        SettingsError: a name or an endpoint cannot be used.
+        AlreadyRunningError: the robot has a node of that name.
+    """
+    settings, stop = invocation.settings, invocation.stop
+    name = node_name(settings.ros2)
+    with ExitStack() as resources:
+        robot = resources.enter_context(open_robot_session(settings, stop))
+        endpoint = settings.ros2.router or settings.zenoh.router
+        refuse_second_node(robot, name, endpoint, stop)
+        humble = is_humble(robot, settings.ros2, stop)
+        core = resources.enter_context(
+            open_session(settings.zenoh, settings.robot, stop, wait_s=None)
+        )
+        names = Topics(settings.ros2)
+        kept = dict.fromkeys((*HEARD, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
+        inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
+        node = RosNode(robot, name, humble=humble)
+        publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
+        bond = resources.enter_context(
+            BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
+        )
+        link = CoreLink(core, invocation.process, inbox)
+        loop = BridgeLoop(settings, inbox, link, publishers, bond)
+        for service, ros_type in loop.services.types().items():
+            node.serve(service, ros_type, inbox)
+        for topic in names.read():
+            node.subscribe(topic, inbox, own=topic != names.tf)
+        _log.info("%s is there, in ROS domain %d", name.topic(name.name), name.domain_id)
+        loop.run(stop)

@@ -1,0 +1,121 @@
+"""Stands in for bridge, coordinator and workers: hears readings and commands, tells beliefs."""
+
+from typing import Any
+
+import msgpack
+import zenoh
+
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import from_message
+from protocol import keys
+from protocol.answers import Belief, CommandDone, Hypothesis, State, Status
+from protocol.codec import decode, encode
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, MapMessage, OdometryReading
+from protocol.work import TrackReport
+from ros2_bridge.core_link import MAP_READING, UPDATE
+
+COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.005)
+
+
+class SystemDouble:
+    """One robot's system.
+
+    Args:
+        session: with the robot's namespace.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self.lasers: list[LaserReading] = []
+        self.odometry: list[OdometryReading] = []
+        self.maps: list[GridMap] = []
+        self.commands: list[tuple[str, dict[str, Any]]] = []
+        self.freshness = "fresh"
+        self.state: State = "searching"
+        self._step = 0
+        session.declare_subscriber(keys.LASER_READING, self._on_laser)
+        session.declare_subscriber(keys.ODOMETRY_READING, self._on_odometry)
+        session.declare_subscriber(MAP_READING, self._on_map)
+        for key in (keys.SET_POSE, keys.RELOCALIZE, UPDATE, keys.STATUS):
+            session.declare_queryable(key, self._on_query, complete=True)
+
+    def believe(
+        self,
+        stamp_ns: int,
+        *places: tuple[int, float, PoseTuple],
+        state: State = "ambiguous",
+        term: int = 1,
+    ) -> None:
+        """Publish a belief: cluster, probability and pose of each place."""
+        self.state = state
+        hypotheses = tuple(
+            Hypothesis(
+                cluster=cluster,
+                probability=probability,
+                log_probability=0.0,
+                mean=mean,
+                covariance=COVARIANCE,
+                effective_sample_size=100.0,
+                age_steps=3,
+            )
+            for cluster, probability, mean in places
+        )
+        belief = Belief(
+            sender="coordinator",
+            step=self._step,
+            stamp_ns=stamp_ns,
+            odom_from_robot=(0.0, 0.0, 0.0),
+            state=state,
+            hypotheses=hypotheses,
+            searching=False,
+            term=term,
+        )
+        self._step += 1
+        self._session.put(keys.BELIEF, encode(belief))
+
+    def report(self, report: TrackReport) -> None:
+        """Publish what a worker made of a step."""
+        self._session.put("worker/worker-0/report", encode(report))
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish whatever."""
+        self._session.put(key, payload)
+
+    def _on_laser(self, sample: zenoh.Sample) -> None:
+        self.lasers.append(decode(sample.payload.to_bytes(), LaserReading))
+
+    def _on_odometry(self, sample: zenoh.Sample) -> None:
+        self.odometry.append(decode(sample.payload.to_bytes(), OdometryReading))
+
+    def _on_map(self, sample: zenoh.Sample) -> None:
+        self.maps.append(from_message(decode(sample.payload.to_bytes(), MapMessage)))
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        with query:
+            if key == keys.STATUS:
+                query.reply(key, encode(self._status()))
+                return
+            assert query.payload is not None
+            self.commands.append((key, msgpack.unpackb(query.payload.to_bytes())))
+            query.reply(key, encode(CommandDone(sender="coordinator")))
+
+    def _status(self) -> Status:
+        return Status(
+            sender="coordinator",
+            version="1",
+            state=self.state,
+            freshness=self.freshness,  # type: ignore[arg-type] # as the test says
+            age_s=0.1,
+            step=self._step,
+            steps_applied=self._step,
+            steps_lost=0,
+            reports_missing=0,
+            map_digest="d",
+            clusters=1,
+            searching=False,
+            workers={},
+            counters={},
+            uptime_s=1.0,
+        )
