@@ -1,22 +1,21 @@
-"""The bridge's process: two Zenoh sessions, the robot's and ours, and one loop between them."""
+"""The bridge as a process. What speaks ROS is an extra, imported once it is known to be there."""
 
-import logging
-from contextlib import ExitStack
+from importlib.util import find_spec
 
 from process_runtime.main import Invocation, process_main
-from ros2_bridge import topics
-from ros2_bridge.bond import BondThread
-from ros2_bridge.core_link import HEARD, CoreLink
-from ros2_bridge.loop import BridgeLoop, InboxEvent
-from ros2_bridge.node import RosNode
-from ros2_bridge.robot_session import is_humble, node_name, open_robot_session, refuse_second_node
-from ros2_bridge.topics import Topics
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol.errors import ClusterMclError
 
-_log = logging.getLogger(__name__)
+_PACKAGES = ("rosbags", "xxhash")
 
-_KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
+
+class Ros2NotInstalledError(ClusterMclError):
+    """What speaks ROS is an extra, and it is not there."""
+
+    def __init__(self, package: str) -> None:
+        self.package, self.extra = package, "ros2"
+        super().__init__(f"ROS 2 needs {package!r}: pip install 'clustermcl[{self.extra}]'")
 
 
 def main() -> None:
@@ -29,35 +28,33 @@ def main() -> None:
 
 
 def run_ros2_bridge(invocation: Invocation) -> None:
-    """Be the node until told to stop.
+    """Be the node until told to stop; as a process of its own."""
+    serve(invocation.settings, invocation.process, invocation.stop)
+
+
+def serve(settings: Settings, process: str, stop: StopFlag) -> None:
+    """Be the robot's AMCL until told to stop.
 
     Raises:
-        SettingsError: a name or an endpoint cannot be used.
-        AlreadyRunningError: the robot has a node of that name.
+        Ros2NotInstalledError: what speaks ROS is not installed.
+        ClusterMclError: as `ros2_bridge.bridge.serve_robot` has it.
     """
-    settings, stop = invocation.settings, invocation.stop
-    name = node_name(settings.ros2)
-    with ExitStack() as resources:
-        robot = resources.enter_context(open_robot_session(settings, stop))
-        endpoint = settings.ros2.router or settings.zenoh.router
-        refuse_second_node(robot, name, endpoint, stop)
-        humble = is_humble(robot, settings.ros2, stop)
-        core = resources.enter_context(
-            open_session(settings.zenoh, settings.robot, stop, wait_s=None)
-        )
-        names = Topics(settings.ros2)
-        kept = dict.fromkeys((*HEARD, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
-        inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
-        node = RosNode(robot, name, humble=humble)
-        publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
-        bond = resources.enter_context(
-            BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
-        )
-        link = CoreLink(core, invocation.process, inbox)
-        loop = BridgeLoop(settings, inbox, link, publishers, bond)
-        for service, ros_type in loop.services.types().items():
-            node.serve(service, ros_type, inbox)
-        for topic in names.read():
-            node.subscribe(topic, inbox, own=topic != names.tf)
-        _log.info("%s is there, in ROS domain %d", name.topic(name.name), name.domain_id)
-        loop.run(stop)
+    refuse_what_cannot_run(settings)
+    from ros2_bridge.bridge import serve_robot  # noqa: PLC0415 - needs the extra
+
+    serve_robot(settings, process, stop)
+
+
+def refuse_what_cannot_run(settings: Settings) -> None:
+    """Say what is wrong before anything is started.
+
+    Raises:
+        Ros2NotInstalledError: what speaks ROS is not installed.
+        SettingsError: ROS would not take a name.
+    """
+    for package in _PACKAGES:
+        if find_spec(package) is None:
+            raise Ros2NotInstalledError(package)
+    from ros2_bridge.robot_session import node_name  # noqa: PLC0415 - needs the extra
+
+    node_name(settings.ros2)

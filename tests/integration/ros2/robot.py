@@ -63,7 +63,7 @@ class RosRobot:
         at_s = self.heard_at_s.setdefault(topic.name, [])
 
         class _List(Inbox[Any]):
-            def put_newest(self, kind: str, state: Any) -> None:
+            def put_newest(self, _kind: str, state: Any) -> None:
                 assert isinstance(state, FromRos)
                 assert not state.problem
                 at_s.append(time.monotonic())
