@@ -34,10 +34,15 @@ def open_robot_session(zenoh_settings: ZenohSettings) -> Iterator[Callable[[], z
 
 @pytest.fixture
 def open_robot(open_robot_session: Callable[[], zenoh.Session]) -> OpenRobot:
-    """Makes robots, each with a session of its own."""
+    """Makes robots, each with a session of its own; they live as long as the test."""
+    made: list[RosRobot] = []  # whose tokens would end with their last reference
 
-    def robot(settings: Ros2Settings | None = None, **more: object) -> RosRobot:
-        return RosRobot(open_robot_session(), settings or Ros2Settings(), **more)  # type: ignore[arg-type] # its own
+    def robot(
+        settings: Ros2Settings | None = None, *, name: str = "robot", humble: bool = False
+    ) -> RosRobot:
+        session = open_robot_session()
+        made.append(RosRobot(session, settings or Ros2Settings(), name, humble=humble))
+        return made[-1]
 
     return robot
 
@@ -59,10 +64,15 @@ def open_system(zenoh_settings: ZenohSettings) -> Iterator[Callable[..., SystemD
 def start_bridge(
     zenoh_settings: ZenohSettings, start_process: StartProcess, tmp_path: Path
 ) -> StartBridge:
-    """Starts bridges, with settings of `ros2`; returns once the node is there."""
+    """Starts bridges, with settings of `ros2`; returns once they say what is expected."""
     count = 0
 
-    def start(ros2: Ros2Settings | None = None, *, robot: str = "robot") -> RunningProcess:
+    def start(
+        ros2: Ros2Settings | None = None,
+        *,
+        robot: str = "robot",
+        expect: str = "is there, in ROS domain",
+    ) -> RunningProcess:
         nonlocal count
         count += 1
         settings = Settings(zenoh=zenoh_settings, robot=RobotSettings(name=robot))
@@ -70,7 +80,7 @@ def start_bridge(
         ros2 = ros2 or Ros2Settings()
         file.write_text(settings_as_toml(msgspec.structs.replace(settings, ros2=ros2)))
         process = start_process(python_module("ros2_bridge", "--settings", str(file)))
-        process.wait_for("is there, in ROS domain")
+        process.wait_for(expect)
         return process
 
     return start

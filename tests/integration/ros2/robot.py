@@ -5,12 +5,15 @@ What it puts on the wire is held against a recorded robot in `tests/unit/ros2_br
 
 import math
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
+from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading
 from ros2_bridge import message_types as types
@@ -22,6 +25,16 @@ from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
 from ros2_bridge.wire import NodeName, attachment, data_key, dds_type
 from tests.integration.waiting import wait_until
 from zenoh_link.inbox import Inbox
+
+SCAN = LaserReading(
+    sender="test",
+    stamp_ns=0,
+    ranges=ArrayBlob.of(np.linspace(1.0, 3.0, 9), "float32"),
+    angle_min_rad=-1.0,
+    angle_step_rad=0.25,
+    range_max_m=10.0,
+    robot_from_laser=(0.0, 0.0, 0.0),
+)
 
 
 class RosRobot:
@@ -69,7 +82,8 @@ class RosRobot:
                 at_s.append(time.monotonic())
                 heard.append(decode(state.payload, topic.ros_type))
 
-        self.node.subscribe(topic, _List({topic.name: 1}), own=False)
+        told = replace(topic, name=topic.name.replace("~/", "amcl/"))
+        self.node.subscribe(told, _List({topic.name: 1}), own=False)
         return heard
 
     def call(
@@ -113,6 +127,24 @@ class RosRobot:
 
     def put_scan(self, reading: LaserReading, frame: str = "laser", *, stamp_ns: int) -> None:
         self.put(self.topics.scan, laser_scan(reading, frame, stamp_ns))
+
+    def stand_until(
+        self,
+        condition: Callable[[], object],
+        odometry: PoseTuple = (0.0, 0.0, 0.0),
+        *,
+        frame: str = "laser",
+        deadline_s: float = 20.0,
+    ) -> None:
+        """Say odometry and scans of a standing robot until a condition holds."""
+
+        def said() -> object:
+            stamp_ns = time.time_ns()
+            self.put_odometry(stamp_ns, odometry)
+            self.put_scan(SCAN, frame, stamp_ns=stamp_ns)
+            return condition()
+
+        wait_until(said, deadline_s)
 
     def put_initial_pose(
         self, pose: PoseTuple, *, sigma: float = 0.3, stamp_ns: int = 0, frame: str = "map"
