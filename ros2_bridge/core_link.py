@@ -8,33 +8,24 @@ import uuid
 from collections.abc import Callable
 from typing import TypeAlias
 
+import numpy as np
 import zenoh
 
-from grid_maps.map_message import to_message
+from particle_filter.arrays import OCCUPIED
 from protocol import keys
-from protocol.answers import Relocalize, SetPose
-from protocol.message import Covariance, Message
+from protocol.answers import Relocalize
+from protocol.arrays import ArrayBlob
+from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading
+from ros2_bridge.core_messages import GivenPose, MapReading, Update
 from ros2_bridge.outputs import GiveMap, GivePose, LookOnce, Reading, SearchEverywhere
-from zenoh_link.wire import EventSink, Publisher, Received, ask_later, subscribe
+from zenoh_link.wire import Asked, EventSink, Publisher, Received, ask_later, serve, subscribe
 
 HEARD = (keys.BELIEF, keys.ALL_REPORTS)
-MAP_READING, UPDATE = "readings/map", "command/update"
 
 _COMMAND_TIMEOUT_S = 5.0
 
 Command: TypeAlias = GivePose | SearchEverywhere | LookOnce
-
-
-class _SetPose(SetPose, frozen=True, kw_only=True, tag="set_pose/1"):
-    """A pose with all that ROS tells of it; a system that knows less reads the sigmas."""
-
-    covariance: Covariance
-    stamp_ns: int | None
-
-
-class _Update(Message, frozen=True, kw_only=True, tag="update/1"):
-    command_id: str
 
 
 class CoreLink:
@@ -50,7 +41,9 @@ class CoreLink:
         self._session, self._name = session, name
         self._laser = Publisher(session, keys.LASER_READING)
         self._odometry = Publisher(session, keys.ODOMETRY_READING)
-        self._map = Publisher(session, MAP_READING, may_wait=True)
+        self._maps = Publisher(session, keys.MAP_READING, may_wait=True)
+        self._map: MapReading | None = None
+        serve(session, keys.MAP_READING, inbox)
         for key in HEARD:
             subscribe(session, key, inbox, key)
 
@@ -64,7 +57,22 @@ class CoreLink:
 
     def give_map(self, given: GiveMap) -> None:
         """Have the system localize in a map."""
-        self._map.put(to_message(given.grid_map, self._name))
+        grid_map = given.grid_map
+        occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
+        self._map = MapReading(
+            sender=self._name,
+            cell_m=grid_map.cell_m,
+            map_from_grid=grid_map.map_from_grid,
+            occupancy=ArrayBlob.of(occupancy, "int8"),
+        )
+        self._maps.put(self._map)
+
+    def answer(self, asked: Asked) -> None:
+        """Tell the map to who comes later."""
+        if self._map is None:
+            asked.refuse("no map has come yet")
+        else:
+            asked.answer(self._map)
 
     def command(
         self,
@@ -103,7 +111,7 @@ class CoreLink:
         name, command_id = self._name, uuid.uuid4().hex
         match command:
             case GivePose(map_from_robot=pose, covariance=covariance, stamp_ns=stamp_ns):
-                return keys.SET_POSE, _SetPose(
+                return keys.SET_POSE, GivenPose(
                     sender=name,
                     command_id=command_id,
                     map_from_robot=pose,
@@ -115,4 +123,4 @@ class CoreLink:
             case SearchEverywhere():
                 return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
             case LookOnce():
-                return UPDATE, _Update(sender=name, command_id=command_id)
+                return keys.UPDATE, Update(sender=name, command_id=command_id)

@@ -16,6 +16,7 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
+from ros2_bridge.core_messages import NamedLaserReading
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
 from ros2_bridge.outputs import Refused
 from ros2_bridge.rigid import Rigid
@@ -142,7 +143,7 @@ def laser_reading(
     start, step, ranges = counter_clockwise(
         float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
     )
-    return LaserReading(
+    return NamedLaserReading(
         sender=settings.node_name,
         stamp_ns=stamp_of(scan.header),
         ranges=ArrayBlob.of(ranges, "float32"),
@@ -151,6 +152,7 @@ def laser_reading(
         range_max_m=float(scan.range_max),
         robot_from_laser=base_from_laser.planar(),
         odom_from_robot=odom_from_robot,
+        laser=frame_name(scan.header.frame_id),
     )
 
 

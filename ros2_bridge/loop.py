@@ -34,7 +34,7 @@ from ros2_bridge.outputs import (
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Event, Received
+from zenoh_link.wire import Asked, Event, Received
 
 _log = logging.getLogger(__name__)
 
@@ -110,6 +110,8 @@ class BridgeLoop:
                 self._on_message(event)
             case Called():
                 self._on_call(event)
+            case Asked():
+                self._link.answer(event)
             case Received(key=keys.BELIEF):
                 self._do(self._amcl.on_belief(decode_ours(event.payload, Belief)))
             case Received(key=keys.STATUS):

@@ -3,17 +3,17 @@
 from typing import Any
 
 import msgpack
+import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
-from grid_maps.grid_map import GridMap
-from grid_maps.map_message import from_message
 from protocol import keys
 from protocol.answers import Belief, CommandDone, Hypothesis, State, Status
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, MapMessage, OdometryReading
+from protocol.steps import LaserReading, OdometryReading
 from protocol.work import TrackReport
-from ros2_bridge.core_link import MAP_READING, UPDATE
+from ros2_bridge.core_messages import MapReading
 
 COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.005)
 
@@ -29,15 +29,16 @@ class SystemDouble:
         self._session = session
         self.lasers: list[LaserReading] = []
         self.odometry: list[OdometryReading] = []
-        self.maps: list[GridMap] = []
+        self.maps: list[tuple[NDArray[np.int8], float, PoseTuple]] = []
+        """Cells as ROS has them, side of a cell, origin."""
         self.commands: list[tuple[str, dict[str, Any]]] = []
         self.freshness = "fresh"
         self.state: State = "searching"
         self._step = 0
         session.declare_subscriber(keys.LASER_READING, self._on_laser)
         session.declare_subscriber(keys.ODOMETRY_READING, self._on_odometry)
-        session.declare_subscriber(MAP_READING, self._on_map)
-        for key in (keys.SET_POSE, keys.RELOCALIZE, UPDATE, keys.STATUS):
+        session.declare_subscriber(keys.MAP_READING, self._on_map)
+        for key in (keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.STATUS):
             session.declare_queryable(key, self._on_query, complete=True)
 
     def believe(
@@ -78,6 +79,12 @@ class SystemDouble:
         """Publish what a worker made of a step."""
         self._session.put("worker/worker-0/report", encode(report))
 
+    def ask_for_map(self) -> PoseTuple:
+        """Ask the robot for its map, as a bridge does that comes later; its origin."""
+        (reply,) = self._session.get(keys.MAP_READING, timeout=5.0)
+        assert reply.ok is not None
+        return decode(reply.ok.payload.to_bytes(), MapReading).map_from_grid
+
     def put(self, key: str, payload: bytes) -> None:
         """Publish whatever."""
         self._session.put(key, payload)
@@ -89,7 +96,8 @@ class SystemDouble:
         self.odometry.append(decode(sample.payload.to_bytes(), OdometryReading))
 
     def _on_map(self, sample: zenoh.Sample) -> None:
-        self.maps.append(from_message(decode(sample.payload.to_bytes(), MapMessage)))
+        reading = decode(sample.payload.to_bytes(), MapReading)
+        self.maps.append((reading.occupancy.array(), reading.cell_m, reading.map_from_grid))
 
     def _on_query(self, query: zenoh.Query) -> None:
         key = str(query.key_expr)

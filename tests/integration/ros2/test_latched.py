@@ -42,13 +42,15 @@ def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     put_map(robot)
     start_bridge()
     wait_until(lambda: system.maps)
-    assert system.maps[0].cells.shape == (300, 400)
-    assert np.count_nonzero(system.maps[0].cells) == 2 * 400 + 2 * 298
-    assert system.maps[0].cell_m == 0.05
+    cells, cell_m, _ = system.maps[0]
+    assert cells.shape == (300, 400)
+    assert np.count_nonzero(cells == 100) == np.count_nonzero(cells) == 2 * 400 + 2 * 298
+    assert cell_m == 0.05
+    assert system.ask_for_map() == system.maps[0][2]  # also who comes later
     put_map(robot)  # the same: nothing happens
     put_map(robot, width=200, x_m=1.0)
     wait_until(lambda: len(system.maps) >= 2)
-    assert system.maps[-1].map_from_grid == (1.0, 0.0, 0.0)
+    assert system.maps[-1][2] == (1.0, 0.0, 0.0)
     assert len(system.maps) == 2
 
 
@@ -75,10 +77,12 @@ def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(
         other.put_mounts((f"laser{number}", flat((0.1 * number, 0.0, 0.0))))
     start_bridge(ACTIVE)
     for number in range(4):
-        heard = len(system.lasers)
-        frame = f"laser{number}"
-        robot.stand_until(lambda heard=heard: len(system.lasers) > heard, frame=frame)
-        wait_until(lambda number=number: system.lasers[-1].robot_from_laser[0] == 0.1 * number)
+        frame, place_m = f"laser{number}", 0.1 * number
+
+        def is_heard(place_m: float = place_m) -> bool:
+            return any(laser.robot_from_laser[0] == place_m for laser in system.lasers)
+
+        robot.stand_until(is_heard, frame=frame)
 
 
 def test_who_comes_late_gets_the_last_pose_and_places_but_no_old_cloud(
