@@ -3,6 +3,7 @@
 from typing import Any
 
 import msgpack
+import msgspec
 import numpy as np
 import zenoh
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ class SystemDouble:
         """Ask the robot for its map, as a bridge does that comes later; its origin."""
         (reply,) = self._session.get(keys.MAP_READING, timeout=5.0)
         assert reply.ok is not None
-        return decode(reply.ok.payload.to_bytes(), MapReading).map_from_grid
+        return map_in(reply.ok.payload.to_bytes()).map_from_grid
 
     def put(self, key: str, payload: bytes) -> None:
         """Publish whatever."""
@@ -96,7 +97,7 @@ class SystemDouble:
         self.odometry.append(decode(sample.payload.to_bytes(), OdometryReading))
 
     def _on_map(self, sample: zenoh.Sample) -> None:
-        reading = decode(sample.payload.to_bytes(), MapReading)
+        reading = map_in(sample.payload.to_bytes())
         self.maps.append((reading.occupancy.array(), reading.cell_m, reading.map_from_grid))
 
     def _on_query(self, query: zenoh.Query) -> None:
@@ -127,3 +128,8 @@ class SystemDouble:
             counters={},
             uptime_s=1.0,
         )
+
+
+def map_in(payload: bytes) -> MapReading:
+    """A map of any size."""
+    return msgspec.convert(msgpack.unpackb(payload), MapReading)

@@ -36,6 +36,7 @@ def put_bytes(
 
 def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
     now_ns, names = time.time_ns(), robot.topics
+    robot.put_odometry(now_ns, (0.0, 0.0, 0.0))
     robot.put_scan(SCAN, "mast", stamp_ns=now_ns)
     no_ranges = msgspec.structs.replace(SCAN, ranges=ArrayBlob.of([math.nan] * 9, "float32"))  # type: ignore[arg-type] # a list will do
     robot.put_scan(no_ranges, stamp_ns=now_ns)
