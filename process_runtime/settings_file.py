@@ -89,8 +89,12 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
     return msgspec.structs.replace(settings, **{section: part})
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """All leaves of the file by dotted name."""
+def content_of(path: Path) -> bytes:
+    """What a file of settings holds.
+
+    Raises:
+        InputFileError: it cannot be read, or is too large for one.
+    """
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -98,6 +102,12 @@ def _read(path: Path) -> dict[str, Any]:
         raise InputFileError(path, error.strerror or str(error)) from error
     if len(content) > MAX_FILE_BYTES:
         raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no settings file")
+    return content
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """All leaves of the file by dotted name."""
+    content = content_of(path)
     try:
         tables = tomllib.loads(content.decode())
     except UnicodeDecodeError as error:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from process_runtime.settings_file import MAX_FILE_BYTES
+from process_runtime.settings_file import content_of
 from protocol.errors import InputFileError
 from ros2_bridge.parameter_table import PARAMETERS, Value
 
@@ -65,14 +65,7 @@ def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
 
 def _tree(path: Path) -> dict[Any, Any]:
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_FILE_BYTES + 1)
-    except OSError as error:
-        raise InputFileError(path, error.strerror or str(error)) from error
-    if len(content) > MAX_FILE_BYTES:
-        raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no file of parameters")
-    try:
-        tree = yaml.safe_load(content)
+        tree = yaml.safe_load(content_of(path))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())
         raise InputFileError(path, f"not YAML: {problem}") from error

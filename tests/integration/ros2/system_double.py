@@ -9,14 +9,13 @@ import zenoh
 from numpy.typing import NDArray
 
 from protocol import keys
-from protocol.answers import Belief, CommandDone, Hypothesis, State, Status
+from protocol.answers import CommandDone, State, Status
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading
 from protocol.work import TrackReport
 from ros2_bridge.core_messages import MapReading
-
-COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.005)
+from tests.unit.ros2_bridge.beliefs import belief
 
 
 class SystemDouble:
@@ -51,30 +50,10 @@ class SystemDouble:
     ) -> None:
         """Publish a belief: cluster, probability and pose of each place."""
         self.state = state
-        hypotheses = tuple(
-            Hypothesis(
-                cluster=cluster,
-                probability=probability,
-                log_probability=0.0,
-                mean=mean,
-                covariance=COVARIANCE,
-                effective_sample_size=100.0,
-                age_steps=3,
-            )
-            for cluster, probability, mean in places
-        )
-        belief = Belief(
-            sender="coordinator",
-            step=self._step,
-            stamp_ns=stamp_ns,
-            odom_from_robot=(0.0, 0.0, 0.0),
-            state=state,
-            hypotheses=hypotheses,
-            searching=False,
-            term=term,
-        )
+        told = belief(stamp_ns, *places, state=state, term=term)
         self._step += 1
-        self._session.put(keys.BELIEF, encode(belief))
+        told = msgspec.structs.replace(told, step=self._step)
+        self._session.put(keys.BELIEF, encode(told))
 
     def report(self, report: TrackReport) -> None:
         """Publish what a worker made of a step."""

@@ -42,7 +42,7 @@ def test_scans_go_in_and_the_pose_comes_out(
     np.testing.assert_allclose(planar(told.pose.pose), place, atol=1e-12)
     assert told.header.frame_id == "map"
     assert (told.header.stamp.sec, told.header.stamp.nanosec) == divmod(laser.stamp_ns, 10**9)
-    assert (told.pose.covariance[0], told.pose.covariance[35]) == (0.01, 0.005)
+    assert (told.pose.covariance[0], told.pose.covariance[35]) == (0.04, 0.02)
     robot.stand_until(lambda: transforms, odometry)
     sent = transforms[-1].transforms[0]
     assert (sent.header.frame_id, sent.child_frame_id) == ("map", "odom")
