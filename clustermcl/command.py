@@ -15,7 +15,6 @@ from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
 from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
-from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError
@@ -143,11 +142,33 @@ def demo(
 
 
 @app.command()
-def up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def up(
+    nav2_params: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """Run everything on this machine, in the foreground, until Ctrl-C."""
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
     from clustermcl.up import run_up  # noqa: PLC0415 - see the module
 
-    run_up(load_settings(settings_file, assignments or ()))
+    chosen, without_effect = settings_with_nav2(nav2_params, settings_file, assignments or ())
+    for line in without_effect:
+        sys.stderr.write(f"clustermcl: {line}\n")
+    run_up(chosen)
+
+
+@app.command()
+def ros2(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Stand in for nav2's AMCL on a ROS 2 robot over rmw_zenoh, until Ctrl-C."""
+    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the module
+    from ros2_bridge.process import serve  # noqa: PLC0415 - see the module
+
+    chosen = load_settings(settings_file, assignments or ())
+    configure_logging("ros2_bridge", chosen.log.level)
+    serve(chosen, "ros2_bridge", stop_on_signals())
 
 
 @app.command()
@@ -450,11 +471,19 @@ def replay(
 
 
 @app.command()
-def settings(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def settings(
+    from_nav2: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What a nav2_params.yaml becomes.")
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """All settings with default, unit and meaning, as TOML that can be fed back."""
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
     from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the module
 
-    chosen: Settings = load_settings(settings_file, assignments or ())
+    chosen, without_effect = settings_with_nav2(from_nav2, settings_file, assignments or ())
+    sys.stdout.writelines(f"# {line}\n" for line in without_effect)
     sys.stdout.write(settings_as_toml(chosen))
 
 

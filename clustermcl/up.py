@@ -13,6 +13,7 @@ from process_runtime.sources import Live, Recorded, Simulated, is_published, par
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from robot_simulator.source import simulated_world
+from ros2_bridge.process import refuse_what_cannot_run as refuse_ros2_that_cannot_run
 from sensor_bridge.recording import open_recording
 from zenoh_link.configuration import as_zenoh, client_configuration
 
@@ -60,6 +61,8 @@ def _recorded(settings: Settings) -> Settings:
 def _refuse_what_cannot_run(settings: Settings) -> None:
     """Say what is wrong in one line, before processes say it in theirs."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
+    if settings.ros2.enabled:
+        refuse_ros2_that_cannot_run(settings)
     bridge = settings.bridge
     match parsed_source(bridge.source):
         case Simulated() as robot:

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from particle_filter.settings import FilterSettings, described
+from process_runtime.ros2_settings import Ros2Settings
 from protocol.names import LONGEST_NAME, NAME_PATTERN
 
 
@@ -27,6 +28,10 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     router: Annotated[
         str, described("endpoint of the router: where it listens and where clients connect")
     ] = "tcp/127.0.0.1:7447"
+    start_router: Annotated[
+        bool,
+        described("`clustermcl up` starts that router; else one is there, such as rmw_zenohd"),
+    ] = True
     connect_timeout_s: Annotated[
         float, described("how long a command looks for the router", "s", gt=0)
     ] = 2.0
@@ -203,3 +208,4 @@ class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=
     log: LogSettings = LogSettings()
     metrics: MetricsSettings = MetricsSettings()
     recorder: RecorderSettings = RecorderSettings()
+    ros2: Ros2Settings = Ros2Settings()

@@ -105,6 +105,12 @@ _ROLES = {
         reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF),
         asks=(keys.MAP, keys.SCAN_HISTORY),
     ),
+    "ros2": Rights(
+        publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
+        reads=(keys.BELIEF, keys.ALL_REPORTS),
+        serves=(keys.MAP_READING,),
+        asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+    ),
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
