@@ -60,6 +60,7 @@ class Answers:
             counters=dict(sorted((self._state.counters + Counter(counters)).items())),
             uptime_s=(now_ns - self._started_ns) / 1e9,
             term=self._term.number,
+            newest_step=self._state.newest_step,
         )
 
     def events(self) -> JobEvents:

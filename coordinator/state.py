@@ -70,6 +70,12 @@ class CoordinatorState:
         return self._founded
 
     @property
+    def newest_step(self) -> int:
+        """The newest whose scan has arrived, applied or not; -1: none."""
+        known = (self.collector.newest_scan, self.collector.applied)
+        return max((scan.step for scan in known if scan is not None), default=-1)
+
+    @property
     def changed(self) -> bool:
         """Whether others have to be told before anything that is decided leaves this process."""
         return self._changed

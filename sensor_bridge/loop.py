@@ -162,7 +162,8 @@ class BridgeLoop:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
         first_step = 0
         try:
-            first_step = ask(self._session, keys.STATUS, Status, timeout_s=1.0).step + 1
+            status = ask(self._session, keys.STATUS, Status, timeout_s=1.0)
+            first_step = max(status.step, status.newest_step) + 1
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
         return StepMaker(
