@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
@@ -17,7 +18,7 @@ from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
 WITHIN = 1e-9
 FENCED_WITHIN_S = 2.0
-"""A coordinator that was frozen listens before it acts; what it decides until then, nobody hears."""
+"""A coordinator that was frozen listens before it acts; nobody hears what it decides till then."""
 
 
 @dataclass
@@ -81,7 +82,7 @@ class History:
         counts = Counter(rule.term for rule in self._rules)
         breaks = [Break(0, f"term {term} was had twice") for term, n in counts.items() if n > 1]
         by_time = sorted(self._rules, key=lambda rule: rule.begun_ns)
-        for earlier, later in zip(by_time, by_time[1:], strict=False):
+        for earlier, later in pairwise(by_time):
             until_ns = later.begun_ns + int(FENCED_WITHIN_S * 1e9)
             late = [told_ns for told_ns, _ in earlier.beliefs if told_ns > until_ns]
             if late and earlier.term < later.term:
@@ -92,7 +93,7 @@ class History:
     def _not_gone_on(self) -> list[Break]:
         """Successors that have forgotten a decision, or begin with another."""
         breaks = []
-        for earlier, later in zip(self._rules, self._rules[1:], strict=False):
+        for earlier, later in pairwise(self._rules):
             last = earlier.last_before(later.begun_ns)
             if last is None or not any(place.cluster >= 0 for place in last.hypotheses):
                 continue
