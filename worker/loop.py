@@ -9,6 +9,7 @@ import zenoh
 
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
+from process_runtime.memory import AfterLargeMessages
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
@@ -61,6 +62,7 @@ class WorkerLoop:
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
         self._causes = CauseCounter()
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
+        self._memory = AfterLargeMessages()
         self._health_key = Publisher(session, keys.worker_health(name))
         self._outgoing = Outgoing(
             name, session, self._inbox, self._health, self._causes, cache_folder
@@ -96,6 +98,8 @@ class WorkerLoop:
                         self._tell(_what_was_built(event))
                     case MapFailed() | HistoryFailed():
                         self._tell(event)
+                if event is None:
+                    self._memory.turn(time.monotonic())
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
 
@@ -151,6 +155,7 @@ class WorkerLoop:
             asked.refuse(str(error))
             return
         self._tell(StateAsked(self._outgoing.number(asked), take_over))
+        self._memory.passed(time.monotonic())
 
 
 def _with_term(payload: bytes, kind: type[T]) -> T:
