@@ -61,6 +61,7 @@ class Answers:
             uptime_s=(now_ns - self._started_ns) / 1e9,
             term=self._term.number,
             newest_step=self._state.newest_step,
+            overloaded=self._state.overload.is_overloaded,
         )
 
     def events(self) -> JobEvents:

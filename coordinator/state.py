@@ -21,6 +21,7 @@ from coordinator.commands import Commands
 from coordinator.event_log import EventLog
 from coordinator.map_change import MapChangeDetector
 from coordinator.membership.placement import Placement
+from coordinator.overload import OverloadDetector
 from coordinator.pose.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
 from particle_filter.arrays import Pose
@@ -55,6 +56,7 @@ class CoordinatorState:
         self.outcome: Outcome | None = None
         self.counters: Counter[str] = Counter()
         self.steps_applied = self.reports_missing = 0
+        self.overload = OverloadDetector()
         self._map_digest, self._map_changes = "", MapChangeDetector()
         self._founded = False
         self._changed = True
@@ -142,15 +144,28 @@ class CoordinatorState:
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
+        self._notice_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
-        self.placement.step_decided(expected, outcome.missing, now_ns)
+        patient = self.overload.is_overloaded
+        self.placement.step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         if not outcome.missing or set(weighing) - set(outcome.missing):
             self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
+
+    def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
+        """Where there is no time for all, periodic searches come later.
+
+        A search takes its time, and a recording that waits for each belief has it.
+        """
+        if ready.scan.paced or (self.outcome is not None and self.outcome.searching):
+            return
+        self.overload.step_decided(now_ns - ready.arrived_ns)
+        if self.overload.is_overloaded:
+            self.ensemble.postpone_search(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Do what is commanded; False if it is refused."""

@@ -34,6 +34,8 @@ class ReadyStep:
     before: Scan | None
     """The scan of the step that was applied last."""
     reports: tuple[Report, ...]
+    arrived_ns: int = 0
+    """When the scan came, by the clock of all events."""
 
 
 class StepCollectorState(msgspec.Struct, frozen=True):
@@ -168,7 +170,8 @@ class StepCollector:
             self._steps_lost += step - self.before - 1
         before, self._applied = self._applied, opened.scan
         late, self._late = self._late, []
-        return ReadyStep(opened.scan, before, (*late, *opened.reports.values()))
+        reports = (*late, *opened.reports.values())
+        return ReadyStep(opened.scan, before, reports, opened.arrived_ns)
 
     # --- from one coordinator to the next
 

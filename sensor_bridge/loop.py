@@ -18,6 +18,7 @@ from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, printable
 from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
 from sensor_bridge.extension import Extension
+from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.reading import Reading, Source
 from sensor_bridge.step_history import StepHistory
@@ -38,6 +39,8 @@ from zenoh_link.wire import (
 )
 
 POLL_S = 0.1
+HELD_BACK = "scans held back"
+"""As what is counted: the robot had moved, but steps are made faster than they are decided."""
 
 _log = logging.getLogger(__name__)
 
@@ -68,6 +71,7 @@ class BridgeLoop:
         self._scans = Publisher(session, keys.SCAN)
         self._odometry = Publisher(session, keys.ODOMETRY)
         self._maker: StepMaker | None = None
+        self._flow = FlowControl()
         self._refused: Counter[str] = Counter()
         self._coordinator_there = False
         self._next: Reading | None = None
@@ -114,7 +118,12 @@ class BridgeLoop:
     def _take(self, reading: Reading) -> None:
         if self._maker is None:
             self._maker = self._new_maker()
+        if not self._pacing.paced:
+            self._maker.hold(self._flow.is_full(time.monotonic_ns()))
+        held_back = self._maker.held_back
         scan = self._maker.on_reading(reading)
+        for _ in range(self._maker.held_back - held_back):
+            self._health.happened(HELD_BACK)
         self._health.happened("odometry" if isinstance(reading, OdometryReading) else "scans")
         if self._maker.dropped != self._refused:
             self._count_refused(self._maker.dropped, reading.stamp_ns)
@@ -156,6 +165,7 @@ class BridgeLoop:
         self._scans.put(scan)
         self._health.happened("steps")
         self._pacing.step_sent(scan.step, time.monotonic_ns())
+        self._flow.step_sent(scan.step)
         self._extension.on_step(scan)
 
     def _new_maker(self) -> StepMaker:
@@ -187,6 +197,7 @@ class BridgeLoop:
                 case Received(key=keys.BELIEF):
                     belief = decode(event.payload, Belief)
                     self._pacing.believed(belief.step, belief.term)
+                    self._flow.believed(belief.step, time.monotonic_ns())
                 case Received(key=keys.ODOMETRY_READING):
                     self._take(decode(event.payload, OdometryReading))
                 case Received(key=keys.LASER_READING):

@@ -17,6 +17,10 @@ class MotionGate:
     def __init__(self, settings: BridgeSettings) -> None:
         self._distance_m, self._turn_rad = settings.gate_distance_m, settings.gate_turn_rad
         self._last: PoseTuple | None = None
+        self.is_held = False
+        """Nothing passes; whoever has moved meanwhile passes as soon as it is released."""
+        self.held_back = 0
+        """Scans that would have passed."""
 
     def open_next(self) -> None:
         """Let the next scan through, however little the robot has moved."""
@@ -29,5 +33,8 @@ class MotionGate:
             turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
             if driven_m < self._distance_m and turned_rad < self._turn_rad:
                 return False
+        if self.is_held:
+            self.held_back += 1
+            return False
         self._last = odom_from_robot
         return True
