@@ -30,7 +30,7 @@ class Answers:
 
     def pose(self, now_ns: int) -> PoseAnswer:
         """Where the robot is now."""
-        answer = self._state.pose.answer(now_ns, len(self._state.placement.workers))
+        answer = self._state.pose.answer(now_ns, len(self._state.placement.delivery.workers))
         return msgspec.structs.replace(answer, term=self._term.number)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:

@@ -111,7 +111,9 @@ class Coordinator:
                 self._state.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
             case events.ReportArrived(worker, report):
                 self._take_over.on_report(report, worker)
-                return self._on_time_passed(now_ns)
+                # Nine in ten reports complete nothing; what time brings, the next event does.
+                awaits_more = self.begun and self._state.awaits_reports
+                return [] if awaits_more else self._on_time_passed(now_ns)
             case events.WorkerJoined(worker):
                 self._take_over.on_worker_joined(worker, now_ns)
                 return self._on_time_passed(now_ns)

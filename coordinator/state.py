@@ -135,6 +135,15 @@ class CoordinatorState:
         self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
         self._changed = True
 
+    @property
+    def awaits_reports(self) -> bool:
+        """Whether no step is complete: none is open, or one of its reports is waited for."""
+        reports = self.collector.oldest_reports
+        return reports is None or any(
+            job_id not in reports and self.placement.waits_for(job_id)
+            for job_id in self.ensemble.expected
+        )
+
     def ready(self, now_ns: int) -> ReadyStep | None:
         """The next step, if nothing is to be waited for any longer; then it must be applied."""
         if self.collector.oldest_scan is None:

@@ -1,6 +1,6 @@
 """Steps in their order: when all reports are in, or none can be waited for any longer."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import msgspec
@@ -83,6 +83,12 @@ class StepCollector:
         """The oldest scan that waits to be applied."""
         waiting = [opened.scan for opened in self._open.values() if opened.scan]
         return min(waiting, key=lambda scan: scan.step, default=None)
+
+    @property
+    def oldest_reports(self) -> Mapping[str, Report] | None:
+        """By job, those of the oldest step whose scan waits to be applied; None: none waits."""
+        step = min((step for step, opened in self._open.items() if opened.scan), default=None)
+        return None if step is None else self._open[step].reports
 
     @property
     def newest_scan(self) -> Scan | None:

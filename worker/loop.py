@@ -40,11 +40,12 @@ from zenoh_link.wire import Asked, Publisher, Received, Unread, serve, subscribe
 KEPT_SCANS = 64
 KEPT_ANSWERS = 16
 POLL_S = 0.1
-QUIET_S = 0.01
-"""After a scan, what nobody waits for is left until so much later: the other workers of this
-machine, and the coordinator, need the cores for the step."""
+SOON_S = 0.01
 KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""
+SCANS_TO_A_LOOK = 2
+"""After the second one's report, or before anything else: waking up for them costs as much as
+reading them, and who asks for checkpoints gets all that have come."""
 
 _log = logging.getLogger(__name__)
 
@@ -79,12 +80,11 @@ class WorkerLoop:
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             unread_scans = 0
             while not stop.is_set():
-                soon = unread_scans or self._outgoing.asks_again
-                event = self._inbox.get(QUIET_S if soon else POLL_S)
+                event = self._inbox.get(SOON_S if self._outgoing.asks_again else POLL_S)
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
                     unread_scans += 1
-                    if unread_scans < KEPT_CHECKPOINTS:
+                    if unread_scans < SCANS_TO_A_LOOK:
                         continue
                 unread_scans = 0
                 for payload in checkpoints.drain():

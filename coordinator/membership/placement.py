@@ -47,13 +47,12 @@ class Placement:
 
     def waited_for(self, job_ids: Iterable[str]) -> list[str]:
         """Those jobs whose reports hold a step up: of silent workers only the first time."""
-        return [
-            job_id
-            for job_id in job_ids
-            if (job := self.jobs.get(job_id)) is None
-            or job.worker is None
-            or self._stragglers.waits_for(job.worker)
-        ]
+        return list(filter(self.waits_for, job_ids))
+
+    def waits_for(self, job_id: str) -> bool:
+        """Whether a job's report holds a step up."""
+        job = self.jobs.get(job_id)
+        return job is None or job.worker is None or self._stragglers.waits_for(job.worker)
 
     def reported(self, job_id: str, snapshot: Particles | None, *, in_time: bool) -> None:
         """A job's worker reported; a snapshot is where another worker would carry on."""
