@@ -23,6 +23,7 @@ from coordinator.commands import Commands
 from coordinator.event_log import EventLog
 from coordinator.map_change import MapChangeDetector
 from coordinator.membership.placement import Placement
+from coordinator.overload import OverloadDetector
 from coordinator.pose.dead_reckoning import carried
 from coordinator.pose.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
@@ -60,6 +61,7 @@ class CoordinatorState:
         self.outcome: Outcome | None = None
         self.counters: Counter[str] = Counter()
         self.steps_applied = self.reports_missing = 0
+        self.overload = OverloadDetector()
         self._map_digest, self._map_changes = "", MapChangeDetector()
         self._founded = False
         self._changed = True
@@ -73,6 +75,12 @@ class CoordinatorState:
     def founded(self) -> bool:
         """Whether the belief has had clusters, or a person has spoken."""
         return self._founded
+
+    @property
+    def newest_step(self) -> int:
+        """The newest whose scan has arrived, applied or not; -1: none."""
+        known = (self.collector.newest_scan, self.collector.applied)
+        return max((scan.step for scan in known if scan is not None), default=-1)
 
     @property
     def changed(self) -> bool:
@@ -131,6 +139,15 @@ class CoordinatorState:
         self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
         self._changed = True
 
+    @property
+    def awaits_reports(self) -> bool:
+        """Whether no step is complete: none is open, or one of its reports is waited for."""
+        reports = self.collector.oldest_reports
+        return reports is None or any(
+            job_id not in reports and self.placement.waits_for(job_id)
+            for job_id in self.ensemble.expected
+        )
+
     def ready(self, now_ns: int) -> ReadyStep | None:
         """The next step, if nothing is to be waited for any longer; then it must be applied."""
         if self.collector.oldest_scan is None:
@@ -140,10 +157,12 @@ class CoordinatorState:
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
+        self._notice_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
-        self.placement.step_decided(expected, outcome.missing, now_ns)
+        patient = self.overload.is_overloaded
+        self.placement.step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         if not outcome.missing or set(weighing) - set(outcome.missing):
@@ -154,6 +173,17 @@ class CoordinatorState:
         if given is not None:
             self._founded = True
             self._follow(given, ready.scan)
+
+    def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
+        """Where there is no time for all, periodic searches come later.
+
+        A search takes its time, and a recording that waits for each belief has it.
+        """
+        if ready.scan.paced or (self.outcome is not None and self.outcome.searching):
+            return
+        self.overload.step_decided(now_ns - ready.arrived_ns)
+        if self.overload.is_overloaded:
+            self.ensemble.postpone_search(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
         """Do what is commanded; False if it waits for the first step, or is refused."""

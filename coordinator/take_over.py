@@ -101,6 +101,8 @@ class TakeOver:
         instructions = list[Instruction](self._recovery.questions(self._term.number, now_ns))
         if not self._term.begun and self._recovery.is_over(now_ns):
             instructions += self._begin(now_ns)
+        if self._term.begun and self._state.founded:
+            self._recovery.forget_told()
         return instructions
 
     def _begin(self, now_ns: int) -> list[Instruction]:

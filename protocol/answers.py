@@ -104,6 +104,10 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """How each process is, the coordinator first; silent ones are left out after 30 s."""
     scan_age_s: float = -1.0
     """As in `PoseAnswer`."""
+    overloaded: bool = False
+    """Steps are made faster than they are decided: scans are left out, searches put off."""
+    newest_step: int = -1
+    """The newest whose scan has arrived, applied or not: a bridge that starts goes on after it."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):

@@ -1,6 +1,7 @@
 """How large a message may be: what is larger is refused before it is decoded, or even copied."""
 
 from collections.abc import Mapping
+from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Any, get_args
 
@@ -21,6 +22,7 @@ _BYTES: Mapping[Any, int] = MappingProxyType(
 )
 
 
+@cache
 def max_bytes(expected: Any) -> int:
     """The most bytes that a message may have.
 
@@ -51,6 +53,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
 """What is published or asked; elsewhere it is small, or nothing."""
 
 
+@lru_cache(maxsize=1024)
 def max_bytes_on(key: str) -> int:
     """The most bytes that a message on a key, or the payload of a query there, may have.
 

@@ -25,6 +25,7 @@ from protocol.steps import (
     ScanHistory,
 )
 from sensor_bridge.extension import Extension
+from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.reading import Reading, Source
 from sensor_bridge.standing_robot import StandingRobot
@@ -50,6 +51,8 @@ POLL_S = 0.1
 ASK_MAP_EVERY_S = 1.0
 KEPT_COMMANDS = 100
 """A command that is asked once more does nothing, if it is one of the last."""
+HELD_BACK = "scans held back"
+"""As what is counted: the robot had moved, but steps are made faster than they are decided."""
 
 _log = logging.getLogger(__name__)
 
@@ -82,6 +85,7 @@ class BridgeLoop:
         self._scans = Publisher(session, keys.SCAN)
         self._odometry = Publisher(session, keys.ODOMETRY)
         self._maker: StepMaker | None = None
+        self._flow = FlowControl()
         self._refused: Counter[str] = Counter()
         self._coordinator_there = False
         self._next: Reading | None = None
@@ -139,7 +143,12 @@ class BridgeLoop:
             self._maker = self._new_maker(self._map)
         if self._live and isinstance(reading, LaserReading):
             self._look_again_if_it_stands(self._maker)
+        if not self._pacing.paced:
+            self._maker.hold(self._flow.is_full(time.monotonic_ns()))
+        held_back = self._maker.held_back
         scan = self._maker.on_reading(reading)
+        for _ in range(self._maker.held_back - held_back):
+            self._health.happened(HELD_BACK)
         self._health.happened("odometry" if isinstance(reading, OdometryReading) else "scans")
         if self._maker.dropped != self._refused:
             self._count_refused(self._maker.dropped, reading.stamp_ns)
@@ -186,13 +195,15 @@ class BridgeLoop:
         self._health.happened("steps")
         self._pacing.step_sent(scan.step, time.monotonic_ns())
         self._standing.step_sent(scan.step, time.monotonic_ns())
+        self._flow.step_sent(scan.step)
         self._extension.on_step(scan)
 
     def _new_maker(self, first_map: MapMessage) -> StepMaker:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
         first_step = 0
         try:
-            first_step = ask(self._session, keys.STATUS, Status, timeout_s=1.0).step + 1
+            status = ask(self._session, keys.STATUS, Status, timeout_s=1.0)
+            first_step = max(status.step, status.newest_step) + 1
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
         return StepMaker(
@@ -246,6 +257,7 @@ class BridgeLoop:
                     self._pacing.believed(belief.step, belief.term)
                     searching = belief.state == "searching"
                     self._standing.believed(belief.step, belief.term, searching=searching)
+                    self._flow.believed(belief.step, time.monotonic_ns())
                 case Received(key=keys.ODOMETRY_READING):
                     self._take(decode(event.payload, OdometryReading))
                 case Received(key=keys.LASER_READING):

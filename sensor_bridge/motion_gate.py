@@ -32,6 +32,10 @@ class MotionGate:
         self._distance_m, self._turn_rad = settings.gate_distance_m, settings.gate_turn_rad
         self._last: PoseTuple | None = None
         self._is_open = False
+        self.is_held = False
+        """Nothing passes; whoever has moved meanwhile passes as soon as it is released."""
+        self.held_back = 0
+        """Scans that would have passed."""
 
     def open_next(self) -> None:
         """Let the next scan through, however little the robot has moved."""
@@ -49,6 +53,9 @@ class MotionGate:
         """Whether a scan at this pose becomes a step; if so, the next is measured from here."""
         moved = self._has_moved(odom_from_robot)
         if not (moved or self._is_open):
+            return Passage.HELD_BACK
+        if self.is_held:
+            self.held_back += 1
             return Passage.HELD_BACK
         self._last, self._is_open = odom_from_robot, False
         return Passage.MOVED if moved else Passage.STANDING

@@ -103,6 +103,15 @@ class StepMaker:
         self._release(at_most_waiting=0)
         return self._ready.popleft() if self._ready else None
 
+    @property
+    def held_back(self) -> int:
+        """Scans that were no steps because of `hold`."""
+        return self._gate.held_back
+
+    def hold(self, is_held: bool) -> None:
+        """Make no steps for the time being: those that are made already are too many."""
+        self._gate.is_held = is_held
+
     def force_next(self) -> None:
         """Let the next usable scan become a step, however little the robot has moved."""
         self._gate.open_next()

@@ -131,6 +131,10 @@ class Ensemble:
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
+    def postpone_search(self, step: int) -> None:
+        """Let no periodic search begin after this step; one for a robot that is lost may."""
+        self._next_search_step = max(self._next_search_step, step + 1)
+
     def set_pose(self, given: Place) -> Outcome:
         """Believe a person: a cluster at the given pose takes its share from the others."""
         step = given.sample.step

@@ -86,6 +86,8 @@ class DeadReckoning:
         """(3,) how the robot moved since the step, in its frame then, and (3, 3) covariance."""
         step, piece, now = np.array(self._step), np.array(self._piece), np.array(self._now)
         last = between(piece, now)
+        if self._piece == self._step:  # most often: nothing to compose
+            return last, motion_covariance(last, self._motion)
         before, noise = covariance_matrix(self._covariance), motion_covariance(last, self._motion)
         covariance = composed_covariance(between(step, piece), before, last, noise)
         return between(step, now), covariance
