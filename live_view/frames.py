@@ -15,6 +15,8 @@ from protocol.steps import MapMessage, Scan
 
 Frame: TypeAlias = dict[str, Any]
 
+ROW_PLACES = 16
+"""Of a step that is past, the most probable places that are plotted, and whose way is drawn."""
 MAX_BEAMS = 360
 """Of a scan on the page; of more, every second, third and so on is drawn."""
 
@@ -36,6 +38,7 @@ def step_frame(
     """All that is drawn after one step."""
     return {
         "step": belief.step,
+        "odom": belief.odom_from_robot,
         "state": belief.state,
         "searching": belief.searching,
         "missing": belief.missing,
@@ -61,7 +64,7 @@ def history_row(frame: Frame) -> list[Any]:
     """What the way and the plot need of a step: step, places as (cluster, slot, p, x, y), truth."""
     places = [
         (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
-        for p in frame["places"]
+        for p in frame["places"][:ROW_PLACES]
     ]
     return [frame["step"], places, frame["truth"]]
 

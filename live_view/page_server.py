@@ -22,7 +22,15 @@ from websockets.http11 import Response
 
 from live_view.admission import Address, Admission
 from live_view.backlog import Backlog
-from live_view.commands import MAX_REQUEST_BYTES, Command, Drawn, parsed_request
+from live_view.commands import (
+    MAX_REQUEST_BYTES,
+    Command,
+    Drawn,
+    Question,
+    ShowEarlier,
+    ShowPast,
+    parsed_request,
+)
 from protocol.errors import MalformedMessageError, SettingsError
 
 SOCKET_PATH = "/live"
@@ -73,7 +81,15 @@ class Commanded:
     command: Command
 
 
-FromBrowser = Joined | Commanded
+@dataclass(frozen=True)
+class Questioned:
+    """A page wants to know something of the past."""
+
+    browser: Browser
+    question: Question
+
+
+FromBrowser = Joined | Commanded | Questioned
 
 
 class PageServer:
@@ -214,6 +230,8 @@ class PageServer:
             case Drawn():
                 browser.backlog.on_drawn()
                 browser.woken.set()
+            case ShowPast() | ShowEarlier() as question:
+                self._on_event(Questioned(browser, question))
             case command if self._commands:
                 self._on_event(Commanded(browser, command))
             case _:

@@ -22,6 +22,7 @@ TRUTH = "truth"
 BRIDGE_ALIVE = "bridge/alive"
 BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
+DRIVE = "simulator/drive"
 
 BELIEF = "belief"
 POSE = "pose"
@@ -36,7 +37,7 @@ CHECKPOINT = "checkpoint"
 _CONSTANT = frozenset(
     (
         *(ODOMETRY_READING, LASER_READING),
-        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP),
+        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE),
         *(
             BELIEF,
             POSE,

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import Any, get_args
 
 from protocol import keys
-from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.answers import Belief, Drive, Hypotheses, Kidnap, Relocalize, SetPose, Status
 from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
 from protocol.keys import WorkerKey, WorkerTopic
@@ -42,6 +42,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.SET_POSE: SetPose,
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
+        keys.DRIVE: Drive,
         WorkerTopic.ORDER: WorkOrder,
         WorkerTopic.REPORT: Report,
     }

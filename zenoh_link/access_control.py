@@ -65,7 +65,10 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
+    reads=(
+        *(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
+        *(keys.SCAN, keys.ALL_REPORTS),  # drawn at the places: scans and particles
+    ),
     asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
 )
 
@@ -78,7 +81,7 @@ _ROLES = {
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
         reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE),
         asks=(keys.STATUS,),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
@@ -103,7 +106,7 @@ _ROLES = {
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
-        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP),
+        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP, keys.DRIVE),
     ),
 }
 

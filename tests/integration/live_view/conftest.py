@@ -85,12 +85,18 @@ def link(folder: Path, system: System) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def page(link: str) -> Iterator[Page]:
+def page(link: str, driver: Any) -> Page:
     """The page, open in a browser without a screen."""
+    return Page(driver, link)
+
+
+@pytest.fixture(scope="session")
+def driver() -> Iterator[Any]:
+    """A browser without a screen."""
     with ExitStack() as ended:
-        driver = _driver()
-        ended.callback(driver.quit)
-        yield Page(driver, link)
+        made = _driver()
+        ended.callback(made.quit)
+        yield made
 
 
 def _driver() -> Any:

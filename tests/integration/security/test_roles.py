@@ -45,6 +45,7 @@ SERVED = {  # key: who serves it, who may ask for it
     keys.MAP: ("bridge", {"worker-a", "worker-b", "viewer", "operator"}),
     keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator"}),
     keys.KIDNAP: ("bridge", {"operator"}),
+    keys.DRIVE: ("bridge", {"operator"}),
     keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),
     keys.HYPOTHESES: ("coordinator", {"viewer", "operator"}),
     keys.EVENTS: ("coordinator", {"viewer", "operator", "robot"}),

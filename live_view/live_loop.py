@@ -1,0 +1,252 @@
+"""The rim of the page: messages of one robot's system in, frames for browsers out."""
+
+import logging
+import time
+import uuid
+from contextlib import ExitStack
+from typing import TypeAlias
+
+import zenoh
+
+from live_view.commands import DriveRobot, ShowEarlier, ShowPast, message_of
+from live_view.page_server import (
+    Browser,
+    Commanded,
+    FromBrowser,
+    Joined,
+    PageServer,
+    Questioned,
+)
+from live_view.particle_clouds import may_have_particles
+from live_view.picture import Picture
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief, CommandDone, PoseAnswer, Status
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError, UnreachableError
+from protocol.job_events import JobEvents
+from protocol.steps import MapMessage, Scan, TruePose
+from protocol.work import TrackReport
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Event, Link, Received, Unread, ask_later, subscribe, watch_link
+
+_log = logging.getLogger(__name__)
+
+_REPORTS = "report"
+_HEARD = (keys.SCAN, keys.BELIEF, keys.POSE, keys.EVENTS, keys.TRUTH)
+_KEPT_MESSAGES = 64
+_KEPT_REPORTS = 64
+_REPORTS_EVERY_S = 0.2
+_POLL_S = 0.1
+_AT_ONCE = 64
+_STATUS_EVERY_S = 1.0
+_UNANSWERED_ENOUGH = 2
+"""A busy system may miss one question."""
+_MAP_TIMEOUT_S = 30.0
+_COMMAND_TIMEOUT_S = 5.0
+
+
+class _Unanswered:
+    """Nobody answered a question, or a command; then the page it came from."""
+
+    def __init__(self, key: str, words: str, browser: Browser | None = None) -> None:
+        self.key, self.words, self.browser = key, words, browser
+
+
+class _Answered:
+    """A command was answered."""
+
+    def __init__(self, received: Received, commanded: Commanded) -> None:
+        self.received, self.commanded = received, commanded
+
+
+_InboxEvent: TypeAlias = Event | FromBrowser | _Unanswered | _Answered
+
+
+def new_inbox() -> "Inbox[_InboxEvent]":
+    """For what is heard, and for what browsers say."""
+    return Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
+
+
+def answer_browser(server: PageServer, picture: Picture, asked: Joined | Questioned) -> None:
+    """Give one page what it wants to know."""
+    match asked:
+        case Joined(browser):
+            server.tell(browser, picture.everything())
+        case Questioned(browser, ShowPast(step)):
+            server.tell(browser, {"past": picture.past(step)})
+        case Questioned(browser, ShowEarlier(before)):
+            server.tell(browser, {"earlier": picture.rows_before(before)})
+
+
+class LiveLoop:
+    """Takes from the inbox, and owns the picture: there is no lock."""
+
+    def __init__(
+        self, settings: Settings, inbox: Inbox[_InboxEvent], server: PageServer, *, commands: bool
+    ) -> None:
+        self._settings, self._inbox, self._server = settings, inbox, server
+        self._picture = Picture(
+            {
+                "robot": settings.robot.name,
+                "router": settings.zenoh.router,
+                "commands": commands,
+            }
+        )
+        self._session: zenoh.Session | None = None
+        self._reports: Unread | None = None
+        self._next_status_s = self._next_reports_s = 0.0
+        self._asking_map, self._unanswered = False, 0
+        self._has_warned = False
+
+    def run(self, stop: StopFlag) -> None:
+        """Look for the router, and hear the system, until told to stop."""
+        with ExitStack() as resources:
+            while not stop.is_set():
+                if self._session is None:
+                    self._session = self._connected(stop, resources)
+                self._ask_what_is_due()
+                self._hear(_POLL_S)
+                self._look_at_reports()
+                if changes := self._picture.changes():
+                    self._server.publish(changes)
+
+    def _connected(self, stop: StopFlag, resources: ExitStack) -> zenoh.Session | None:
+        """A session that hears everything; None: there is no router yet."""
+        settings = self._settings
+        try:
+            opened = open_session(settings.zenoh, settings.robot, stop, wait_s=0.0)
+            session = resources.enter_context(opened)
+        except UnreachableError as error:
+            _log.debug("%s", error)
+            return None
+        for key in _HEARD:
+            subscribe(session, key, self._inbox, key)
+        self._reports = Unread(session, keys.ALL_REPORTS, self._inbox, _REPORTS, _KEPT_REPORTS)
+        watch_link(session, self._inbox)
+        return session
+
+    def _hear(self, timeout_s: float) -> None:
+        """Take what has come, so that all of it is one picture; wait for the first."""
+        event = self._inbox.get(timeout_s)
+        left = _AT_ONCE
+        while event is not None:
+            try:
+                self._on_event(event)
+            except MalformedMessageError as error:
+                self._on_malformed(error)
+            left -= 1
+            event = self._inbox.get(0.0) if left else None
+
+    def _look_at_reports(self) -> None:
+        """Take the particles out of what workers have reported."""
+        now_s = time.monotonic()
+        if self._reports is None or now_s < self._next_reports_s:
+            return
+        self._next_reports_s = now_s + _REPORTS_EVERY_S
+        for payload in self._reports.drain():
+            if may_have_particles(payload):
+                try:
+                    self._picture.on_report(decode(payload, TrackReport))
+                except MalformedMessageError as error:
+                    self._on_malformed(error)
+
+    def _on_malformed(self, error: MalformedMessageError) -> None:
+        """Say the first; a stranger shall not fill the log."""
+        if not self._has_warned:
+            self._has_warned = True
+            _log.warning("ignored, as all that follow: %s", error)
+
+    def _on_event(self, event: _InboxEvent) -> None:
+        match event:
+            case Joined() | Questioned():
+                answer_browser(self._server, self._picture, event)
+            case Commanded():
+                self._command(event)
+            case _Answered(received=received, commanded=commanded):
+                problem = decode(received.payload, CommandDone).problem
+                if problem or not isinstance(commanded.command, DriveRobot):
+                    self._server.tell(commanded.browser, {"done": {"problem": problem}})
+            case _Unanswered():
+                self._on_unanswered(event)
+            case Link(up):
+                self._picture.on_link("no system" if up else "no router")
+                self._next_status_s = 0.0
+            case Received():
+                self._on_message(event)
+
+    def _on_message(self, received: Received) -> None:
+        picture, payload = self._picture, received.payload
+        match received.key:
+            case keys.SCAN:
+                picture.on_scan(decode(payload, Scan))
+            case keys.BELIEF:
+                picture.on_belief(decode(payload, Belief))
+            case keys.POSE:
+                picture.on_pose(decode(payload, PoseAnswer))
+            case keys.TRUTH:
+                picture.on_truth(decode(payload, TruePose))
+            case keys.EVENTS:
+                if not picture.on_events(decode(payload, JobEvents)):
+                    self._ask(keys.EVENTS)
+            case keys.STATUS:
+                was = picture.link
+                picture.on_status(decode(payload, Status))
+                self._unanswered = 0
+                if was != "running":
+                    self._ask(keys.EVENTS)
+                    self._ask(keys.POSE)
+            case keys.MAP:
+                self._asking_map = False
+                message = decode(payload, MapMessage)
+                self._server.set_map(message.digest, message.zlib_cells)
+                picture.on_map(message)
+
+    def _on_unanswered(self, event: _Unanswered) -> None:
+        match event.key:
+            case keys.STATUS if self._picture.link == "running":
+                self._unanswered += 1
+                if self._unanswered >= _UNANSWERED_ENOUGH:
+                    self._picture.on_link("no system")
+            case keys.MAP:
+                self._asking_map = False
+        if event.browser is not None:
+            problem = event.words or "nobody answers: the system is not running"
+            self._server.tell(event.browser, {"done": {"problem": problem}})
+
+    def _ask_what_is_due(self) -> None:
+        now_s = time.monotonic()
+        if self._session is None or now_s < self._next_status_s:
+            return
+        self._next_status_s = now_s + _STATUS_EVERY_S
+        self._ask(keys.STATUS)
+        if not self._picture.has_wanted_map and not self._asking_map:
+            self._asking_map = True
+            self._ask(keys.MAP, _MAP_TIMEOUT_S)
+
+    def _ask(self, key: str, timeout_s: float | None = None) -> None:
+        if self._session is not None:
+            ask_later(
+                self._session,
+                key,
+                self._inbox.put,
+                lambda words: self._inbox.put(_Unanswered(key, words)),
+                timeout_s=timeout_s or self._settings.zenoh.query_timeout_s,
+            )
+
+    def _command(self, commanded: Commanded) -> None:
+        browser = commanded.browser
+        key, message = message_of(commanded.command, "live_view", uuid.uuid4().hex)
+        if self._session is None:
+            self._inbox.put(_Unanswered(key, "", browser))
+            return
+        ask_later(
+            self._session,
+            key,
+            lambda received: self._inbox.put(_Answered(received, commanded)),
+            lambda words: self._inbox.put(_Unanswered(key, words, browser)),
+            timeout_s=_COMMAND_TIMEOUT_S,
+            message=message,
+        )
