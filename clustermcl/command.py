@@ -67,6 +67,9 @@ BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame
 Listen = Annotated[
     str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
 ]
+AllowCommands = Annotated[
+    bool, typer.Option("--allow-commands", help="Show the buttons on other addresses too.")
+]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -113,6 +116,9 @@ def demo(
     view: Annotated[
         bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
     ] = False,
+    drive: Annotated[
+        bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
+    ] = False,
     listen: Listen = HERE,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
@@ -131,17 +137,28 @@ def demo(
         rate=rate,
         steps=steps,
         view_at=listen if view else None,
+        by_hand=drive,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
 
 
 @app.command()
-def up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def up(
+    view: Annotated[bool, typer.Option("--view", help="Serve a page that draws it, too.")] = False,
+    listen: Listen = HERE,
+    allow_commands: AllowCommands = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """Run everything on this machine, in the foreground, until Ctrl-C."""
     from clustermcl.up import run_up  # noqa: PLC0415 - see the module
 
-    run_up(load_settings(settings_file, assignments or ()))
+    run_up(
+        load_settings(settings_file, assignments or ()),
+        view_at=listen if view else None,
+        allow_commands=allow_commands,
+    )
 
 
 @app.command()
@@ -295,26 +312,45 @@ def watch(
 
 @app.command("view")
 def serve_view(
+    recording: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FOLDER]", help="A flight recording: show that finished run."),
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
     listen: Listen = HERE,
-    allow_commands: Annotated[
-        bool,
-        typer.Option("--allow-commands", help="Show the buttons on other addresses too."),
-    ] = False,
+    allow_commands: AllowCommands = False,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
+    ] = None,
+    private_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM, of the certificate.")
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", metavar="NAME", help="Instead of robot.name; may be repeated."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
     """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
-    from clustermcl.view import run_view  # noqa: PLC0415 - see the module
+    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the module
 
-    run_view(
-        load_settings(settings_file, assignments or ()),
+    options = ViewOptions(
         listen=listen,
         allow_commands=allow_commands,
         open_browser=open_browser,
+        certificate=certificate,
+        private_key=private_key,
+        robots=robots or (),
+        recording=recording,
+        map_file=map_file,
     )
+    run_view(load_settings(settings_file, assignments or ()), options)
 
 
 @app.command("set-pose", context_settings={"ignore_unknown_options": True})  # such as -2.5

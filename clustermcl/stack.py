@@ -53,7 +53,7 @@ class Stack:
         folder: for the settings file that they read, and for their logs.
         logs_in_folder: whether their logs go there; else to this process's standard error.
         simulator_arguments: more arguments for the simulator.
-        view_at: ``HOST:PORT`` where a page draws it; None: nowhere.
+        page_arguments: of a page that draws it; None: there is no page.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class Stack:
         *,
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
-        view_at: str | None = None,
+        page_arguments: Sequence[str] | None = None,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -77,7 +77,7 @@ class Stack:
                 assert_never(choice)
         router = self._child("zenoh_link.router", name=ROUTER)
         self._coordinator = self._child("coordinator")
-        views = [] if view_at is None else [self._child("live_view", "--listen", view_at)]
+        views = [] if page_arguments is None else [self._child("live_view", *page_arguments)]
         self._supervisor = Supervisor([router, *views, self._child("worker"), source])
 
     def start_all(self) -> None:

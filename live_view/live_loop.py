@@ -3,22 +3,17 @@
 import logging
 import time
 import uuid
+from collections.abc import Mapping
 from contextlib import ExitStack
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import zenoh
 
 from live_view.commands import DriveRobot, ShowEarlier, ShowPast, message_of
-from live_view.page_server import (
-    Browser,
-    Commanded,
-    FromBrowser,
-    Joined,
-    PageServer,
-    Questioned,
-)
+from live_view.map_reduction import reduced
 from live_view.particle_clouds import may_have_particles
 from live_view.picture import Picture
+from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, Room
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -65,35 +60,31 @@ class _Answered:
 _InboxEvent: TypeAlias = Event | FromBrowser | _Unanswered | _Answered
 
 
-def new_inbox() -> "Inbox[_InboxEvent]":
-    """For what is heard, and for what browsers say."""
-    return Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
-
-
-def answer_browser(server: PageServer, picture: Picture, asked: Joined | Questioned) -> None:
+def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> None:
     """Give one page what it wants to know."""
     match asked:
         case Joined(browser):
-            server.tell(browser, picture.everything())
+            room.tell(browser, picture.everything())
         case Questioned(browser, ShowPast(step)):
-            server.tell(browser, {"past": picture.past(step)})
+            room.tell(browser, {"past": picture.past(step)})
         case Questioned(browser, ShowEarlier(before)):
-            server.tell(browser, {"earlier": picture.rows_before(before)})
+            room.tell(browser, {"earlier": picture.rows_before(before)})
 
 
 class LiveLoop:
-    """Takes from the inbox, and owns the picture: there is no lock."""
+    """Takes from the inbox, and owns the picture: there is no lock.
 
-    def __init__(
-        self, settings: Settings, inbox: Inbox[_InboxEvent], server: PageServer, *, commands: bool
-    ) -> None:
-        self._settings, self._inbox, self._server = settings, inbox, server
+    Args:
+        settings: the router's endpoint and the robot's name.
+        about: what pages are told once, besides: whether they may command, other robots.
+    """
+
+    def __init__(self, settings: Settings, about: Mapping[str, Any]) -> None:
+        self._settings = settings
+        self._inbox: Inbox[_InboxEvent] = Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
+        self.room = Room(settings.robot.name, self._inbox.put)
         self._picture = Picture(
-            {
-                "robot": settings.robot.name,
-                "router": settings.zenoh.router,
-                "commands": commands,
-            }
+            {"robot": settings.robot.name, "router": settings.zenoh.router, **about}
         )
         self._session: zenoh.Session | None = None
         self._reports: Unread | None = None
@@ -111,7 +102,7 @@ class LiveLoop:
                 self._hear(_POLL_S)
                 self._look_at_reports()
                 if changes := self._picture.changes():
-                    self._server.publish(changes)
+                    self.room.publish(changes)
 
     def _connected(self, stop: StopFlag, resources: ExitStack) -> zenoh.Session | None:
         """A session that hears everything; None: there is no router yet."""
@@ -162,13 +153,13 @@ class LiveLoop:
     def _on_event(self, event: _InboxEvent) -> None:
         match event:
             case Joined() | Questioned():
-                answer_browser(self._server, self._picture, event)
+                answer_browser(self.room, self._picture, event)
             case Commanded():
                 self._command(event)
             case _Answered(received=received, commanded=commanded):
                 problem = decode(received.payload, CommandDone).problem
                 if problem or not isinstance(commanded.command, DriveRobot):
-                    self._server.tell(commanded.browser, {"done": {"problem": problem}})
+                    self.room.tell(commanded.browser, {"done": {"problem": problem}})
             case _Unanswered():
                 self._on_unanswered(event)
             case Link(up):
@@ -200,8 +191,8 @@ class LiveLoop:
                     self._ask(keys.POSE)
             case keys.MAP:
                 self._asking_map = False
-                message = decode(payload, MapMessage)
-                self._server.set_map(message.digest, message.zlib_cells)
+                message = reduced(decode(payload, MapMessage))
+                self.room.set_map(message.digest, message.zlib_cells)
                 picture.on_map(message)
 
     def _on_unanswered(self, event: _Unanswered) -> None:
@@ -214,7 +205,7 @@ class LiveLoop:
                 self._asking_map = False
         if event.browser is not None:
             problem = event.words or "nobody answers: the system is not running"
-            self._server.tell(event.browser, {"done": {"problem": problem}})
+            self.room.tell(event.browser, {"done": {"problem": problem}})
 
     def _ask_what_is_due(self) -> None:
         now_s = time.monotonic()

@@ -47,4 +47,7 @@ def _drawn(log_weights: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """Indices of at most so many particles, each as often as its weight says, without chance."""
     shares = np.cumsum(np.exp(log_weights - log_weights.max()))
     count = min(most, len(shares))
-    return np.searchsorted(shares, (np.arange(count) + 0.5) / count * shares[-1]).astype(np.int64)
+    drawn: NDArray[np.int64] = np.searchsorted(
+        shares, (np.arange(count) + 0.5) / count * shares[-1]
+    )
+    return drawn

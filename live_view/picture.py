@@ -17,7 +17,7 @@ from live_view.frames import (
     step_frame,
 )
 from live_view.particle_clouds import cloud_frame, cluster_of
-from live_view.step_archive import MAX_STEPS, StepArchive
+from live_view.step_archive import StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
@@ -42,13 +42,14 @@ class Picture:
 
     Args:
         system: what does not change: the robot's name, the router, whether commands are allowed.
+        archive: for the steps that can be looked back at; None: of the usual size.
     """
 
-    def __init__(self, system: Frame) -> None:
+    def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
         self._frames: dict[str, Any] = {"system": {**system, "link": "no router"}}
         self._changed = {"system"}
-        self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=MAX_STEPS)
-        self._archive = StepArchive()
+        self._archive = archive or StepArchive()
+        self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=self._archive.max_steps)
         self._slots = ColourSlots()
         self._scans: dict[int, Scan] = {}
         self._truths: dict[int, PoseTuple] = {}

@@ -1,17 +1,23 @@
-"""The page's process: hears one robot's system, keeps the picture, serves it."""
+"""The page's process: hears the systems of one robot or more, keeps their pictures, serves them."""
 
 import argparse
 import logging
-import secrets
-import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from pathlib import Path
 
-from live_view.admission import DEFAULT_PORT, Address, parsed_address
-from live_view.live_loop import LiveLoop, new_inbox
-from live_view.page_server import PageServer
+import msgspec
+
+from live_view.admission import DEFAULT_PORT, parsed_address
+from live_view.live_loop import LiveLoop
+from live_view.serving import PageOptions, opened_page
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
+from protocol.errors import SettingsError
+from protocol.names import is_name, name_rule
+
+_POLL_S = 0.1
 
 _log = logging.getLogger(__name__)
 
@@ -31,52 +37,80 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
     parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
+    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
+    parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
+    parser.add_argument(
+        "--robot", action="append", default=[], metavar="NAME", help="instead of robot.name; again"
+    )
 
 
 def run_live_view(invocation: Invocation) -> None:
     """Serve the page until told to stop; as a process of its own.
 
     Raises:
-        SettingsError: the address cannot be used.
+        SettingsError: the address or a certificate cannot be used.
     """
     arguments = invocation.arguments
-    serve_page(
-        invocation.settings,
-        invocation.stop,
-        parsed_address(arguments.listen),
-        say=lambda link: _log.info("look at %s", link),
+    options = PageOptions(
+        address=parsed_address(arguments.listen),
         allow_commands=arguments.allow_commands,
         open_browser=arguments.open,
+        by_hand=arguments.by_hand,
+        certificate=arguments.certificate,
+        private_key=arguments.private_key,
     )
+
+    def say(link: str) -> None:
+        _log.info("look at %s", link)
+
+    serve_page(invocation.settings, invocation.stop, options, say, robots=arguments.robot)
 
 
 def serve_page(
     settings: Settings,
     stop: StopFlag,
-    address: Address,
-    *,
+    options: PageOptions,
     say: Callable[[str], None],
-    allow_commands: bool,
-    open_browser: bool,
+    *,
+    robots: Sequence[str] = (),
 ) -> None:
     """Serve the page until `stop` is set; without a running system it waits for one.
 
     Args:
         settings: the router's endpoint and the robot's name.
         stop: looked at every 0.1 s.
-        address: where; away from loopback the link holds a token.
+        options: where, and what it offers.
         say: told the link once it can be opened.
-        allow_commands: obey buttons away from loopback too.
-        open_browser: open the page.
+        robots: names, each with a page of its own; none: the one of the settings.
 
     Raises:
-        SettingsError: the address cannot be used.
+        SettingsError: the address, a certificate or a robot's name cannot be used.
     """
-    commands = allow_commands or address.is_loopback
-    token = "" if address.is_loopback else secrets.token_urlsafe(18)
-    inbox = new_inbox()
-    with PageServer(address, token, inbox.put, commands=commands) as server:
-        say(server.link)
-        if open_browser:
-            webbrowser.open(server.link)
-        LiveLoop(settings, inbox, server, commands=commands).run(stop)
+    names = list(dict.fromkeys(robots)) or [settings.robot.name]
+    about = {
+        "commands": options.obeys_commands,
+        "by_hand": options.by_hand,
+        "robots": names if len(names) > 1 else [],
+    }
+    loops = [LiveLoop(_of_robot(settings, name), about) for name in names]
+    with (
+        opened_page(options, [loop.room for loop in loops], say),
+        ThreadPoolExecutor(len(loops), "robot") as threads,
+    ):
+        running = [threads.submit(loop.run, stop) for loop in loops]
+        try:
+            while not stop.is_set() and not any(one.done() for one in running):
+                wait(running, _POLL_S, FIRST_COMPLETED)
+        finally:
+            stop.set()
+        for one in running:
+            one.result()
+
+
+def _of_robot(settings: Settings, name: str) -> Settings:
+    if not is_name(name):
+        problem = f"--robot: {name!r} is no name: use {name_rule()}"
+        raise SettingsError(key="--robot", problem=problem)
+    robot = msgspec.structs.replace(settings.robot, name=name)
+    return msgspec.structs.replace(settings, robot=robot)

@@ -29,7 +29,7 @@ class StepArchive:
     """
 
     def __init__(self, max_steps: int = MAX_STEPS, max_bytes: int = MAX_BYTES) -> None:
-        self._max_steps, self._max_bytes = max_steps, max_bytes
+        self.max_steps, self._max_bytes = max_steps, max_bytes
         self._kept: deque[_Kept] = deque()
         self._bytes = 0
 
@@ -44,7 +44,7 @@ class StepArchive:
         packed = zlib.compress(msgspec.json.encode(frame), _FAST)
         self._kept.append(_Kept(step, topic, packed))
         self._bytes += len(packed)
-        oldest = step - self._max_steps
+        oldest = step - self.max_steps
         while self._kept and (self._bytes > self._max_bytes or self._kept[0].step <= oldest):
             self._bytes -= len(self._kept.popleft().packed)
 

@@ -2,19 +2,20 @@
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { hint, showAge, showClusters, showEvents, showPose, showStep, showWorkers } from "./panel.js";
+import { hint, showAge, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
 import { drawPlot, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const MAX_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000;
+const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000;
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let rows = [], system = {};
 
+const maxRows = () => system.kept_steps ?? USUAL_ROWS;
 const connection = new Connection(take, () => {
   travel.onLost();
   showLink();
@@ -43,6 +44,7 @@ const TAKE = {
     system = frame;
     $("robot").textContent = frame.robot;
     $("actions").hidden = !frame.commands;
+    showRobots(frame.robots ?? [], frame.robot);
     document.title = `${frame.robot} · Cluster-MCL`;
     if (frame.by_hand) steering.driveAtFirst();
     showLink();
@@ -65,10 +67,10 @@ const TAKE = {
   earlier(frame) {
     if (!frame.length) return;
     const first = frame[0][0], last = frame[frame.length - 1][0], known = rows[0]?.[0] <= first;
-    rows = [...rows.filter((row) => row[0] < first), ...frame, ...rows.filter((row) => row[0] > last)].slice(-MAX_ROWS);
+    rows = [...rows.filter((row) => row[0] < first), ...frame, ...rows.filter((row) => row[0] > last)].slice(-maxRows());
     for (const row of frame) learnSlots(row[1]);
     showRows();
-    if (!known && first > 0 && frame.length >= AT_ONCE_ROWS && rows.length < MAX_ROWS) askForRowsBefore(first);
+    if (!known && first > 0 && frame.length >= AT_ONCE_ROWS && rows.length < maxRows()) askForRowsBefore(first);
   },
   past: (frames) => travel.onPast(frames),
   step(frame) {
@@ -76,7 +78,7 @@ const TAKE = {
     while (rows.length && rows[rows.length - 1][0] >= frame.step) rows.pop();
     if (frame.step > (rows[rows.length - 1]?.[0] ?? -1) + 1) askForRowsBefore(frame.step); // some were skipped
     rows.push([frame.step, frame.places.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
-    if (rows.length > MAX_ROWS) rows.shift();
+    if (rows.length > maxRows()) rows.shift();
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
     steering.onStep();
     if (travel.at !== null) {

@@ -5,6 +5,17 @@ const $ = (id) => document.getElementById(id);
 
 let pose = null, poseAt = null; // when it came [ms]; null: it is of the past
 
+/** Other robots behind the same router, each with a page of its own. */
+export function showRobots(names, own) {
+  $("robots").hidden = !names.length;
+  $("robots").replaceChildren(...names.map((name) => {
+    const link = element("a", name);
+    link.href = `/robot/${name}/`;
+    if (name === own) link.setAttribute("aria-current", "page");
+    return link;
+  }));
+}
+
 export function showStep(frame) {
   $("now").dataset.state = frame.state;
   $("state").textContent = frame.state;

@@ -10,8 +10,10 @@ import numpy as np
 from live_view.admission import parsed_address
 from live_view.commands import Command
 from live_view.live_loop import answer_browser
-from live_view.page_server import Commanded, FromBrowser, PageServer
+from live_view.map_reduction import reduced
+from live_view.page_server import PageServer
 from live_view.picture import Picture
+from live_view.room import Commanded, FromBrowser, Room
 from protocol.steps import MapMessage
 
 
@@ -24,7 +26,8 @@ class Stage:
         self.commands: list[Command] = []
         self._events: queue.Queue[FromBrowser] = queue.Queue()
         address = parsed_address("127.0.0.1:0")
-        self.server = PageServer(address, "", self._events.put, commands=True)
+        self.room = Room("r", self._events.put)
+        self.server = PageServer(address, "", [self.room], commands=True)
 
     def __enter__(self) -> Self:
         self.server.__enter__()
@@ -43,16 +46,18 @@ class Stage:
         cells = np.zeros((rows, cols), np.int8)
         cells[[0, -1]] = cells[:, [0, -1]] = 1
         packed = zlib.compress(cells.tobytes(), 1)
-        message = MapMessage(
-            sender="bridge",
-            digest=f"{rows}x{cols}",
-            cell_m=cell_m,
-            map_from_grid=(0.0, 0.0, 0.0),
-            rows=rows,
-            cols=cols,
-            zlib_cells=packed,
+        message = reduced(
+            MapMessage(
+                sender="bridge",
+                digest=f"{rows}x{cols}",
+                cell_m=cell_m,
+                map_from_grid=(0.0, 0.0, 0.0),
+                rows=rows,
+                cols=cols,
+                zlib_cells=packed,
+            )
         )
-        self.server.set_map(message.digest, message.zlib_cells)
+        self.room.set_map(message.digest, message.zlib_cells)
         self.picture.on_map(message)
 
     def pump(self) -> None:
@@ -62,6 +67,6 @@ class Stage:
                 case Commanded(command=command):
                     self.commands.append(command)
                 case asked:
-                    answer_browser(self.server, self.picture, asked)
+                    answer_browser(self.room, self.picture, asked)
         if changes := self.picture.changes():
-            self.server.publish(changes)
+            self.room.publish(changes)
