@@ -206,6 +206,9 @@ def evaluate(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
+    ] = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -227,6 +230,7 @@ def evaluate(
         kidnap_at=kidnap_at,
         jobs=jobs,
         json_file=json_file,
+        report_file=report_file,
     )
     given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_evaluate(options, load_settings(settings_file, given))
@@ -351,6 +355,18 @@ def serve_view(
         map_file=map_file,
     )
     run_view(load_settings(settings_file, assignments or ()), options)
+
+
+@app.command()
+def snapshot(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Save what is to be seen now: a picture, or a page that needs no server."""
+    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the module
+
+    save_snapshot(file, load_settings(settings_file, assignments or ()))
 
 
 @app.command("set-pose", context_settings={"ignore_unknown_options": True})  # such as -2.5

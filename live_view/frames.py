@@ -43,9 +43,16 @@ def step_frame(
         "searching": belief.searching,
         "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
+        "elsewhere": elsewhere_probability(belief),
         "scan": [] if scan is None else scan_points_cm(scan),
         "truth": truth,
     }
+
+
+def elsewhere_probability(message: Belief | PoseAnswer) -> float | None:
+    """That the robot is at none of the places; None: this version's messages do not say."""
+    told: float | None = getattr(message, "elsewhere_probability", None)
+    return told
 
 
 def _place(place: Hypothesis, slot: int) -> Frame:
@@ -93,6 +100,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "p": answer.probability,
         "pose": answer.map_from_robot,
         "workers": answer.workers,
+        "elsewhere": elsewhere_probability(answer),
     }
     if answer.covariance is not None:
         xx, _, _, _, yy, _, _, _, heading = answer.covariance

@@ -17,7 +17,7 @@ from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, 
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief, CommandDone, PoseAnswer, Status
+from protocol.answers import Belief, CommandDone, Hypotheses, PoseAnswer, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, UnreachableError
 from protocol.job_events import JobEvents
@@ -83,9 +83,11 @@ class LiveLoop:
         self._settings = settings
         self._inbox: Inbox[_InboxEvent] = Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
         self.room = Room(settings.robot.name, self._inbox.put)
-        self._picture = Picture(
+        self.picture = Picture(
             {"robot": settings.robot.name, "router": settings.zenoh.router, **about}
         )
+        self.map: MapMessage | None = None
+        """Small enough for a browser."""
         self._session: zenoh.Session | None = None
         self._reports: Unread | None = None
         self._next_status_s = self._next_reports_s = 0.0
@@ -96,13 +98,22 @@ class LiveLoop:
         """Look for the router, and hear the system, until told to stop."""
         with ExitStack() as resources:
             while not stop.is_set():
-                if self._session is None:
-                    self._session = self._connected(stop, resources)
-                self._ask_what_is_due()
-                self._hear(_POLL_S)
-                self._look_at_reports()
-                if changes := self._picture.changes():
-                    self.room.publish(changes)
+                self.turn(stop, resources)
+
+    def turn(self, stop: StopFlag, resources: ExitStack) -> None:
+        """Hear what has come, or wait a moment for it.
+
+        Args:
+            stop: looked at while the router is looked for.
+            resources: hold the session, once there is one.
+        """
+        if self._session is None:
+            self._session = self._connected(stop, resources)
+        self._ask_what_is_due()
+        self._hear(_POLL_S)
+        self._look_at_reports()
+        if changes := self.picture.changes():
+            self.room.publish(changes)
 
     def _connected(self, stop: StopFlag, resources: ExitStack) -> zenoh.Session | None:
         """A session that hears everything; None: there is no router yet."""
@@ -140,7 +151,7 @@ class LiveLoop:
         for payload in self._reports.drain():
             if may_have_particles(payload):
                 try:
-                    self._picture.on_report(decode(payload, TrackReport))
+                    self.picture.on_report(decode(payload, TrackReport))
                 except MalformedMessageError as error:
                     self._on_malformed(error)
 
@@ -153,7 +164,7 @@ class LiveLoop:
     def _on_event(self, event: _InboxEvent) -> None:
         match event:
             case Joined() | Questioned():
-                answer_browser(self.room, self._picture, event)
+                answer_browser(self.room, self.picture, event)
             case Commanded():
                 self._command(event)
             case _Answered(received=received, commanded=commanded):
@@ -163,13 +174,13 @@ class LiveLoop:
             case _Unanswered():
                 self._on_unanswered(event)
             case Link(up):
-                self._picture.on_link("no system" if up else "no router")
+                self.picture.on_link("no system" if up else "no router")
                 self._next_status_s = 0.0
             case Received():
                 self._on_message(event)
 
     def _on_message(self, received: Received) -> None:
-        picture, payload = self._picture, received.payload
+        picture, payload = self.picture, received.payload
         match received.key:
             case keys.SCAN:
                 picture.on_scan(decode(payload, Scan))
@@ -189,18 +200,21 @@ class LiveLoop:
                 if was != "running":
                     self._ask(keys.EVENTS)
                     self._ask(keys.POSE)
+            case keys.HYPOTHESES:
+                picture.on_belief(_belief_of(decode(payload, Hypotheses)))
             case keys.MAP:
                 self._asking_map = False
                 message = reduced(decode(payload, MapMessage))
+                self.map = message
                 self.room.set_map(message.digest, message.zlib_cells)
                 picture.on_map(message)
 
     def _on_unanswered(self, event: _Unanswered) -> None:
         match event.key:
-            case keys.STATUS if self._picture.link == "running":
+            case keys.STATUS if self.picture.link == "running":
                 self._unanswered += 1
                 if self._unanswered >= _UNANSWERED_ENOUGH:
-                    self._picture.on_link("no system")
+                    self.picture.on_link("no system")
             case keys.MAP:
                 self._asking_map = False
         if event.browser is not None:
@@ -213,7 +227,7 @@ class LiveLoop:
             return
         self._next_status_s = now_s + _STATUS_EVERY_S
         self._ask(keys.STATUS)
-        if not self._picture.has_wanted_map and not self._asking_map:
+        if not self.picture.has_wanted_map and not self._asking_map:
             self._asking_map = True
             self._ask(keys.MAP, _MAP_TIMEOUT_S)
 
@@ -226,6 +240,10 @@ class LiveLoop:
                 lambda words: self._inbox.put(_Unanswered(key, words)),
                 timeout_s=timeout_s or self._settings.zenoh.query_timeout_s,
             )
+
+    def ask_for_places(self) -> None:
+        """Have the places shown where they are now: a robot that stands publishes no step."""
+        self._ask(keys.HYPOTHESES)
 
     def _command(self, commanded: Commanded) -> None:
         browser = commanded.browser
@@ -241,3 +259,17 @@ class LiveLoop:
             timeout_s=_COMMAND_TIMEOUT_S,
             message=message,
         )
+
+
+def _belief_of(answer: Hypotheses) -> Belief:
+    """The places of now as those of a step, without what only a step has."""
+    return Belief(
+        sender=answer.sender,
+        step=answer.pose.step,
+        stamp_ns=answer.pose.stamp_ns,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        state=answer.pose.state,
+        hypotheses=answer.hypotheses,
+        searching=False,
+        term=answer.pose.term,
+    )

@@ -1,7 +1,6 @@
 """The page's files, the map and the WebSocket, served by a thread of its own."""
 
 import asyncio
-import importlib.resources
 import logging
 import socket
 import ssl
@@ -28,6 +27,7 @@ from live_view.commands import (
     parsed_request,
 )
 from live_view.room import Browser, Commanded, Joined, Questioned, Room, encoded
+from live_view.static_files import static_files
 from protocol.errors import MalformedMessageError, SettingsError
 
 SOCKET_PATH = "live"
@@ -215,12 +215,6 @@ def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Respo
     text = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}
     headers = Headers({**text, **_SAFE, **more, "Connection": "close"})
     return Response(status.value, status.phrase, headers, body)
-
-
-def static_files() -> dict[str, bytes]:
-    """The page, by the names of its files."""
-    folder = importlib.resources.files("live_view") / "static"
-    return {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
 
 
 def _listening(address: Address) -> socket.socket:

@@ -42,7 +42,8 @@ async function take(frames) {
 const TAKE = {
   system(frame) {
     system = frame;
-    $("robot").textContent = frame.robot;
+    $("robot").textContent = [frame.robot, frame.saved_at].filter(Boolean).join(" · ");
+    travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
     showRobots(frame.robots ?? [], frame.robot);
     document.title = `${frame.robot} · Cluster-MCL`;
@@ -91,7 +92,9 @@ const TAKE = {
   },
   pose(frame) {
     [now.pose, now.poseAt] = [frame, performance.now()];
-    if (travel.at === null) showPose(frame, now.poseAt);
+    if (travel.at !== null) return;
+    showPose(frame, now.poseAt);
+    if (frame.elsewhere != null && now.step) showPlaces(now.step, frame.elsewhere);
   },
   status(frame) {
     now.status = frame;
@@ -159,7 +162,11 @@ function showFrames({ step, clouds }) {
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
   if (step) showStep(step);
-  showClusters(step?.places ?? [], view.pointed);
+  showPlaces(step, step?.elsewhere);
+}
+
+function showPlaces(step, elsewhere) {
+  showClusters(step?.places ?? [], view.pointed, elsewhere);
 }
 
 function showRows() {
@@ -178,7 +185,7 @@ function rowsShown() {
 
 function showLink() {
   const isLive = connection.isOpen && system.link === "running";
-  const isPast = connection.isOpen && ["replaying", "finished"].includes(system.link);
+  const isPast = connection.isOpen && ["replaying", "finished", "saved"].includes(system.link);
   let text = "";
   if (!connection.isOpen) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
@@ -187,7 +194,7 @@ function showLink() {
   $("banner").hidden = !text;
   $("banner-text").textContent = text;
   $("link").className = isLive || isPast ? "dot up" : "dot";
-  $("link").title = text || (isPast ? "a finished run" : `connected to ${system.router}`);
+  $("link").title = text || (isPast ? "not live" : `connected to ${system.router}`);
   document.documentElement.dataset.link = connection.isOpen ? (system.link ?? "") : "no server";
   view.faded = !isLive && !isPast;
   view.redraw();
@@ -229,4 +236,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests, and for whoever is curious on the console. */
-window.liveView = { view, travel, history: () => rows };
+window.liveView = { view, take, travel, history: () => rows };

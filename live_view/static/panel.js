@@ -51,21 +51,24 @@ export function showAge() {
     : `${stale ? "stale, " : ""}${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`;
 }
 
-export function showClusters(places, pointed) {
+export function showClusters(places, pointed, elsewhere) {
   $("cluster-count").textContent = places.length || "";
   const rows = places.map((place) => {
-    const bar = element("span", "", "bar"), filled = element("i");
-    filled.style.width = `${100 * place.p}%`;
-    bar.append(filled);
     const row = element("li");
     row.style.setProperty("--chip", colourOf(place.slot));
     row.classList.toggle("pointed", place.cluster === pointed);
     row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there`;
     row.dataset.cluster = place.cluster;
-    row.append(chip(place.slot), `c${place.cluster}`, bar, element("b", percent(place.p)));
+    row.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
     return row;
   });
   if (!places.length) rows.push(element("li", "no place is held possible yet", "more"));
+  if (elsewhere != null) {
+    const row = element("li", "", "elsewhere");
+    row.title = "the probability that the robot is at none of these places";
+    row.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
+    rows.unshift(row); // in sight, however many places there are
+  }
   $("clusters").replaceChildren(...rows);
 }
 
@@ -111,6 +114,13 @@ export function showWorkers(status) {
   if (status.lost) dropped.unshift(`${status.lost} steps lost`);
   if (status.reports_missing) dropped.unshift(`${status.reports_missing} reports missing`);
   $("health").textContent = `${status.applied} steps applied${dropped.length ? "; " + dropped.join(", ") : ""}`;
+}
+
+function barOf(probability) {
+  const bar = element("span", "", "bar"), filled = element("i");
+  filled.style.width = `${100 * probability}%`;
+  bar.append(filled);
+  return bar;
 }
 
 function chip(slot) {

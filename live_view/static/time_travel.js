@@ -9,7 +9,7 @@ export class TimeTravel {
    * @param show draws frames of the past; null: of now
    */
   constructor(ask, rows, show) {
-    Object.assign(this, { ask, rows, show, at: null, asked: null, timer: 0 });
+    Object.assign(this, { ask, rows, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
     $("slider").addEventListener("input", () => this.goTo(Number($("slider").value)));
     $("play").onclick = () => this.play(!this.timer);
     $("to-now").onclick = () => this.toNow();
@@ -23,14 +23,22 @@ export class TimeTravel {
     if (step !== null && step !== this.at) this.goTo(step);
   }
 
+  /** What the newest step is: of now, or the end of a finished run; a saved page has but one. */
+  setEnd(link) {
+    this.isSaved = link === "saved";
+    this.newest = ["finished", "replaying"].includes(link) ? "End" : "Now";
+    $("to-now").textContent = this.newest;
+    this.onRows();
+  }
+
   onRows() {
-    const rows = this.rows();
-    $("timeline").hidden = rows.length < 2;
-    if (rows.length < 2) return;
+    const rows = this.rows(), isShown = rows.length > 1 && !this.isSaved;
+    $("timeline").hidden = !isShown;
+    if (!isShown) return;
     $("slider").min = rows[0][0];
     $("slider").max = rows[rows.length - 1][0];
     $("slider").value = this.at ?? $("slider").max;
-    $("slider-step").textContent = this.at === null ? "now" : `step ${this.at}`;
+    $("slider-step").textContent = this.at === null ? this.newest.toLowerCase() : `step ${this.at}`;
     $("to-now").disabled = this.at === null;
     if (this.linked !== null) {
       [this.linked] = [null];

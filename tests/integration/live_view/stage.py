@@ -24,6 +24,7 @@ class Stage:
         self.picture = Picture({"robot": "r", "router": "none", "commands": True})
         self.picture.on_link("running")
         self.commands: list[Command] = []
+        self.map: MapMessage | None = None
         self._events: queue.Queue[FromBrowser] = queue.Queue()
         address = parsed_address("127.0.0.1:0")
         self.room = Room("r", self._events.put)
@@ -57,6 +58,7 @@ class Stage:
                 zlib_cells=packed,
             )
         )
+        self.map = message
         self.room.set_map(message.digest, message.zlib_cells)
         self.picture.on_map(message)
 

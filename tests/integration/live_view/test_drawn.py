@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from live_view.commands import DriveRobot, KidnapRobot
+from live_view.saved_page import saved_page
 from protocol.arrays import ArrayBlob
 from protocol.steps import TruePose
 from protocol.work import TrackReport
@@ -194,3 +195,43 @@ def test_sixty_four_clusters_stay_readable(stage: Stage, drawn: Page, tmp_path: 
     assert listed == 64
     assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
     drawn.save(tmp_path / "many.png")
+
+
+def test_a_page_that_was_saved_shows_the_same_without_a_server(
+    stage: Stage, driver: Any, tmp_path: Path
+) -> None:
+    play(stage, range(3))
+    stage.picture.on_status(status())
+    stage.picture.on_events(events(1))
+    file = tmp_path / "saved.html"
+    assert stage.map is not None
+    file.write_text(saved_page(stage.picture.everything(), stage.map, "<today>"))
+    page = Page(driver, file.as_uri())
+    wait_until(lambda: page.run("return liveView.view.map !== null"))
+    assert shown_step(page) == 2
+    assert "<today>" in page.text("robot")
+    assert "c1" in page.text("events")
+    assert not page.is_visible("actions")
+    assert not page.is_visible("timeline")
+    assert not page.is_visible("banner")
+    assert page.snapshot().pixel_at(1.0, 2.0) == (0xE6, 0x9F, 0x00)
+    assert page.console() == []
+
+
+def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None:
+    stage.show_map(16384, 16384)
+    stage.picture.on_belief(belief(1, 4))
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows") == 4096)
+    assert drawn.snapshot().pixel_at(400.0, 500.0) == (255, 255, 255)
+    assert drawn.run("return liveView.view.map.frame.cell_m") == pytest.approx(0.2)
+
+
+def test_how_probable_it_is_that_the_robot_is_elsewhere_stands_beside_the_clusters(
+    stage: Stage, drawn: Page
+) -> None:
+    stage.picture.on_belief(belief(1, 4))
+    shows(stage, lambda: shown_step(drawn) == 1)
+    assert "elsewhere" not in drawn.text("clusters")
+    drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: 0.25}})")
+    assert "elsewhere" in drawn.text("clusters")
+    assert "25 %" in drawn.text("clusters")

@@ -1,8 +1,10 @@
 """What the page is told, message by message."""
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
 from live_view.picture import NEWEST_ROWS, Picture
@@ -196,3 +198,11 @@ def test_a_status_says_who_works_on_what_and_what_was_dropped(picture: Picture) 
 def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> None:
     picture.on_pose(pose(5))
     assert picture.changes()["pose"]["sigma"] == pytest.approx([0.2, 0.3, 0.1])
+
+
+def test_how_probable_elsewhere_is_is_shown_where_the_belief_says_so(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    assert picture.changes()["step"]["elsewhere"] is None
+    told = SimpleNamespace(**msgspec.structs.asdict(belief(6, 1)), elsewhere_probability=0.25)
+    picture.on_belief(told)  # type: ignore[arg-type]  # as a later version of the message
+    assert picture.changes()["step"]["elsewhere"] == 0.25
