@@ -4,9 +4,11 @@ The page's `app.js` is the only reader and is served by the same process, so the
 """
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
@@ -78,16 +80,23 @@ def history_row(frame: Frame) -> list[Any]:
 
 def scan_points_cm(scan: Scan) -> list[int]:
     """End points of the beams that returned, in the robot's frame [cm]: x, y, x, y, ..."""
-    ranges = scan.ranges.array().ravel().astype(np.float64)
-    every = -(-len(ranges) // MAX_BEAMS) or 1
-    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))
-    ranges, angles = ranges[::every], angles[::every]
-    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < scan.range_max_m)
+    beams = scan.ranges.array().ravel()
+    every = -(-len(beams) // MAX_BEAMS) or 1
+    ranges = beams[::every]
     x, y, heading = scan.robot_from_laser
-    angles = angles[returned] + heading
-    points = np.column_stack([np.cos(angles), np.sin(angles)]) * ranges[returned, None] + (x, y)
-    cm: list[int] = np.rint(points * 100.0).astype(int).ravel().tolist()
+    first, apart = scan.angle_min_rad + heading, every * scan.angle_step_rad
+    returned = (ranges > 0.0) & (ranges < scan.range_max_m)  # which a NaN is not
+    points = _directions_cm(len(ranges), first, apart)[returned] * ranges[returned, None]
+    points += (100.0 * x, 100.0 * y)
+    cm: list[int] = np.rint(points).astype(int).ravel().tolist()
     return cm
+
+
+@lru_cache(maxsize=4)
+def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
+    """Where beams of a metre end: (count, 2); the same for all scans of a laser."""
+    angles = first_rad + apart_rad * np.arange(count)
+    return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def pose_frame(answer: PoseAnswer) -> Frame:

@@ -29,10 +29,11 @@ from zenoh_link.wire import Event, Link, Received, Unread, ask_later, subscribe,
 
 _log = logging.getLogger(__name__)
 
-_REPORTS = "report"
-_HEARD = (keys.SCAN, keys.BELIEF, keys.POSE, keys.EVENTS, keys.TRUTH)
+_HEARD = (keys.BELIEF, keys.EVENTS)
+_BEFORE_A_BELIEF = (keys.SCAN, keys.TRUTH)
+_LOOKED_AT = (*_BEFORE_A_BELIEF, keys.POSE)
+"""These wake nobody: they are drawn with the belief of their step, or a moment later."""
 _KEPT_MESSAGES = 64
-_KEPT_REPORTS = 64
 _REPORTS_EVERY_S = 0.2
 _POLL_S = 0.1
 _AT_ONCE = 64
@@ -89,7 +90,7 @@ class LiveLoop:
         self.map: MapMessage | None = None
         """Small enough for a browser."""
         self._session: zenoh.Session | None = None
-        self._reports: Unread | None = None
+        self._unread: dict[str, Unread] = {}
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered = False, 0
         self._has_warned = False
@@ -111,6 +112,7 @@ class LiveLoop:
             self._session = self._connected(stop, resources)
         self._ask_what_is_due()
         self._hear(_POLL_S)
+        self._look_at(*_LOOKED_AT)
         self._look_at_reports()
         if changes := self.picture.changes():
             self.room.publish(changes)
@@ -126,7 +128,10 @@ class LiveLoop:
             return None
         for key in _HEARD:
             subscribe(session, key, self._inbox, key)
-        self._reports = Unread(session, keys.ALL_REPORTS, self._inbox, _REPORTS, _KEPT_REPORTS)
+        self._unread = {
+            key: Unread(session, key, self._inbox, key, _KEPT_MESSAGES)
+            for key in (*_LOOKED_AT, keys.ALL_REPORTS)
+        }
         watch_link(session, self._inbox)
         return session
 
@@ -145,13 +150,16 @@ class LiveLoop:
     def _look_at_reports(self) -> None:
         """Take the particles out of what workers have reported."""
         now_s = time.monotonic()
-        if self._reports is None or now_s < self._next_reports_s:
-            return
-        self._next_reports_s = now_s + _REPORTS_EVERY_S
-        for payload in self._reports.drain():
-            if may_have_particles(payload):
+        if now_s >= self._next_reports_s:
+            self._next_reports_s = now_s + _REPORTS_EVERY_S
+            self._look_at(keys.ALL_REPORTS)
+
+    def _look_at(self, *looked_at: str) -> None:
+        """Take what has come on keys that wake nobody."""
+        for key in looked_at:
+            for payload in self._unread[key].drain() if key in self._unread else ():
                 try:
-                    self.picture.on_report(decode(payload, TrackReport))
+                    self._on_payload(key, payload)
                 except MalformedMessageError as error:
                     self._on_malformed(error)
 
@@ -177,14 +185,18 @@ class LiveLoop:
                 self.picture.on_link("no system" if up else "no router")
                 self._next_status_s = 0.0
             case Received():
-                self._on_message(event)
+                self._on_payload(event.key, event.payload)
 
-    def _on_message(self, received: Received) -> None:
-        picture, payload = self.picture, received.payload
-        match received.key:
+    def _on_payload(self, key: str, payload: bytes) -> None:
+        picture = self.picture
+        match key:
+            case keys.ALL_REPORTS:
+                if may_have_particles(payload):
+                    picture.on_report(decode(payload, TrackReport))
             case keys.SCAN:
                 picture.on_scan(decode(payload, Scan))
             case keys.BELIEF:
+                self._look_at(*_BEFORE_A_BELIEF)
                 picture.on_belief(decode(payload, Belief))
             case keys.POSE:
                 picture.on_pose(decode(payload, PoseAnswer))

@@ -94,18 +94,24 @@ def serve_page(
         "robots": names if len(names) > 1 else [],
     }
     loops = [LiveLoop(_of_robot(settings, name), about) for name in names]
-    with (
-        opened_page(options, [loop.room for loop in loops], say),
-        ThreadPoolExecutor(len(loops), "robot") as threads,
-    ):
+    with opened_page(options, [loop.room for loop in loops], say):
+        if len(loops) == 1:
+            loops[0].run(stop)
+        else:
+            _run_all(loops, stop)
+
+
+def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
+    """Each in a thread of its own; when one fails, all end."""
+    with ThreadPoolExecutor(len(loops), "robot") as threads:
         running = [threads.submit(loop.run, stop) for loop in loops]
         try:
             while not stop.is_set() and not any(one.done() for one in running):
                 wait(running, _POLL_S, FIRST_COMPLETED)
         finally:
             stop.set()
-        for one in running:
-            one.result()
+    for one in running:
+        one.result()
 
 
 def _of_robot(settings: Settings, name: str) -> Settings:

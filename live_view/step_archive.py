@@ -11,7 +11,8 @@ MAX_BYTES = 20_000_000
 """Of all that is kept; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
 """So long a frame stands for the steps after it: particles come every tenth step or so."""
-_FAST = 1
+_FAST, _WINDOW_BITS, _MEMORY = 1, 11, 4
+"""Of deflate: frames have some 2 kB, and its usual window takes longer to set up than to use."""
 
 
 class _Kept(NamedTuple):
@@ -41,7 +42,7 @@ class StepArchive:
             topic: as the page knows it.
             frame: what is drawn.
         """
-        packed = zlib.compress(msgspec.json.encode(frame), _FAST)
+        packed = _packed(msgspec.json.encode(frame))
         self._kept.append(_Kept(step, topic, packed))
         self._bytes += len(packed)
         oldest = step - self.max_steps
@@ -61,5 +62,10 @@ class StepArchive:
                 continue
             if kept.step < step - LOOK_BACK_STEPS:
                 break
-            found[kept.topic] = msgspec.Raw(zlib.decompress(kept.packed))
+            found[kept.topic] = msgspec.Raw(zlib.decompress(kept.packed, -_WINDOW_BITS))
         return found
+
+
+def _packed(encoded: bytes) -> bytes:
+    packer = zlib.compressobj(_FAST, zlib.DEFLATED, -_WINDOW_BITS, _MEMORY)
+    return packer.compress(encoded) + packer.flush()

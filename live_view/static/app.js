@@ -8,7 +8,7 @@ import { steer } from "./steering.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000;
+const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200;
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
@@ -86,15 +86,15 @@ const TAKE = {
       travel.onRows();
       return;
     }
-    if (isNews) showEvents(now.events ?? [], slots); // which are told before the step they belong to
-    showFrames(now);
-    showRows();
+    showMap(now);
+    now.elsewhere = frame.elsewhere;
+    if (isNews) now.eventsDue = true; // which are told before the step they belong to
+    showBesidesSoon();
   },
   pose(frame) {
     [now.pose, now.poseAt] = [frame, performance.now()];
-    if (travel.at !== null) return;
-    showPose(frame, now.poseAt);
-    if (frame.elsewhere != null && now.step) showPlaces(now.step, frame.elsewhere);
+    now.elsewhere = frame.elsewhere ?? now.elsewhere;
+    if (travel.at === null) showBesidesSoon();
   },
   status(frame) {
     now.status = frame;
@@ -108,12 +108,31 @@ const TAKE = {
     showWorkers(frame);
   },
   events(frame) {
-    now.events = frame;
-    if (travel.at === null) showEvents(frame, slots);
+    [now.events, now.eventsDue] = [frame, true];
+    if (travel.at === null) showBesidesSoon();
   },
   done: ({ problem }) => hint(problem || "done", Boolean(problem), CONFIRMED_MS),
 };
 const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "events", "done"];
+
+/** What stands beside the map is read, not watched: it follows the map, five times a second. */
+let soon = 0;
+function showBesidesSoon() {
+  soon ||= setTimeout(showBesides, BESIDES_EVERY_MS);
+}
+
+function showBesides() {
+  soon = 0;
+  if (travel.at !== null) return;
+  if (now.step) {
+    showStep(now.step);
+    showClusters(now.step.places, view.pointed, now.elsewhere);
+  }
+  if (now.pose) showPose(now.pose, now.poseAt);
+  if (now.eventsDue) showEvents(now.events ?? [], slots);
+  now.eventsDue = false;
+  showRows();
+}
 
 function takeCloud(topic, frame) {
   const cluster = Number(topic.slice("cloud ".length));
@@ -138,11 +157,10 @@ function askForRowsBefore(before) {
 // --- what is shown: of now, or of a step that is looked back at ---------------------------------
 
 function showNow() {
-  showFrames(now);
-  if (now.pose) showPose(now.pose, now.poseAt);
+  showMap(now);
   if (now.status) showWorkers(now.status);
-  showEvents(now.events ?? [], slots);
-  showRows();
+  now.eventsDue = true;
+  showBesides();
 }
 
 function showPast(frames) {
@@ -151,22 +169,18 @@ function showPast(frames) {
     return;
   }
   const clouds = Object.entries(frames).filter(([topic]) => topic.startsWith("cloud "));
-  showFrames({ step: frames.step, clouds: new Map(clouds.map(([, cloud]) => [cloud.cluster, cloud])) });
+  showMap({ step: frames.step, clouds: new Map(clouds.map(([, cloud]) => [cloud.cluster, cloud])) });
+  showStep(frames.step);
+  showClusters(frames.step.places, view.pointed, frames.step.elsewhere);
   if (frames.pose) showPose(frames.pose, null);
   if (frames.status) showWorkers(frames.status);
   showEvents(frames.events ?? [], slots);
   showRows();
 }
 
-function showFrames({ step, clouds }) {
+function showMap({ step, clouds }) {
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
-  if (step) showStep(step);
-  showPlaces(step, step?.elsewhere);
-}
-
-function showPlaces(step, elsewhere) {
-  showClusters(step?.places ?? [], view.pointed, elsewhere);
 }
 
 function showRows() {

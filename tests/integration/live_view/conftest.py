@@ -94,12 +94,12 @@ def page(link: str, driver: Any) -> Page:
 def driver() -> Iterator[Any]:
     """A browser without a screen."""
     with ExitStack() as ended:
-        made = _driver()
+        made = started_browser()
         ended.callback(made.quit)
         yield made
 
 
-def _driver() -> Any:
+def started_browser() -> Any:
     """A browser and what drives it; skips where one of them is not installed."""
     if importlib.util.find_spec("selenium") is None:
         pytest.skip("selenium is not installed: pip install 'clustermcl[browser]'")
