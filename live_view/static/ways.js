@@ -1,12 +1,13 @@
 // The way that each cluster has come, and the robot's true one.
 import { colourOf, themed } from "./palette.js";
 
+const SHOWN_PLACES = 16; // the most probable ones
 const SHOWN_STEPS = 1000, RECENT_STEPS = 80; // the last ones are drawn stronger
 const JUMP_M = 2;
 
 export function drawWays(view, rows, places) {
   const { context } = view;
-  const ways = new Map(places.map((place) => [place.cluster, { slot: place.slot, p: place.p, points: [] }]));
+  const ways = new Map(places.slice(0, SHOWN_PLACES).map((place) => [place.cluster, { slot: place.slot, p: place.p, points: [] }]));
   const truth = [];
   for (const [, past, real] of rows.slice(-SHOWN_STEPS)) {
     for (const [cluster, , , x, y] of past) ways.get(cluster)?.points.push([x, y]);

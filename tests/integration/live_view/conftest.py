@@ -1,6 +1,7 @@
 """A robot's system, the page's process, and a browser that looks at it."""
 
 import importlib.util
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -90,6 +91,14 @@ def page(link: str, driver: Any) -> Page:
     return Page(driver, link)
 
 
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Where pictures of the page are kept for a person to look at: BROWSER_PICTURES."""
+    folder = Path(os.environ.get("BROWSER_PICTURES", tmp_path))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
 @pytest.fixture(scope="session")
 def driver() -> Iterator[Any]:
     """A browser without a screen."""
@@ -100,13 +109,17 @@ def driver() -> Iterator[Any]:
 
 
 def started_browser() -> Any:
-    """A browser and what drives it; skips where one of them is not installed."""
+    """A browser and what drives it; skips where one of them is not installed.
+
+    With BROWSER_TESTS=required it fails instead.
+    """
+    leave_out = pytest.fail if os.environ.get("BROWSER_TESTS") == "required" else pytest.skip
     if importlib.util.find_spec("selenium") is None:
-        pytest.skip("selenium is not installed: pip install 'clustermcl[browser]'")
+        leave_out("selenium is not installed: pip install 'clustermcl[browser]'")
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     driver = next(filter(None, map(shutil.which, DRIVERS)), None)
     if browser is None or driver is None:
-        pytest.skip("no Chromium with its driver: apt-get install chromium chromium-driver")
+        leave_out("no Chromium with its driver: apt-get install chromium chromium-driver")
     from selenium import webdriver  # noqa: PLC0415 - an extra
     from selenium.webdriver.chrome.service import Service  # noqa: PLC0415 - an extra
 

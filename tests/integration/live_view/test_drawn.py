@@ -18,6 +18,8 @@ from tests.integration.live_view.stage import Stage
 from tests.integration.waiting import wait_until
 from tests.unit.live_view.messages import belief, events, pose, report, scan, status
 
+pytestmark = pytest.mark.browser
+
 
 @pytest.fixture
 def stage() -> Iterator[Stage]:
@@ -188,13 +190,13 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0, by_hand=False))
 
 
-def test_sixty_four_clusters_stay_readable(stage: Stage, drawn: Page, tmp_path: Path) -> None:
+def test_sixty_four_clusters_stay_readable(stage: Stage, drawn: Page, pictures: Path) -> None:
     stage.picture.on_belief(belief(1, *range(64)))
     shows(stage, lambda: shown_step(drawn) == 1)
     listed = "return document.querySelectorAll('#clusters li').length"
     shows(stage, lambda: drawn.run(listed) == 64)
     assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
-    drawn.save(tmp_path / "many.png")
+    drawn.save(pictures / "many.png")
 
 
 def test_a_page_that_was_saved_shows_the_same_without_a_server(
