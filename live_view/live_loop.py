@@ -37,6 +37,8 @@ _KEPT_MESSAGES = 64
 _REPORTS_EVERY_S = 0.2
 _POLL_S = 0.1
 _AT_ONCE = 64
+_CONNECT_WITHIN_S = 0.5
+"""Browsers wait so long for an answer while there is no router; a busy one needs some of it."""
 _STATUS_EVERY_S = 1.0
 _UNANSWERED_ENOUGH = 2
 """A busy system may miss one question."""
@@ -121,7 +123,7 @@ class LiveLoop:
         """A session that hears everything; None: there is no router yet."""
         settings = self._settings
         try:
-            opened = open_session(settings.zenoh, settings.robot, stop, wait_s=0.0)
+            opened = open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S)
             session = resources.enter_context(opened)
         except UnreachableError as error:
             _log.debug("%s", error)

@@ -43,6 +43,9 @@ class System:
         self._stack: Stack | None = None
 
     def start(self) -> None:
+        """Start it, unless it runs."""
+        if self._stack is not None:
+            return
         self._stack = Stack(self.settings, self._folder, logs_in_folder=True)
         self._stack.start_all()
 
