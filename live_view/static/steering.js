@@ -12,7 +12,8 @@ const PLACING = { // what an arrow that is dragged on the map says
 export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const canvas = view.canvas, pointers = new Map();
   const driving = new Driving(send);
-  let placing = null, drivesAtFirst = false; // one of PLACING; the demo was started to be driven
+  let placing = null; // one of PLACING
+  let drivesAtFirst = null; // whether driving has yet to be switched on; null: nobody has asked for it
 
   const setPlacing = (what) => {
     placing = what && mayCommand() ? what : null;
@@ -136,7 +137,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   return {
     /** The demo was started to be driven. */
     driveAtFirst() {
-      drivesAtFirst = true;
+      drivesAtFirst ??= true;
     },
     /** Whether the robot is simulated is known by its true pose. */
     onStep() {
