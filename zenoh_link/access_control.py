@@ -65,10 +65,7 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(
-        *(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
-        *(keys.SCAN, keys.ALL_REPORTS),  # drawn at the places: scans and particles
-    ),
+    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
     asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
 )
 
