@@ -78,15 +78,14 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
         certificate=options.certificate,
         private_key=options.private_key,
     )
-    stop = stop_on_signals()
     if options.recording is None:
-        serve_page(settings, stop, page, say_link, robots=options.robots)
+        serve_page(settings, stop_on_signals(), page, say_link, robots=options.robots)
         return
     folder = options.recording.parent if options.recording.is_file() else options.recording
     drawn = _map_of(folder, options.map_file)
     happenings = replayed(folder, version("clustermcl"), drawn.digest if drawn else None)
     about = {"robot": folder.resolve().name}
-    serve_recording(RecordedRun(happenings, drawn, about), stop, page, say_link)
+    serve_recording(RecordedRun(happenings, drawn, about), stop_on_signals(), page, say_link)
 
 
 def _map_of(folder: Path, named: Path | None) -> MapMessage | None:
@@ -95,13 +94,19 @@ def _map_of(folder: Path, named: Path | None) -> MapMessage | None:
         return to_message(load_map(named), "recording")
     bridge = recorded_bridge(folder, version("clustermcl"))
     try:
-        return _map_of_bridge(bridge) if bridge else None
+        return map_of_bridge(bridge) if bridge else None
     except ClusterMclError as error:
         _say(f"no map is drawn, name it by --map: {error}")
         return None
 
 
-def _map_of_bridge(bridge: BridgeSettings) -> MapMessage | None:
+def map_of_bridge(bridge: BridgeSettings) -> MapMessage:
+    """The map that a bridge with these settings serves.
+
+    Raises:
+        MapFileError: it is not there any more.
+        UnknownWorldError: so is the world of a simulated robot.
+    """
     match parsed_source(bridge.source):
         case Simulated() as robot:
             grid_map = load_map(bridge.map) if bridge.map else simulated_world(robot).map
