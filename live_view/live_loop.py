@@ -95,6 +95,7 @@ class LiveLoop:
         self._unread: dict[str, Unread] = {}
         self._next_status_s = self._next_reports_s = 0.0
         self._asking_map, self._unanswered = False, 0
+        self._has_link = False
         self._has_warned = False
 
     def run(self, stop: StopFlag) -> None:
@@ -184,6 +185,7 @@ class LiveLoop:
             case _Unanswered():
                 self._on_unanswered(event)
             case Link(up):
+                self._has_link = up
                 self.picture.on_link("no system" if up else "no router")
                 self._next_status_s = 0.0
             case Received():
@@ -207,7 +209,7 @@ class LiveLoop:
             case keys.EVENTS:
                 if not picture.on_events(decode(payload, JobEvents)):
                     self._ask(keys.EVENTS)
-            case keys.STATUS:
+            case keys.STATUS if self._has_link:  # an answer may come after its router has gone
                 was = picture.link
                 picture.on_status(decode(payload, Status))
                 self._unanswered = 0
