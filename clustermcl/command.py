@@ -70,6 +70,9 @@ RecordFile = Annotated[
     Path | None,
     typer.Option("--record", metavar="FILE.mcap", help="Record the run there, as a rosbag2."),
 ]
+AllowCommands = Annotated[
+    bool, typer.Option("--allow-commands", help="Show the buttons on other addresses too.")
+]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
@@ -116,6 +119,9 @@ def demo(
     view: Annotated[
         bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
     ] = False,
+    drive: Annotated[
+        bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
+    ] = False,
     listen: Listen = HERE,
     record_file: RecordFile = None,
     as_json: AsJson = False,
@@ -136,6 +142,7 @@ def demo(
         steps=steps,
         view_at=listen if view else None,
         record=record_file,
+        by_hand=drive,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
@@ -147,6 +154,9 @@ def up(
         Path | None,
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
     ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Serve a page that draws it, too.")] = False,
+    listen: Listen = HERE,
+    allow_commands: AllowCommands = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
@@ -157,7 +167,7 @@ def up(
     chosen, without_effect = settings_with_nav2(nav2_params, settings_file, assignments or ())
     for line in without_effect:
         sys.stderr.write(f"clustermcl: {line}\n")
-    run_up(chosen)
+    run_up(chosen, view_at=listen if view else None, allow_commands=allow_commands)
 
 
 @app.command()
@@ -217,6 +227,9 @@ def evaluate(
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
     record_file: RecordFile = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
+    ] = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -239,6 +252,7 @@ def evaluate(
         jobs=jobs,
         json_file=json_file,
         record=record_file,
+        report_file=report_file,
     )
     given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_evaluate(options, load_settings(settings_file, given))
@@ -324,26 +338,57 @@ def watch(
 
 @app.command("view")
 def serve_view(
+    recording: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FOLDER]", help="A flight recording: show that finished run."),
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
     listen: Listen = HERE,
-    allow_commands: Annotated[
-        bool,
-        typer.Option("--allow-commands", help="Show the buttons on other addresses too."),
-    ] = False,
+    allow_commands: AllowCommands = False,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
+    ] = None,
+    private_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM, of the certificate.")
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", metavar="NAME", help="Instead of robot.name; may be repeated."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
     """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
-    from clustermcl.view import run_view  # noqa: PLC0415 - see the module
+    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the module
 
-    run_view(
-        load_settings(settings_file, assignments or ()),
+    options = ViewOptions(
         listen=listen,
         allow_commands=allow_commands,
         open_browser=open_browser,
+        certificate=certificate,
+        private_key=private_key,
+        robots=robots or (),
+        recording=recording,
+        map_file=map_file,
     )
+    run_view(load_settings(settings_file, assignments or ()), options)
+
+
+@app.command()
+def snapshot(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Save what is to be seen now: a picture, or a page that needs no server."""
+    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the module
+
+    save_snapshot(file, load_settings(settings_file, assignments or ()))
 
 
 @app.command("set-pose", context_settings={"ignore_unknown_options": True})  # such as -2.5

@@ -77,6 +77,8 @@ class DemoOptions:
     """``HOST:PORT`` where a page draws it; None: nowhere."""
     record: Path | None = None
     """Where the run is recorded; None: nowhere."""
+    by_hand: bool = False
+    """A person drives the simulated robot, on that page."""
     as_json: bool = False
 
 
@@ -90,6 +92,8 @@ class _Show:
     """Known beforehand."""
     simulated: bool
     ends_when_localized: bool
+    may_stand: bool
+    """A person drives, and may leave it standing."""
     reference: Reference | None
 
 
@@ -113,19 +117,23 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         check_output_file(options.record)
     if options.view_at is not None:
         _say_where(options.view_at)
+    elif options.by_hand:
+        problem = "--drive: the robot is driven on the page: give --view, too"
+        raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
     show = _prepared(options, settings)
     view = _view(options, show)
     with temporary_folder() as folder:
         arguments = ["--steps", str(show.steps)] if show.simulated else []
         arguments += ["--map", options.map_file] if show.simulated and options.map_file else []
+        arguments += ["--by-hand"] if options.by_hand else []
         met = meeting_in(folder, show.settings)
         stack = Stack(
             met,
             folder,
             logs_in_folder=True,
             simulator_arguments=arguments,
-            view_at=options.view_at,
+            page_arguments=_page_arguments(options),
         )
         with running(stack):
             result = _run(stack, met, show, view, stop, options.record)
@@ -134,6 +142,12 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         _print(dumped(_as_object(result, wall_s)))
     else:
         _print("\n".join(_summary(result, wall_s)))
+
+
+def _page_arguments(options: DemoOptions) -> list[str] | None:
+    if options.view_at is None:
+        return None
+    return ["--listen", options.view_at, *(["--by-hand"] if options.by_hand else [])]
 
 
 def _say_where(view_at: str) -> None:
@@ -154,7 +168,8 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     source = options.recording or DEFAULT_SOURCE
     match parsed_source(source):
         case Simulated() as robot:
-            settings = _played(source, DEFAULT_SIMULATION_RATE, options, settings)
+            usual_rate = 1.0 if options.by_hand else DEFAULT_SIMULATION_RATE
+            settings = _played(source, usual_rate, options, settings)
             return _simulated(robot, options, settings)
         case Recorded(path):
             return _recorded(path, options, _played(source, 0.0, options, settings))
@@ -185,10 +200,13 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _S
     steps = options.steps or usual_steps
     title = f"simulated robot in {robot.world}"
     ends_when_localized = options.steps is None and options.view_at is None
-    return _Show(settings, title, steps, True, ends_when_localized, None)
+    return _Show(settings, title, steps, True, ends_when_localized, options.by_hand, None)
 
 
 def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
+    if options.by_hand:
+        problem = "--drive: only a simulated robot can be driven; a recording has been"
+        raise SettingsError(key="--drive", problem=problem)
     if options.steps is not None:
         problem = "--steps: only for a simulated robot; a recording has its own end"
         raise SettingsError(key="--steps", problem=problem)
@@ -198,7 +216,7 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
     load_map(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(path, settings.bridge)
-    return _Show(settings, f"recording {path}", steps, False, False, reference)
+    return _Show(settings, f"recording {path}", steps, False, False, False, reference)
 
 
 def _view(options: DemoOptions, show: _Show) -> View:
@@ -272,7 +290,7 @@ class _Audience:
         while not self._over():
             if self._hear():
                 heard_s = time.monotonic()
-            elif time.monotonic() - heard_s > _SILENCE_S:
+            elif time.monotonic() - heard_s > _SILENCE_S and not self._show.may_stand:
                 raise StalledError(silent_s=_SILENCE_S)
         return self._summary
 

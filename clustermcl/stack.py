@@ -54,7 +54,7 @@ class Stack:
         folder: for the settings file that they read, and for their logs.
         logs_in_folder: whether their logs go there; else to this process's standard error.
         simulator_arguments: more arguments for the simulator.
-        view_at: ``HOST:PORT`` where a page draws it; None: nowhere.
+        page_arguments: of a page that draws it; None: there is no page.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Stack:
         *,
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
-        view_at: str | None = None,
+        page_arguments: Sequence[str] | None = None,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -79,8 +79,8 @@ class Stack:
         others = []
         if settings.zenoh.start_router:
             others.append(self._child("zenoh_link.router", name=ROUTER))
-        if view_at is not None:
-            others.append(self._child("live_view", "--listen", view_at))
+        if page_arguments is not None:
+            others.append(self._child("live_view", *page_arguments))
         if settings.ros2.enabled:
             others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")

@@ -6,6 +6,7 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
+from clustermcl.view import page_address
 from coordinator.last_pose_files import default_state_folder
 from grid_maps.load import load_map, map_file_of
 from process_runtime.settings import Settings
@@ -20,17 +21,23 @@ from zenoh_link.configuration import as_zenoh, client_configuration
 _POLL_S = 0.1
 
 
-def run_up(settings: Settings) -> None:
+def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run router, bridge or simulator, coordinator and workers; restart those that die.
+
+    Args:
+        settings: of all of them.
+        view_at: ``HOST:PORT`` where a page draws it, and says its link; None: nowhere.
+        allow_commands: the page obeys buttons also away from loopback.
 
     Raises:
         ClusterMclError: the map, the recording or the endpoint cannot be used.
         ProcessEndedError: a process refuses to start all the same.
     """
     _refuse_what_cannot_run(settings)
+    page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
-        stack = Stack(_recorded(settings), folder, logs_in_folder=False)
+        stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
@@ -43,6 +50,11 @@ def run_up(settings: Settings) -> None:
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
+
+
+def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
+    address = page_address(view_at)
+    return ["--listen", address.netloc, *(["--allow-commands"] if allow_commands else [])]
 
 
 def _recorded(settings: Settings) -> Settings:

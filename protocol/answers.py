@@ -154,6 +154,21 @@ class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Where to; None: somewhere far away."""
 
 
+class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
+    """Drive the simulated robot by hand. A query on ``simulator/drive``.
+
+    Repeat it several times a second while it lasts: a second of the robot's time after the last
+    one it stands still, and waits.
+    """
+
+    speed_m_s: float = 0.0
+    """Forward; the robot goes as fast as it can, and hits nothing."""
+    turn_rate_rad_s: float = 0.0
+    """Counter-clockwise."""
+    by_hand: bool = True
+    """False: the robot wanders on by itself."""
+
+
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):
     """Answer to a command."""
 

@@ -24,6 +24,7 @@ BRIDGE_ALIVE = "bridge/alive"
 BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
 UPDATE = "command/update"
+DRIVE = "simulator/drive"
 
 BELIEF = "belief"
 POSE = "pose"
@@ -38,7 +39,7 @@ CHECKPOINT = "checkpoint"
 _CONSTANT = frozenset(
     (
         *(ODOMETRY_READING, LASER_READING, MAP_READING),
-        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP),
+        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE),
         UPDATE,
         *(
             BELIEF,

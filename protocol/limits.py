@@ -6,7 +6,16 @@ from types import MappingProxyType
 from typing import Any, get_args
 
 from protocol import keys
-from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status, Update
+from protocol.answers import (
+    Belief,
+    Drive,
+    Hypotheses,
+    Kidnap,
+    Relocalize,
+    SetPose,
+    Status,
+    Update,
+)
 from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
 from protocol.keys import WorkerKey, WorkerTopic
@@ -46,6 +55,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
         keys.UPDATE: Update,
+        keys.DRIVE: Drive,
         WorkerTopic.ORDER: WorkOrder,
         WorkerTopic.REPORT: Report,
     }

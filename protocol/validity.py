@@ -11,7 +11,7 @@ from functools import singledispatch
 
 import numpy as np
 
-from protocol.answers import Kidnap, Relocalize, SetPose, Update
+from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
 from protocol.job_events import Ended, JobEvents, NumberedEvent
@@ -185,6 +185,13 @@ def _(message: Relocalize) -> str | None:
 @problem_of.register
 def _(message: Update) -> str | None:
     return _id_problem(message.command_id)
+
+
+@problem_of.register
+def _(message: Drive) -> str | None:
+    return finite_problem("speed_m_s", message.speed_m_s) or finite_problem(
+        "turn_rate_rad_s", message.turn_rate_rad_s
+    )
 
 
 @problem_of.register

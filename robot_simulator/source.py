@@ -68,6 +68,13 @@ class SimulatedSource:
         """Lift the robot to another place, or to somewhere far away; where it is now."""
         return self._simulation.kidnap(map_from_robot)
 
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float, *, by_hand: bool) -> None:
+        """Have a person drive for a while, or the robot wander."""
+        if by_hand:
+            self._simulation.drive_by_hand(speed_m_s, turn_rate_rad_s)
+        else:
+            self._simulation.wander()
+
 
 def simulated_steps(
     source: SimulatedSource, settings: BridgeSettings, map_digest: str

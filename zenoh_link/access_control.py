@@ -79,7 +79,7 @@ _ROLES = {
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
         reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.UPDATE),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE),
         asks=(keys.STATUS, keys.MAP_READING),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
@@ -114,7 +114,10 @@ _ROLES = {
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
-        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
+        asks=(
+            *(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+            *(keys.KIDNAP, keys.DRIVE),
+        ),
     ),
 }
 

@@ -48,6 +48,7 @@ SERVED = {  # key: who serves it, who may ask for it
     keys.KIDNAP: ("bridge", {"operator"}),
     keys.UPDATE: ("bridge", {"operator"}),
     keys.MAP_READING: ("robot", {"bridge"}),
+    keys.DRIVE: ("bridge", {"operator"}),
     keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),
     keys.HYPOTHESES: ("coordinator", {"viewer", "operator"}),
     keys.EVENTS: ("coordinator", {"viewer", "operator", "robot"}),

@@ -4,6 +4,7 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
+BROWSER_LOCK = (REPOSITORY / "requirements-browser.lock").read_text()
 RUN_LOCK = (REPOSITORY / "requirements-run.lock").read_text()
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 
@@ -37,6 +38,17 @@ def test_every_package_in_the_lock_has_one_exact_version_and_hashes() -> None:
     packages = re.split(r"\n(?=[a-z0-9])", LOCK.strip())
     for package in packages:
         assert re.match(r"[a-z0-9-]+==[\w.]+ \\\n    --hash=sha256:[0-9a-f]{64}", package), package
+
+
+def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() -> None:
+    browser, development = pinned(BROWSER_LOCK), pinned(LOCK)
+    assert {normal(one) for one in PROJECT["project"]["optional-dependencies"]["browser"]} <= set(
+        browser
+    )
+    assert len(browser) == BROWSER_LOCK.count("==")
+    assert all(hashes for _, hashes in browser.values())
+    for name in browser.keys() & development.keys():
+        assert browser[name][0] == development[name][0], name
 
 
 def test_the_lock_names_no_place_to_fetch_from() -> None:
