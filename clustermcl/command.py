@@ -94,7 +94,12 @@ def demo(
         typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml."),
     ] = None,
     map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Map of the recording; without one, a simulated robot drives in this map.",
+        ),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")

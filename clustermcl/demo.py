@@ -20,9 +20,9 @@ from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
-from grid_maps.load import load_map, map_file_of
+from grid_maps.load import load_map_with_obstacles, map_file_of
 from process_runtime.settings import Settings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
 from protocol import keys
 from protocol.answers import Belief, Status
@@ -32,13 +32,17 @@ from protocol.job_events import JobEvents
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
+from robot_simulator.free_space import FreeSpace
 from robot_simulator.source import simulated_world
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 
-DEFAULT_SOURCE = "sim:cross_feature"
-DEFAULT_SIMULATION_RATE = 3.0
+DEFAULT_SOURCE = f"{SIMULATED}cross_feature"
+SIMULATION_RATE = 0.0
+"""Of the demo in a terminal: as fast as the workers follow, so that it is told in seconds."""
+VIEWED_SIMULATION_RATE = 3.0
+"""Of a robot that somebody looks at, for as long as they like."""
 DEFAULT_SIMULATION_STEPS = 300
 VIEWED_SIMULATION_STEPS = 10_000
 """Of a robot that somebody looks at: about 20 minutes, if nobody ends it before."""
@@ -64,7 +68,8 @@ class DemoOptions:
     """What a person asked for."""
 
     recording: str | None = None
-    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: the default simulation."""
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, if
+    that is named, else the default simulation."""
     map_file: str | None = None
     """None: that of the settings for a recording, the world's own for a simulated robot."""
     reference: Path | None = None
@@ -145,10 +150,11 @@ def _say_where(view_at: str) -> None:
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     """Read what can be refused before anything is started."""
-    source = options.recording or DEFAULT_SOURCE
+    source = options.recording or _usual_source(options.map_file)
     match parsed_source(source):
         case Simulated() as robot:
-            settings = _played(source, DEFAULT_SIMULATION_RATE, options, settings)
+            rate = VIEWED_SIMULATION_RATE if options.view_at else SIMULATION_RATE
+            settings = _played(source, rate, options, settings)
             return _simulated(robot, options, settings)
         case Recorded(path):
             return _recorded(path, options, _played(source, 0.0, options, settings))
@@ -157,6 +163,11 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
             raise SettingsError(key="--recording", problem=problem)
         case choice:
             assert_never(choice)
+
+
+def _usual_source(map_file: str | None) -> str:
+    """A robot in the map that is named, by a path that is no world's name; else the story."""
+    return f"{SIMULATED}{Path(map_file).absolute()}" if map_file else DEFAULT_SOURCE
 
 
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
@@ -172,9 +183,9 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _S
     if options.reference is not None:
         problem = "--reference: a simulated robot knows where it is; leave it out"
         raise SettingsError(key="--reference", problem=problem)
-    simulated_world(robot)
+    FreeSpace(simulated_world(robot).truth)  # says if the robot fits nowhere
     if options.map_file:
-        load_map(options.map_file)
+        load_map_with_obstacles(options.map_file)
     usual_steps = VIEWED_SIMULATION_STEPS if options.view_at else DEFAULT_SIMULATION_STEPS
     steps = options.steps or usual_steps
     title = f"simulated robot in {robot.world}"
@@ -189,7 +200,7 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
     if not settings.bridge.map:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
-    load_map(settings.bridge.map)
+    load_map_with_obstacles(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(path, settings.bridge)
     return _Show(settings, f"recording {path}", steps, False, False, reference)
