@@ -1,5 +1,6 @@
 """The demo: everything on this machine, on a recording or a simulated robot, until its end."""
 
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -41,11 +42,11 @@ from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 DEFAULT_SOURCE = f"{SIMULATED}cross_feature"
 SIMULATION_RATE = 0.0
 """Of the demo in a terminal: as fast as the workers follow, so that it is told in seconds."""
-VIEWED_SIMULATION_RATE = 3.0
-"""Of a robot that somebody looks at, for as long as they like."""
+VIEWED_SIMULATION_RATE = 8.0 if (os.cpu_count() or 1) > 1 else 3.0
+"""Of a robot that somebody looks at, for as long as they like: some 12 steps a second."""
 DEFAULT_SIMULATION_STEPS = 300
 VIEWED_SIMULATION_STEPS = 10_000
-"""Of a robot that somebody looks at: about 20 minutes, if nobody ends it before."""
+"""Of a robot that somebody looks at: about 15 minutes, if nobody ends it before."""
 LOCALIZED_STEPS = 20
 """A simulated robot that has been localized for so long has shown what there is to see."""
 
