@@ -232,6 +232,38 @@ def _of_bag(scan_topic: str, odom_topic: str, odom_frame: str, base_frame: str) 
 
 
 @app.command()
+def check(
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="The map's file.")],
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a robot in that map.")
+    ] = None,
+    laser_range_m: Annotated[
+        float, typer.Option("--range", min=0.5, metavar="M", help="How far the laser sees [m].")
+    ] = 12.0,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Places that are looked at.")] = 24,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Is a map fit for localizing; which places look alike; does a recording agree with it."""
+    from clustermcl.check import run_check  # noqa: PLC0415 - see the module
+
+    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_check(
+        map_file,
+        recording,
+        load_settings(settings_file, given),
+        laser_range_m=laser_range_m,
+        places=places,
+        as_json=as_json,
+    )
+
+
+@app.command()
 def pose(
     as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
 ) -> None:
