@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
+from clustermcl import completion
+from clustermcl.loudness import LoudCommands, log_settings, set_loudness
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
-from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
 from process_runtime.settings import Settings
@@ -27,8 +28,8 @@ MOST_STEPS = 100_000
 
 app = typer.Typer(
     help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
+    cls=LoudCommands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -58,7 +59,12 @@ SettingsFile = Annotated[
 ]
 Assignments = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A setting, over the file's; may be repeated.",
+        autocompletion=completion.settings,
+    ),
 ]
 ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a ROS bag.")]
 OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
@@ -73,7 +79,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text
 
 def main() -> None:
     """Run the command; errors that a person can mend are one line and exit code 2."""
-    configure_logging("clustermcl", "warning")
+    set_loudness()
     try:
         with written_output():
             app()
@@ -91,7 +97,11 @@ def main() -> None:
 def demo(
     recording: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml."),
+        typer.Option(
+            metavar="FILE",
+            help="Recording, or sim:WORLD, or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ] = None,
     map_file: Annotated[
         str | None,
@@ -126,7 +136,8 @@ def demo(
     """Start everything on this machine and watch it localize; without options, a simulation."""
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
 
-    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    given = [*log_settings(), *(assignments or ())]
+    given += _of_bag(scan_topic, odom_topic, odom_frame, base_frame)
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
@@ -146,13 +157,18 @@ def up(settings_file: SettingsFile = None, assignments: Assignments = None) -> N
     """Run everything on this machine, in the foreground, until Ctrl-C."""
     from clustermcl.up import run_up  # noqa: PLC0415 - see the module
 
-    run_up(load_settings(settings_file, assignments or ()))
+    run_up(load_settings(settings_file, [*log_settings(), *(assignments or ())]))
 
 
 @app.command()
 def evaluate(
     recording: Annotated[
-        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording, sim:WORLD or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ],
     map_file: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -162,7 +178,11 @@ def evaluate(
     ] = None,
     algorithm: Annotated[
         str,
-        typer.Option(metavar="NAME", help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ..."),
+        typer.Option(
+            metavar="NAME",
+            help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ...",
+            autocompletion=completion.algorithms,
+        ),
     ] = "cluster-mcl",
     seeds: Annotated[
         int,

@@ -16,12 +16,14 @@ from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_objec
 from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.loudness import is_verbose
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map_with_obstacles, map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
@@ -123,7 +125,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         stack = Stack(
             met,
             folder,
-            logs_in_folder=True,
+            logs_in_folder=not is_verbose(),
             simulator_arguments=arguments,
             view_at=options.view_at,
         )
@@ -210,6 +212,8 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
 def _view(options: DemoOptions, show: _Show) -> View:
     console = Console(stderr=options.as_json)
     steps = None if show.ends_when_localized else show.steps
+    if is_quiet():
+        return NoView()
     if console.is_terminal:
         return LiveView(console, show.title, steps)
     return NoView() if options.as_json else LineView(console, show.title)

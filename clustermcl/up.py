@@ -8,6 +8,7 @@ import msgspec
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from coordinator.last_pose_files import default_state_folder
 from grid_maps.load import load_map_with_obstacles, map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
@@ -82,5 +83,7 @@ def _refuse_map(map_file: str) -> None:
 
 
 def _say(text: str) -> None:
+    if is_quiet():
+        return
     sys.stderr.write(f"clustermcl: {text}\n")
     sys.stderr.flush()

@@ -35,6 +35,7 @@ from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
 from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
 from evaluation.recordings import opened
 from grid_maps.load import map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
@@ -271,7 +272,7 @@ def _progress() -> Progress:
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=is_quiet() or not console.is_terminal,
     )
 
 
