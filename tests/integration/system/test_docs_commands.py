@@ -28,6 +28,8 @@ from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.waiting import wait_until
 
+pytestmark = pytest.mark.timeout(300)  # a block is several commands
+
 REPOSITORY = Path(__file__).parents[3]
 PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 ELSEWHERE = {"test command", "runs", "driver", "robot example"}
@@ -112,7 +114,7 @@ def run(block: Block, folder: Path, router: str) -> str:
         ["bash", "-euo", "pipefail", "-c", block.text],
         cwd=folder,
         env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"},
-        capture_output=True, text=True, timeout=110, check=False,
+        capture_output=True, text=True, timeout=280, check=False,
     )  # fmt: skip
     assert done.returncode == 0, (block.text, done.stdout, done.stderr)
     return done.stdout
