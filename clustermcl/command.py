@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
+from clustermcl import completion
+from clustermcl.loudness import LoudCommands, log_settings, set_loudness
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
-from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
 from process_runtime.settings_file import load_settings
@@ -26,8 +27,8 @@ MOST_STEPS = 100_000
 
 app = typer.Typer(
     help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
+    cls=LoudCommands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -57,7 +58,12 @@ SettingsFile = Annotated[
 ]
 Assignments = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A setting, over the file's; may be repeated.",
+        autocompletion=completion.settings,
+    ),
 ]
 ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a ROS bag.")]
 OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
@@ -79,7 +85,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text
 
 def main() -> None:
     """Run the command; errors that a person can mend are one line and exit code 2."""
-    configure_logging("clustermcl", "warning")
+    set_loudness()
     try:
         with written_output():
             app()
@@ -97,10 +103,19 @@ def main() -> None:
 def demo(
     recording: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml."),
+        typer.Option(
+            metavar="FILE",
+            help="Recording, or sim:WORLD, or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ] = None,
     map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Map of the recording; without one, a simulated robot drives in this map.",
+        ),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
@@ -131,7 +146,8 @@ def demo(
     """Start everything on this machine and watch it localize; without options, a simulation."""
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
 
-    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    given = [*log_settings(), *(assignments or ())]
+    given += _of_bag(scan_topic, odom_topic, odom_frame, base_frame)
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
@@ -164,7 +180,8 @@ def up(
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
     from clustermcl.up import run_up  # noqa: PLC0415 - see the module
 
-    chosen, without_effect = settings_with_nav2(nav2_params, settings_file, assignments or ())
+    given = [*log_settings(), *(assignments or ())]
+    chosen, without_effect = settings_with_nav2(nav2_params, settings_file, given)
     for line in without_effect:
         sys.stderr.write(f"clustermcl: {line}\n")
     run_up(chosen, view_at=listen if view else None, allow_commands=allow_commands)
@@ -176,15 +193,19 @@ def ros2(settings_file: SettingsFile = None, assignments: Assignments = None) ->
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the module
     from ros2_bridge.process import serve  # noqa: PLC0415 - see the module
 
-    chosen = load_settings(settings_file, assignments or ())
-    configure_logging("ros2_bridge", chosen.log.level)
+    chosen = load_settings(settings_file, [*log_settings(), *(assignments or ())])
     serve(chosen, "ros2_bridge", stop_on_signals())
 
 
 @app.command()
 def evaluate(
     recording: Annotated[
-        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording, sim:WORLD or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ],
     map_file: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -194,7 +215,11 @@ def evaluate(
     ] = None,
     algorithm: Annotated[
         str,
-        typer.Option(metavar="NAME", help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ..."),
+        typer.Option(
+            metavar="NAME",
+            help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ...",
+            autocompletion=completion.algorithms,
+        ),
     ] = "cluster-mcl",
     seeds: Annotated[
         int,
@@ -267,6 +292,38 @@ def _of_bag(scan_topic: str, odom_topic: str, odom_frame: str, base_frame: str) 
         "base_frame": base_frame,
     }
     return [f"bridge.{setting}={name}" for setting, name in named.items() if name]
+
+
+@app.command()
+def check(
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="The map's file.")],
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a robot in that map.")
+    ] = None,
+    laser_range_m: Annotated[
+        float, typer.Option("--range", min=0.5, metavar="M", help="How far the laser sees [m].")
+    ] = 12.0,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Places that are looked at.")] = 24,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Is a map fit for localizing; which places look alike; does a recording agree with it."""
+    from clustermcl.check import run_check  # noqa: PLC0415 - see the module
+
+    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_check(
+        map_file,
+        recording,
+        load_settings(settings_file, given),
+        laser_range_m=laser_range_m,
+        places=places,
+        as_json=as_json,
+    )
 
 
 @app.command()

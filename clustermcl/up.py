@@ -8,7 +8,8 @@ import msgspec
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from clustermcl.view import page_address
 from coordinator.last_pose_files import default_state_folder
-from grid_maps.load import load_map, map_file_of
+from grid_maps.load import load_map_with_obstacles, map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
@@ -94,9 +95,11 @@ def _refuse_map(map_file: str) -> None:
     if not map_file:
         problem = "bridge.map is empty: name the map file there, or by --set bridge.map="
         raise SettingsError(key="bridge.map", problem=problem)
-    load_map(map_file)
+    load_map_with_obstacles(map_file)
 
 
 def _say(text: str) -> None:
+    if is_quiet():
+        return
     sys.stderr.write(f"clustermcl: {text}\n")
     sys.stderr.flush()

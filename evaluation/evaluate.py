@@ -37,6 +37,7 @@ from evaluation.experiments.trace import Trace
 from evaluation.recordings import opened
 from evaluation.report_page import DRAWN_RUNS, TableText, report_page
 from grid_maps.load import map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
@@ -301,7 +302,7 @@ def _progress() -> Progress:
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=is_quiet() or not console.is_terminal,
     )
 
 

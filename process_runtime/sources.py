@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 _LIVE = "zenoh"
-_SIMULATED = "sim:"
+SIMULATED = "sim:"
+"""Before the name of a world, or the path of a map."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,6 @@ def parsed_source(text: str) -> SourceChoice:
     """What ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path stands for."""
     if text == _LIVE:
         return Live()
-    if text.startswith(_SIMULATED):
-        return Simulated(text.removeprefix(_SIMULATED))
+    if text.startswith(SIMULATED):
+        return Simulated(text.removeprefix(SIMULATED))
     return Recorded(text)

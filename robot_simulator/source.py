@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from grid_maps.load import load_map
+from grid_maps.load import load_map_with_obstacles
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
@@ -27,7 +27,7 @@ def simulated_world(robot: Simulated) -> World:
     """
     name = robot.world
     if name not in world_names() and (Path(name).suffix or Path(name).exists()):
-        return world_from_map(load_map(name), name)
+        return world_from_map(load_map_with_obstacles(name), name)
     return world(name)
 
 

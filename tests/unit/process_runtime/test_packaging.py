@@ -6,6 +6,7 @@ REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
 BROWSER_LOCK = (REPOSITORY / "requirements-browser.lock").read_text()
 RUN_LOCK = (REPOSITORY / "requirements-run.lock").read_text()
+DOCS_LOCK = (REPOSITORY / "requirements-docs.lock").read_text()
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 
 
@@ -79,3 +80,15 @@ def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development
     tools = {normal(requirement) for requirement in project["optional-dependencies"]["dev"]}
     assert needed <= pinned(RUN_LOCK).keys()
     assert not (tools - needed) & pinned(RUN_LOCK).keys()
+
+
+def test_the_site_is_made_with_what_was_tested_and_packages_of_its_own() -> None:
+    docs, tested = pinned(DOCS_LOCK), pinned(LOCK)
+    assert {name: tested[name] for name in docs.keys() & tested.keys()} == {
+        name: docs[name] for name in docs.keys() & tested.keys()
+    }
+    project = PROJECT["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["docs"]]
+    assert {normal(requirement) for requirement in asked} <= docs.keys()
+    assert "--hash" in DOCS_LOCK
+    assert not re.search(r"http|file:", DOCS_LOCK)
