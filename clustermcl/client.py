@@ -28,7 +28,7 @@ from protocol.answers import (
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
-from protocol.message import Message, PoseTuple
+from protocol.message import Circle, Message, PoseTuple
 from protocol.steps import MapMessage
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -158,13 +158,20 @@ class Client:
         )
         self._tell(keys.SET_POSE, command)
 
-    def relocalize(self) -> None:
-        """Have it forget all places and search everywhere.
+    def relocalize(self, near: Circle | None = None) -> None:
+        """Have it forget all places and search.
+
+        Args:
+            near: x, y and radius of where to search [m]; None: everywhere.
 
         Raises:
             CommandRefusedError: no scan has arrived yet, so it searches anyway.
+            ValueError: `near` is no circle.
         """
-        self._tell(keys.RELOCALIZE, Relocalize(sender=_SENDER, command_id=_new_id()))
+        if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
+            raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
+        command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near)
+        self._tell(keys.RELOCALIZE, command)
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
         """Lift the simulated robot to another place; None: somewhere far away."""

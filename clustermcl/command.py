@@ -346,11 +346,20 @@ def set_pose(
 
 
 @app.command()
-def relocalize(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
-    """Forget all places and search everywhere."""
+def relocalize(
+    near: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y RADIUS", help="Search in this circle only [m]."),
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Forget all places and search everywhere, or near a place."""
+    if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
+        raise typer.BadParameter("a circle is two finite numbers and a positive radius")
     from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the module
 
-    tell(load_settings(settings_file, assignments or ()))
+    tell(load_settings(settings_file, assignments or ()), near)
 
 
 @app.command()

@@ -17,7 +17,7 @@ from clustermcl.as_json import (
 from clustermcl.as_text import belief_line, event_line, hypotheses_lines, pose_lines, status_lines
 from clustermcl.client import Client
 from process_runtime.settings import Settings
-from protocol.message import PoseTuple
+from protocol.message import Circle, PoseTuple
 
 
 def print_pose(settings: Settings, *, as_json: bool) -> None:
@@ -81,10 +81,10 @@ def set_pose(
         )
 
 
-def relocalize(settings: Settings) -> None:
-    """Forget all places and search everywhere."""
+def relocalize(settings: Settings, near: Circle | None) -> None:
+    """Forget all places and search, everywhere or in a circle."""
     with Client(settings) as client:
-        client.relocalize()
+        client.relocalize(near)
 
 
 def kidnap(settings: Settings) -> None:

@@ -47,7 +47,7 @@ class Commands:
 
     def _outcome(self, command: SetPose | Relocalize, ensemble: Ensemble, applied: Scan) -> Outcome:
         if isinstance(command, Relocalize):
-            return ensemble.relocalize(applied.step)
+            return ensemble.relocalize(applied.step, near=command.near)
         self._set_poses += 1
         settings = ensemble.settings
         given = candidate(

@@ -8,6 +8,7 @@ than can be kept, all is searched again after 2, 4 and 8 scans, by all of them j
 """
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -18,7 +19,7 @@ from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import misfit, new_view, share_that_counts, way
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.grid_search import GridSearch, SearchSpace
+from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
@@ -54,11 +55,12 @@ class FoundPlace:
 
 
 @lru_cache(maxsize=2)
-def search_space(model: SensorModel, settings: SearchSettings) -> SearchSpace:
+def search_space(
+    model: SensorModel, settings: SearchSettings, near: Circle | None = None
+) -> SearchSpace:
     """The leaves of a model's map; the shards and searches of a process share them."""
-    return SearchSpace(
-        model.grid, model.pyramid.leaf_cells, settings.heading_step_rad, settings.shards
-    )
+    leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
+    return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near)
 
 
 @dataclass(frozen=True)
@@ -97,10 +99,16 @@ class GlobalSearch:
         ValueError: the map has no free cell.
     """
 
-    def __init__(self, model: SensorModel, settings: FilterSettings, shard: int) -> None:
+    def __init__(
+        self,
+        model: SensorModel,
+        settings: FilterSettings,
+        shard: int,
+        near: Circle | None = None,
+    ) -> None:
         self._model, self._settings, self._shard = model, settings, shard
         self._rules = settings.search
-        self._space = search_space(model, settings.search)
+        self._space = search_space(model, settings.search, near)
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
         self._seen: list[_Seen] = []
@@ -134,10 +142,25 @@ class GlobalSearch:
         Returns:
             The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
         """
+        slices = self.slices(odom_from_before, odom_from_after, beams, rng)
+        while True:
+            try:
+                next(slices)
+            except StopIteration as done:
+                return float(done.value)
+
+    def slices(
+        self,
+        odom_from_before: Pose | None,
+        odom_from_after: Pose,
+        beams: Beams,
+        rng: np.random.Generator,
+    ) -> Generator[None, None, float]:
+        """As `advance`, some milliseconds at a time."""
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._seen.append(_Seen(odom_from_after, beams))
             if len(self._seen) in (1, *_SEARCHED_AGAIN):
-                return self._search(rng)
+                return (yield from self._search(rng))
         if self._kept is None:
             return math.nan
         if odom_from_before is None:
@@ -158,18 +181,18 @@ class GlobalSearch:
         cloud = Cloud(self._kept.poses, self._kept.log_weights)
         return _places(cloud, self._labels, self._rules, self._rules.min_place_share, rng)
 
-    def _search(self, rng: np.random.Generator) -> float:
+    def _search(self, rng: np.random.Generator) -> Generator[None, None, float]:
         """Search everything, by all scans so far."""
         now = self._seen[-1]
         hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
         grid = GridSearch(self._model, self._space, hits, self._shard, self._rules, rng)
-        while grid.advance():
-            pass
+        yield from grid.slices()
         leaves = grid.leaves()
         self._sampled, scores = leaves.sampled, leaves.scores
         kept = _Kept(leaves.map_from_robot, leaves.log_weights, np.ones(len(scores)))
         self._wanted = self._most
         for _ in range(_REFINEMENTS):
+            yield
             kept, chosen = self._thin(kept, rng)
             kept, parent = self._split(kept, rng, also_unsplit=True)
             # Leaves reach into walls at their sides: where no robot can be there is nothing.
@@ -178,6 +201,7 @@ class GlobalSearch:
             before = kept.log_weights - scores[chosen][parent]
             scores, per_beam = self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
+        yield
         self._settle(self._thin(kept, rng)[0], now.beams)
         return per_beam
 

@@ -7,15 +7,17 @@ more leaves than can be kept, the heavy ones are, and of the light ones some tha
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, Cells, LogWeights, Points, Poses
+from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
-from particle_filter.poses import TURN, compose
+from particle_filter.poses import TURN, between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Runs
 from particle_filter.resampling import thinned
 from particle_filter.sensor_model import Grid, SensorModel
@@ -23,8 +25,16 @@ from particle_filter.settings import SearchSettings
 
 _LARGEST_GAP = 48
 """Tiles between two of interest in a row that are scored with them: one long run is faster."""
-_WAITING, _SIFTED = 16, 2
+_WAITING, _SIFTED = 8, 2
 """Times as many leaves as are kept may wait to be thinned, and are left then."""
+
+
+_TILES_OF_BAND = 8000
+"""Searched at a time, with one heading."""
+
+
+Circle: TypeAlias = tuple[float, float, float]
+"""x [m], y [m], radius [m] in the map."""
 
 
 class SearchSpace:
@@ -35,15 +45,27 @@ class SearchSpace:
         leaf_cells: side of a leaf [cells].
         heading_step_rad: at most so far from one heading to the next.
         shards: the headings are dealt out to so many.
+        near: where to look only; a circle without a free leaf is no help and left out.
 
     Raises:
         ValueError: the map has no free cell.
     """
 
-    def __init__(self, grid: Grid, leaf_cells: int, heading_step_rad: float, shards: int) -> None:
+    def __init__(
+        self,
+        grid: Grid,
+        leaf_cells: int,
+        heading_step_rad: float,
+        shards: int,
+        near: Circle | None = None,
+    ) -> None:
         free, free_cells = _free_leaves(grid.cells, leaf_cells)
         if free_cells == 0:
             raise ValueError("the map has no free cell to search")
+        leaf_m, all_leaves = leaf_cells * grid.cell_m, np.count_nonzero(free)
+        if near is not None:
+            inside = free & _inside(near, free.shape, leaf_m, grid.map_from_grid)
+            free = inside if inside.any() else free
         self.free = [free]
         """For each level, coarse to fine, whether a tile holds a free cell."""
         for _ in range(LEVELS - 1):
@@ -51,8 +73,9 @@ class SearchSpace:
         self.runs = _runs(self.free[0])
         per_shard = math.ceil(TURN / heading_step_rad / shards)
         self.headings = np.arange(per_shard * shards) * (TURN / (per_shard * shards)) - math.pi
-        self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_cells * grid.cell_m
-        self.leaf_count = free_cells / leaf_cells**2 * per_shard
+        self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
+        share = np.count_nonzero(free) / all_leaves
+        self.leaf_count = share * free_cells / leaf_cells**2 * per_shard
         """So many leaves would be a shard's part of the free space, if none reached into walls."""
 
     @property
@@ -84,7 +107,7 @@ class Leaves:
 
 
 class GridSearch:
-    """One shard's part of a search: `advance` until it is done, then ask for `leaves`.
+    """One shard's part of a search: exhaust its `slices`, then ask for `leaves`.
 
     Args:
         model: its pyramid scores leaves.
@@ -112,37 +135,41 @@ class GridSearch:
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
         self._most = max(settings.poses // settings.shards, 1)
         self._headings = range(shard, len(space.headings), settings.shards)
-        self._bounds: list[int] = []
-        """Of the headings, for the whole map."""
-        self._order: list[int] = []
-        """The headings that are left, the best last."""
         self._best = 0
         self._leaves = _Found.none()
         self._waiting: list[_Found] = []
+        self._waiting_count = 0
 
-    def advance(self) -> bool:
-        """Bound or search one more heading; whether there is one left.
+    def slices(self) -> Iterator[None]:
+        """Search, a few milliseconds at a time; exhaust it before asking for `leaves`.
 
-        All are bounded first and searched from the best one on: the best leaf soon leaves out much.
+        Every band of the map is bounded with every heading first, and searched from the best one
+        on: the best leaf soon leaves out much.
         """
-        if len(self._bounds) < len(self._headings):
-            heading = self._headings[len(self._bounds)]
-            sums = self._pyramid.levels[0].sums(self._offsets(heading), self._space.runs)
-            self._bounds.append(int(sums.max()))
-            self._order = list(np.argsort(self._bounds, kind="stable"))
-            return True
-        self._search(self._headings[self._order.pop()])
-        return bool(self._order)
+        bands = _bands(self._space.runs)
+        bounds: list[int] = []
+        for heading in self._headings:
+            offsets = self._offsets(heading)
+            for band in bands:
+                bounds.append(self._pyramid.levels[0].sums(offsets, band).max(initial=0))
+                yield
+        for part in np.argsort(bounds, kind="stable")[::-1].tolist():
+            if bounds[part] < self._least():
+                break
+            heading, at = divmod(part, len(bands))
+            self._search(self._headings[heading], bands[at])
+            yield
 
-    def _search(self, heading: int) -> None:
-        offsets, runs = self._offsets(heading), self._space.runs
+    def _search(self, heading: int, runs: Runs) -> None:
+        offsets = self._offsets(heading)
         for level, free in zip(self._pyramid.levels[:-1], self._space.free[:-1], strict=True):
             runs = _finer(runs, level.sums(offsets, runs), free, self._least())
         sums, free = self._pyramid.levels[-1].sums(offsets, runs), self._space.free[-1]
         self._best = max(self._best, _best(runs, sums, free))
         found, kept = _good(runs, sums, free, self._least())
         self._waiting.append(_Found.at_heading(heading, found, kept))
-        if sum(len(some.sums) for some in self._waiting) > _WAITING * self._most:
+        self._waiting_count += len(found)
+        if self._waiting_count > _WAITING * self._most:
             self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
@@ -175,6 +202,7 @@ class GridSearch:
         """Leave what is still within the margin, and no more than some."""
         found = _Found.joined([self._leaves, *self._waiting])
         found, self._waiting = found.at(np.flatnonzero(found.sums >= self._least())), []
+        self._waiting_count = 0
         scores = self._scale * self._pyramid.log_step * found.sums
         chosen, log_weights = thinned(scores + found.log_worth, count, self._rng)
         self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
@@ -232,6 +260,16 @@ def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
     return free, count
 
 
+def _inside(
+    near: Circle, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
+) -> NDArray[np.bool_]:
+    """(rows, cols) whether the middle of a leaf is in a circle of the map."""
+    x, y, _ = between(map_from_grid, np.array([near[0], near[1], 0.0]))
+    down = (np.arange(shape[0]) + 0.5) * leaf_m - y
+    across = (np.arange(shape[1]) + 0.5) * leaf_m - x
+    return np.asarray(down[:, None] ** 2 + across**2 <= near[2] ** 2)
+
+
 def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(free[::2, ::2] | free[1::2, ::2] | free[::2, 1::2] | free[1::2, 1::2])
 
@@ -240,6 +278,12 @@ def _runs(free: NDArray[np.bool_]) -> Runs:
     """All free tiles, and small gaps between them."""
     every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
     return _joined_runs(every, free.reshape(-1))
+
+
+def _bands(runs: Runs) -> list[Runs]:
+    """Runs in turn, so many that a band takes a few milliseconds at most."""
+    band = np.cumsum(runs[:, 2]) // _TILES_OF_BAND
+    return np.split(runs, np.flatnonzero(np.diff(band)) + 1)
 
 
 @kernel

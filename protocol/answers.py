@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from protocol.health import Health
-from protocol.message import Covariance, Message, PoseTuple
+from protocol.message import Circle, Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
 Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
@@ -117,9 +117,11 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
-    """Forget the belief and search everywhere. A query on ``command/relocalize``."""
+    """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
     command_id: str
+    near: Circle | None = None
+    """Where to search; None: everywhere."""
 
 
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):

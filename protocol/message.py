@@ -12,6 +12,8 @@ import msgspec
 
 PoseTuple: TypeAlias = tuple[float, float, float]
 """x [m], y [m], heading [rad]."""
+Circle: TypeAlias = tuple[float, float, float]
+"""x [m], y [m], radius [m]."""
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """3 x 3, row by row, over x [m], y [m], heading [rad]."""
 

@@ -15,7 +15,7 @@ from protocol.answers import Kidnap, Relocalize, SetPose
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
 from protocol.job_events import Ended, JobEvents, NumberedEvent
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Circle, Covariance, PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
@@ -130,6 +130,7 @@ def _(message: SearchReport) -> str | None:
     return (
         _report_problem(message)
         or finite_problem("log_evidence", message.log_evidence)
+        or finite_problem("left_out_gap", message.left_out_gap)
         or first_problem(_place_problem(place) for place in message.places)
     )
 
@@ -170,7 +171,7 @@ def _(message: SetPose) -> str | None:
 
 @problem_of.register
 def _(message: Relocalize) -> str | None:
-    return _id_problem(message.command_id)
+    return _id_problem(message.command_id) or _circle_problem(message.near)
 
 
 @problem_of.register
@@ -187,6 +188,12 @@ def first_problem(problems: Iterable[str | None]) -> str | None:
 def _way_problem(moved_m: float, turned_rad: float) -> str | None:
     possible = moved_m >= 0.0 and turned_rad >= 0.0  # NaN is not; of a first scan it is infinite
     return None if possible else f"a way of {moved_m} m and {turned_rad} rad"
+
+
+def _circle_problem(circle: Circle | None) -> str | None:
+    if circle is None or (all(map(math.isfinite, circle)) and circle[2] > 0.0):
+        return None
+    return f"{circle} is no circle"
 
 
 def _report_problem(report: TrackReport | SearchReport) -> str | None:

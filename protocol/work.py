@@ -6,7 +6,7 @@ from typing import TypeAlias
 import msgspec
 
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, Message, PoseTuple
+from protocol.message import Circle, Covariance, Message, PoseTuple
 
 
 class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -52,6 +52,8 @@ class SearchJob(
     shard: int
     first_step: int
     """The first step whose scan it uses."""
+    near: Circle | None = None
+    """It looks there only; None: everywhere."""
 
 
 class ElsewhereJob(

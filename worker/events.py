@@ -93,6 +93,11 @@ class HistoryFailed:
     problem: str
 
 
+@dataclass(frozen=True)
+class TimeToSearch:
+    """There is time for a slice of what `Worker.searches`."""
+
+
 Event: TypeAlias = (
     ScanArrived
     | CheckpointHeard
@@ -104,4 +109,5 @@ Event: TypeAlias = (
     | ModelBuilt
     | HistoryArrived
     | HistoryFailed
+    | TimeToSearch
 )

@@ -9,8 +9,9 @@ from particle_filter.settings import FilterSettings
 from protocol.step_reset_detector import StepResetDetector
 from protocol.steps import Scan
 from protocol.work import Assignment, Report, WorkOrder
-from worker.jobs import RunningJob, running
+from worker.jobs import RunningJob, Searching, running
 from worker.recent_reports import RecentReports
+from worker.search_queue import SearchQueue
 
 RECENT_SCANS = 64
 """Scans kept at hand for jobs that begin a little behind."""
@@ -38,6 +39,7 @@ class JobTable:
         self._step_resets = StepResetDetector()
         self._waiting: set[str] = set()
         """Jobs that take no scan before those that they miss have come."""
+        self._searches = SearchQueue()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
         """(job id, epoch, last step done) of each job."""
@@ -81,6 +83,7 @@ class JobTable:
             for assignment in order.begin
         }
         self._jobs = kept | begun
+        self._searches.keep_only(self._jobs.values())
         self._reports.keep_only(self._jobs)
 
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
@@ -148,12 +151,29 @@ class JobTable:
         while len(self._recent) > (RECENT_SCANS_OF_WAITING if self._waiting else RECENT_SCANS):
             self._recent.popleft()
 
+    @property
+    def searches(self) -> bool:
+        """Whether a search has something to do, with `search_on`."""
+        return bool(self._searches)
+
+    def search_on(self) -> list[Report]:
+        """Let a search compute for some milliseconds; its report, if it has finished a step."""
+        report = self._searches.work()
+        if report is None:
+            return []
+        self._reports.add(report)
+        return [report]
+
     def _advance(self, scan: Scan) -> list[Report]:
-        reports = [
-            job.advance(scan)
-            for job_id, job in sorted(self._jobs.items())
-            if scan.step > job.step and job_id not in self._waiting
-        ]
+        """Tracked clusters take the scan at once, searches when there is time."""
+        reports = []
+        for job_id, job in sorted(self._jobs.items()):
+            if scan.step <= job.step or job_id in self._waiting:
+                continue
+            if isinstance(job, Searching):
+                self._searches.add(job, scan)
+            else:
+                reports.append(job.advance(scan))
         for report in reports:
             self._reports.add(report)
         return reports

@@ -4,6 +4,7 @@ Each job is told of scans in the order of their steps and answers with a report.
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
+from collections.abc import Generator
 from typing import Protocol
 
 import numpy as np
@@ -186,7 +187,7 @@ class Searching:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
         self._model, self._settings = model, settings
-        self._search = global_search.GlobalSearch(model, settings, job.shard)
+        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near)
         self._odom_from_robot: Pose | None = None
 
     def handed_on(self) -> Assignment:
@@ -205,12 +206,21 @@ class Searching:
 
     def advance(self, scan: Scan) -> SearchReport:
         """Move, weigh, and tell the places that are possible."""
-        after = np.array(scan.odom_from_robot)
-        beams = scan_beams(scan, self._model)
-        per_beam = self._search.advance(
-            self._odom_from_robot, after, beams, self._rng(scan.step, 1)
-        )
+        slices = self.slices(scan)
+        while True:
+            try:
+                next(slices)
+            except StopIteration as done:
+                report: SearchReport = done.value
+                return report
+
+    def slices(self, scan: Scan) -> Generator[None, None, SearchReport]:
+        """As `advance`, some milliseconds at a time; the step counts as done from the first on."""
+        before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
+        beams, rng = scan_beams(scan, self._model), self._rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
+        per_beam = yield from self._search.slices(before, after, beams, rng)
+        yield
         found = self._search.places(self._rng(scan.step, 2))
         return SearchReport(
             sender=self._sender,
@@ -218,7 +228,7 @@ class Searching:
             epoch=self.assignment.epoch,
             step=scan.step,
             log_evidence=self._search.log_evidence,
-            particles=self._search.poses,
+            particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
             places=tuple(_place(place, scan) for place in found),

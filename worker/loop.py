@@ -28,6 +28,7 @@ from worker.events import (
     OrderAsked,
     ScanArrived,
     StateAsked,
+    TimeToSearch,
 )
 from worker.instructions import FetchMap, FetchScans
 from worker.outgoing import ANSWERS, Built, Fetched, Outgoing, WorkerInbox
@@ -78,7 +79,8 @@ class WorkerLoop:
             unread_scans = 0
             while not stop.is_set():
                 soon = unread_scans or self._outgoing.asks_again
-                event = self._inbox.get(QUIET_S if soon else POLL_S)
+                wait_s = 0.0 if self._worker.searches else QUIET_S if soon else POLL_S
+                event = self._inbox.get(wait_s)
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
                     unread_scans += 1
@@ -96,6 +98,8 @@ class WorkerLoop:
                         self._tell(_what_was_built(event))
                     case MapFailed() | HistoryFailed():
                         self._tell(event)
+                if self._worker.searches:
+                    self._tell(TimeToSearch())
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
 

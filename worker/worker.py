@@ -21,6 +21,7 @@ from worker.events import (
     OrderAsked,
     ScanArrived,
     StateAsked,
+    TimeToSearch,
 )
 from worker.instructions import (
     Answer,
@@ -70,6 +71,11 @@ class Worker:
         self._fetching: MissingScans | None = None
         self._dropped = 0
 
+    @property
+    def searches(self) -> bool:
+        """Whether it has something to do as soon as there is time: see `TimeToSearch`."""
+        return self._table.searches
+
     def handle(self, event: Event) -> list[Instruction]:  # noqa: PLR0911 - one for each event
         """Take what has happened; what is to be done comes in its order."""
         match event:
@@ -96,6 +102,8 @@ class Worker:
                 return self._on_history(missing, scans)
             case HistoryFailed(missing, problem):
                 return [Warn("no scan history", problem), *self._on_history(missing, ())]
+            case TimeToSearch():
+                return _published(self._table.search_on())
 
     # --- scans
 

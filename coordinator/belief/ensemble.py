@@ -21,7 +21,7 @@ from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
-from protocol.message import PoseTuple
+from protocol.message import Circle, PoseTuple
 from protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
@@ -140,18 +140,21 @@ class Ensemble:
         self._prior_pose = None
         return self._outcome(step, ())
 
-    def relocalize(self, step: int, cause: EndedCause = "forgotten") -> Outcome:
-        """Forget all clusters and search everywhere from the next step on.
+    def relocalize(
+        self, step: int, cause: EndedCause = "forgotten", near: Circle | None = None
+    ) -> Outcome:
+        """Forget all clusters and search from the next step on.
 
         Args:
             step: the last one.
             cause: why the clusters end.
+            near: where to search first; None: everywhere. Later searches look everywhere.
         """
         self._events += self.clusters.clear(cause)
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
-        self._start_search(step + 1)
+        self._start_search(step + 1, near)
         return self._outcome(step, ())
 
     # --- handed on
@@ -200,11 +203,12 @@ class Ensemble:
 
     # --- the search
 
-    def _start_search(self, first_step: int) -> None:
+    def _start_search(self, first_step: int, near: Circle | None = None) -> None:
         search = SearchPool(self.searches, first_step, self.settings.search)
         for shard, job_id in enumerate(search.job_ids):
-            job = SearchJob(search=self.searches, shard=shard, first_step=first_step)
-            self._begin[job_id] = job
+            self._begin[job_id] = SearchJob(
+                search=self.searches, shard=shard, first_step=first_step, near=near
+            )
         self.searches += 1
         self._search = search
         self._evidence = SearchEvidence(self.clusters.log_elsewhere)

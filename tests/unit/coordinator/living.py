@@ -260,7 +260,11 @@ class Living:
 
     def tell_worker(self, name: str, event: worker_events.Event) -> None:
         """Something happens to a worker; what comes of it happens in its turn."""
-        for instruction in self.workers[name].handle(event):
+        worker = self.workers[name]
+        instructions = worker.handle(event)
+        while worker.searches:
+            instructions += worker.handle(worker_events.TimeToSearch())
+        for instruction in instructions:
             self._carry_out_for(name, instruction)
 
     def _carry_out_for(self, name: str, instruction: worker_instructions.Instruction) -> None:

@@ -17,9 +17,9 @@ from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
 from tests.unit.particle_filter.rooms import model_of, plain_room
 
-SMALL = ["belief.max_clusters=3"]
+SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())
-SETTINGS = FilterSettings(belief=BeliefSettings(max_clusters=2))
+SETTINGS = FilterSettings(belief=BeliefSettings(max_clusters=2, particles=0))
 WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
 
 

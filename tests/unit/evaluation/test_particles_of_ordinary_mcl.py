@@ -17,7 +17,7 @@ def test_it_starts_everywhere_and_keeps_as_many_as_all_clusters_together(
     settings = FilterSettings(
         sensor=SENSOR,
         cluster=ClusterSettings(particles=300),
-        belief=BeliefSettings(max_clusters=4),
+        belief=BeliefSettings(max_clusters=4, particles=0),
     )
     counts = []
     advance = OneCloud.advance

@@ -8,7 +8,7 @@ import pytest
 from particle_filter.arrays import UNKNOWN
 from particle_filter.global_search import GlobalSearch
 from particle_filter.poses import heading_distance
-from particle_filter.settings import FilterSettings, SearchSettings
+from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from tests.unit.particle_filter.rooms import (
     beam_model_of,
     model_of,
@@ -18,7 +18,9 @@ from tests.unit.particle_filter.rooms import (
 )
 
 START = np.array([1.0, 3.2, -0.4])
-SETTINGS = FilterSettings(search=SearchSettings(poses=6_000, shards=1))
+LITERAL = BeliefSettings(view_distance_m=0.0, evidence_misfit=math.inf)
+"""Each scan counts in full."""
+SETTINGS = FilterSettings(belief=LITERAL, search=SearchSettings(poses=6_000, shards=1))
 
 
 def searched(cells: np.ndarray, steps: int, seed: int) -> GlobalSearch:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
 from particle_filter.log_weights import normalised_weights
-from particle_filter.resampling import Scheme, _pick, resample
+from particle_filter.resampling import Scheme, _pick, resample, thinned
 from tests.unit.particle_filter import naive
 
 every_scheme = pytest.mark.parametrize("scheme", get_args(Scheme))
@@ -133,3 +133,34 @@ def test_what_cannot_be_drawn_is_refused(scheme: Scheme) -> None:
 def test_an_unknown_scheme_is_refused() -> None:
     with pytest.raises(ValueError, match="'roulette'"):
         resample(np.zeros(3), 3, "roulette", np.random.default_rng(0))  # type: ignore[arg-type] # that is the test
+
+
+def test_thinning_leaves_the_heavy_as_they_are_and_the_sum_of_all() -> None:
+    rng = np.random.default_rng(0)
+    log_weights = rng.normal(0.0, 3.0, 1000) + 700.0
+    chosen, after = thinned(log_weights, 100, rng)
+    assert len(np.unique(chosen)) == 100
+    assert np.all(np.diff(chosen) > 0)
+    assert np.logaddexp.reduce(after) == pytest.approx(np.logaddexp.reduce(log_weights))
+    light = after.min()
+    heavy = log_weights > light + 1e-9
+    assert set(np.flatnonzero(heavy)) <= set(chosen.tolist())
+    np.testing.assert_array_equal(after[np.isin(chosen, np.flatnonzero(heavy))], log_weights[heavy])
+    np.testing.assert_allclose(after[~np.isin(chosen, np.flatnonzero(heavy))], light)
+
+
+def test_thinning_is_right_on_average_for_every_particle() -> None:
+    log_weights = np.log(np.array([5.0, 1.0, 0.5, 0.25, 0.25, 3.0]))
+    total = np.zeros(6)
+    for seed in range(4000):
+        chosen, after = thinned(log_weights, 3, np.random.default_rng(seed))
+        total[chosen] += np.exp(after)
+    # The lightest is drawn 500 times or so of 4,000: six standard deviations are a quarter.
+    np.testing.assert_allclose(total / 4000, np.exp(log_weights), rtol=0.25)
+
+
+def test_where_there_are_no_more_nothing_is_thinned() -> None:
+    log_weights = np.array([0.0, -5.0])
+    chosen, after = thinned(log_weights, 2, np.random.default_rng(0))
+    np.testing.assert_array_equal(chosen, [0, 1])
+    np.testing.assert_array_equal(after, log_weights)

@@ -109,6 +109,8 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(SET_POSE, heading_sigma_rad=0.0), "sigmas"),
         (changed(SET_POSE, command_id="x" * 129), "129 characters"),
         (Relocalize(sender="a", command_id=""), "0 characters"),
+        (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "no circle"),
+        (Relocalize(sender="a", command_id="1", near=(math.nan, 0.0, 1.0)), "no circle"),
         (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
         (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),
         (changed(order(CLOUD), order=-5), "order -5"),

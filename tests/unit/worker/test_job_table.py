@@ -6,10 +6,12 @@ from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
+from protocol.codec import encode
 from protocol.steps import Scan
 from protocol.work import (
     Assignment,
     Particles,
+    Report,
     SearchJob,
     SearchReport,
     TrackJob,
@@ -169,11 +171,56 @@ def test_a_missed_step_costs_only_its_evidence(model: SensorModel) -> None:
     assert moved == pytest.approx(1.0, abs=0.3), "five steps of 0.2 m, by odometry"
 
 
+def searched(table: JobTable) -> list[Report]:
+    reports: list[Report] = []
+    while table.searches:
+        reports += table.search_on()
+    return reports
+
+
+def test_slices_between_clusters_steps_change_nothing_of_what_a_search_finds(
+    model: SensorModel,
+) -> None:
+    order_of_both = order(
+        track("c0", cloud()),
+        Assignment(job_id="s0.1", epoch=1, job=SearchJob(search=0, shard=1, first_step=1)),
+    )
+    at_once, in_slices = JobTable("w"), JobTable("w")
+    told: dict[JobTable, list[Report]] = {at_once: [], in_slices: []}
+    for table in told:
+        table.follow(order_of_both, model, SETTINGS)
+    for step in range(1, 5):
+        told[at_once] += at_once.on_scan(scan(step)) + searched(at_once)
+        told[in_slices] += in_slices.on_scan(scan(step)) + in_slices.search_on()
+    told[in_slices] += searched(in_slices)
+
+    def of(kind: type, reports: list[Report]) -> list[bytes]:
+        return [encode(report) for report in reports if isinstance(report, kind)]
+
+    assert len(of(SearchReport, told[at_once])) == 4
+    for kind in (SearchReport, TrackReport):
+        assert of(kind, told[in_slices]) == of(kind, told[at_once])
+
+
+def test_a_search_that_ends_is_not_gone_on_with(model: SensorModel) -> None:
+    table = JobTable("w")
+    job = SearchJob(search=0, shard=0, first_step=0)
+    table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
+    table.on_scan(scan(0))
+    assert table.search_on() == []
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    assert not table.searches
+    assert table.search_on() == []
+
+
 def test_a_search_tells_places_from_its_first_scan_on(model: SensorModel) -> None:
     table = JobTable("w")
     job = SearchJob(search=0, shard=0, first_step=0)
     table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
-    reports = [report for step in range(4) for report in table.on_scan(scan(step))]
+    for step in range(4):
+        assert table.on_scan(scan(step)) == [], "clusters would not wait for it"
+    reports = searched(table)
+    assert [report.step for report in reports] == [0, 1, 2, 3]
     assert all(r.places for r in reports if isinstance(r, SearchReport))
     last = reports[-1]
     assert isinstance(last, SearchReport)

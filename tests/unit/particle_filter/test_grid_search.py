@@ -1,0 +1,105 @@
+"""A grid search finds what scoring every leaf finds."""
+
+import math
+
+import numpy as np
+import pytest
+
+from particle_filter.grid_search import GridSearch, Leaves, SearchSpace
+from particle_filter.likelihood_field import scan_log_likelihood
+from particle_filter.settings import SearchSettings
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
+
+HERE = np.array([1.0, 3.2, -0.4])
+ROOM = model_of(plain_room())
+STEP_RAD = 0.1
+
+
+def space_of(shards: int = 1) -> SearchSpace:
+    return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, shards)
+
+
+def searched(rules: SearchSettings, shard: int = 0, seed: int = 0) -> Leaves:
+    hits = seen_from(HERE, plain_room()).hits_in_robot
+    rng = np.random.default_rng(seed)
+    grid = GridSearch(ROOM, space_of(rules.shards), hits, shard, rules, rng)
+    for _ in grid.slices():
+        pass
+    return grid.leaves()
+
+
+def brute_force() -> tuple[np.ndarray, np.ndarray]:
+    """All leaves that hold free cells, and their scores by the field itself."""
+    space, hits = space_of(), seen_from(HERE, plain_room()).hits_in_robot
+    leaves = np.flatnonzero(space.free[-1])
+    poses = np.concatenate(
+        [space.poses(leaves, np.full(len(leaves), h)) for h in range(len(space.headings))]
+    )
+    exponent = ROOM.settings.scan_likelihood_exponent
+    return poses, exponent * scan_log_likelihood(poses, hits, ROOM.field)
+
+
+def test_it_finds_all_leaves_within_the_margin_and_no_others() -> None:
+    poses, scores = brute_force()
+    margin = 6.0
+    found = searched(SearchSettings(shards=1, poses=10_000_000, margin=margin))
+    assert found.sampled == 0.0
+    # Steps of eight bits are rounded up: 72 beams are 0.0215 nat too high at most, by 0.1.
+    rounding = 72 * 0.0215 * 0.1
+    sure = scores >= scores.max() - margin + rounding
+    possible = scores >= scores.max() - margin - 2 * rounding
+    as_rows = {tuple(pose) for pose in np.round(found.map_from_robot, 6).tolist()}
+    assert {tuple(pose) for pose in np.round(poses[sure], 6).tolist()} <= as_rows
+    assert as_rows <= {tuple(pose) for pose in np.round(poses[possible], 6).tolist()}
+    assert found.scores.max() == pytest.approx(scores.max(), abs=rounding)
+
+
+def test_the_weight_of_a_sample_is_that_of_all() -> None:
+    _, scores = brute_force()
+    rules = SearchSettings(shards=1, poses=400, margin=30.0)
+    exact = float(np.logaddexp.reduce(scores)) - math.log(space_of().leaf_count)
+    for seed in range(5):
+        found = searched(rules, seed=seed)
+        assert len(found.scores) == 400
+        assert 0.0 < found.sampled < 1.0
+        # Rounding up lifts every score by 0.08 on average.
+        total = float(np.logaddexp.reduce(found.log_weights))
+        assert total == pytest.approx(exact + 0.08, abs=0.08)
+
+
+def test_the_shards_share_the_headings() -> None:
+    rules = SearchSettings(shards=3, poses=10_000_000, margin=6.0)
+    parts = [searched(rules, shard=shard).map_from_robot[:, 2] for shard in range(3)]
+    headings = [set(np.round(part, 9).tolist()) for part in parts]
+    assert all(headings)
+    assert not headings[0] & headings[1]
+    assert not headings[1] & headings[2]
+
+
+def test_a_scan_is_found_in_every_place_that_looks_alike() -> None:
+    cells, room = symmetric_room(), model_of(symmetric_room())
+    turned = np.array([6.0 - HERE[0], 4.0 - HERE[1], HERE[2] + np.pi])
+    hits = seen_from(HERE, cells).hits_in_robot
+    rules = SearchSettings(shards=1)
+    space = SearchSpace(room.grid, room.pyramid.leaf_cells, 0.035, 1)
+    grid = GridSearch(room, space, hits, 0, rules, np.random.default_rng(0))
+    for _ in grid.slices():
+        pass
+    found = grid.leaves()
+    for truth in (HERE, turned):
+        near = np.hypot(*(found.map_from_robot[:, :2] - truth[:2]).T) < 0.2
+        assert found.scores[near].max() > found.scores.max() - 2.0
+
+
+def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
+    model, everywhere = ROOM, space_of()
+    near = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(1.0, 3.0, 0.7))
+    leaves = np.flatnonzero(near.free[-1])
+    poses = near.poses(leaves, np.zeros(len(leaves), np.int64))
+    assert np.all(np.hypot(poses[:, 0] - 1.0, poses[:, 1] - 3.0) <= 0.7)
+    # A circle of 1.5 m2 holds 38 leaves, give or take those at its rim.
+    assert len(leaves) == pytest.approx(38, abs=6)
+    share = len(leaves) / np.count_nonzero(everywhere.free[-1])
+    assert near.leaf_count == pytest.approx(share * everywhere.leaf_count)
+    nowhere = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(99.0, 0.0, 1.0))
+    assert nowhere.leaf_count == everywhere.leaf_count

@@ -1,0 +1,110 @@
+"""Every level of the pyramid bounds the next, and the last one is the field itself."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from particle_filter.arrays import OCCUPIED, Cells
+from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.pyramid import Level, Pyramid
+from particle_filter.settings import SensorSettings
+
+SETTINGS = SensorSettings()
+CELL_M = 0.1
+MAP_FROM_GRID = np.array([3.0, -2.0, 0.4])
+
+
+def random_map(seed: int, rows: int, cols: int) -> Cells:
+    rng = np.random.default_rng(seed)
+    cells = np.where(rng.random((rows, cols)) < 0.03, OCCUPIED, 0).astype(np.int8)
+    cells[0, 0] = OCCUPIED
+    return cells
+
+
+def pyramid_of(cells: Cells) -> tuple[LikelihoodField, Pyramid]:
+    field = LikelihoodField.build(cells, CELL_M, MAP_FROM_GRID, SETTINGS)
+    arrays = Pyramid.arrays_of(field)
+    return field, Pyramid.from_arrays(arrays, cells, CELL_M, SETTINGS)
+
+
+def all_tiles(level: Level) -> np.ndarray:
+    rows, cols = level.steps.shape[2] - 1, level.steps.shape[3] - 1
+    return np.array([(row, 0, cols) for row in range(rows)])
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rows=st.integers(1, 40),
+    cols=st.integers(1, 40),
+    heading=st.floats(-np.pi, np.pi),
+)
+def test_a_tile_bounds_all_positions_in_it(seed: int, rows: int, cols: int, heading: float) -> None:
+    cells, rng = random_map(seed, rows, cols), np.random.default_rng(seed)
+    field, pyramid = pyramid_of(cells)
+    hits = rng.uniform(-3.0, 3.0, (9, 2))
+    c, s = np.cos(heading), np.sin(heading)
+    turned = np.stack([s * hits[:, 0] + c * hits[:, 1], c * hits[:, 0] - s * hits[:, 1]], -1)
+    offsets = np.floor(turned / CELL_M).astype(np.int64)
+    in_grid = rng.uniform(0.0, 1.0, (200, 2)) * [cols, rows]  # [cells]
+    map_c, map_s = np.cos(MAP_FROM_GRID[2]), np.sin(MAP_FROM_GRID[2])
+    x, y = in_grid.T * CELL_M
+    poses = np.stack(
+        [
+            MAP_FROM_GRID[0] + map_c * x - map_s * y,
+            MAP_FROM_GRID[1] + map_s * x + map_c * y,
+            np.full(len(x), heading + MAP_FROM_GRID[2]),
+        ],
+        axis=-1,
+    )
+    exact = scan_log_likelihood(poses, hits, field)
+    for level in pyramid.levels[:-1]:
+        runs = all_tiles(level)
+        sums = level.sums(offsets, runs).reshape(len(runs), -1).astype(np.float64)
+        tiles = (in_grid // level.side).astype(np.int64)
+        bounds = len(hits) * pyramid.log_floor + pyramid.log_step * sums[tiles[:, 1], tiles[:, 0]]
+        assert np.all(bounds >= exact - 1e-3), level.side  # codes are summed with rounded scales
+
+
+@given(seed=st.integers(0, 2**32 - 1), rows=st.integers(1, 30), cols=st.integers(1, 30))
+@settings(max_examples=30, deadline=None)
+def test_a_leaf_has_the_value_at_its_middle_and_coarser_tiles_no_less(
+    seed: int, rows: int, cols: int
+) -> None:
+    cells, rng = random_map(seed, rows, cols), np.random.default_rng(seed)
+    field, pyramid = pyramid_of(cells)
+    offsets = rng.integers(-25, 25, (5, 2))
+    leaf = pyramid.levels[-1]
+    sums = leaf.sums(offsets, all_tiles(leaf)).reshape(len(all_tiles(leaf)), -1)
+    expected = np.zeros(sums.shape)
+    for row, col in np.ndindex(*sums.shape):
+        for down, across in offsets:
+            at = (
+                row * leaf.side + leaf.side // 2 + down,
+                col * leaf.side + leaf.side // 2 + across,
+            )
+            if 0 <= at[0] < rows and 0 <= at[1] < cols:
+                expected[row, col] += np.ceil(field.codes[at[0] + 1, at[1] + 1] / 257)
+    np.testing.assert_array_equal(sums, expected)
+    for coarse, fine in zip(pyramid.levels[:-1], pyramid.levels[1:], strict=True):
+        above = coarse.sums(offsets, all_tiles(coarse)).reshape(len(all_tiles(coarse)), -1)
+        below = fine.sums(offsets, all_tiles(fine)).reshape(len(all_tiles(fine)), -1)
+        for row, col in np.ndindex(*below.shape):
+            assert above[row // 2, col // 2] >= below[row, col]
+
+
+def test_runs_are_scored_in_their_order_wherever_they_lie() -> None:
+    _, pyramid = pyramid_of(random_map(1, 40, 60))
+    level, offsets = pyramid.levels[1], np.array([[3, -7], [-20, 11], [1000, 0]])
+    whole = level.sums(offsets, all_tiles(level)).reshape(10, 15)
+    runs = np.array([(7, 2, 5), (0, 0, 15), (7, 14, 1)])
+    expected = np.concatenate([whole[7, 2:7], whole[0], whole[7, 14:]])
+    np.testing.assert_array_equal(level.sums(offsets, runs), expected)
+
+
+def test_arrays_of_another_map_are_refused() -> None:
+    field, _ = pyramid_of(random_map(1, 40, 60))
+    arrays = Pyramid.arrays_of(field)
+    with pytest.raises(ValueError, match="expected uint8"):
+        Pyramid.from_arrays(arrays, random_map(1, 50, 60), CELL_M, SETTINGS)
