@@ -9,12 +9,13 @@ from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
 from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
+from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
 from particle_filter.settings import FilterSettings
-from process_runtime.settings import CoordinatorSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.work import Checkpoint, ElsewhereJob
 from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.reports import scan
+from tests.unit.coordinator.reports import literal_bayes, scan
 
 NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
 
@@ -103,3 +104,21 @@ def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -
     made.handle(WorkerToldState("w", NOTHING), 2)
     assert made.status(3, {}).counters == {"checkpoint of another map": 1}
     assert made.status(3, {}).clusters == 0
+
+
+@pytest.mark.parametrize("had", [True, False], ids=["the same settings", "other settings"])
+def test_who_carries_on_has_scans_weighed_elsewhere_also_if_nobody_did(
+    state: CheckpointState, had: bool
+) -> None:
+    jobs = tuple(job for job in state.jobs if had or job.job_id != "e0")
+    known = Checkpoint(
+        sender="c", term=5, serial=1, step=11, founded=True, state=changed(state, jobs=jobs)
+    )
+    made = CoordinatorState("c", FilterSettings(), CoordinatorSettings(), BridgeSettings())
+    assert made.resume(known, 1) == 12
+    (elsewhere,) = (job for job in made.placement.state() if job.job_id == "e0")
+    assert elsewhere.job == ElsewhereJob(first_step=12)
+    never = FilterSettings(belief=literal_bayes())
+    other = CoordinatorState("c", never, CoordinatorSettings(), BridgeSettings())
+    assert other.resume(known, 1) == 12
+    assert ("e0" in {job.job_id for job in other.placement.state()}) == had

@@ -28,7 +28,8 @@ def belief(step: int, *clusters: int, term: int = 1) -> Belief:
         stamp_ns=step,
         odom_from_robot=(0.0, 0.0, 0.0),
         state="ambiguous",
-        hypotheses=tuple(hypothesis(cluster, 1.0 / len(clusters)) for cluster in clusters),
+        hypotheses=tuple(hypothesis(cluster, 0.9 / len(clusters)) for cluster in clusters),
+        elsewhere_probability=0.1,
         searching=False,
         term=term,
     )

@@ -12,13 +12,24 @@ from protocol.errors import MalformedMessageError
 from protocol.message import Message
 from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
-from protocol.work import Assignment, Particles, Report, TrackJob, TrackReport, WorkOrder
-from tests.unit.coordinator.reports import cloud_at, place, scan, searched, tracked
+from protocol.work import (
+    Assignment,
+    ElsewhereJob,
+    Job,
+    Particles,
+    Report,
+    SearchJob,
+    TrackJob,
+    TrackReport,
+    WorkOrder,
+)
+from tests.unit.coordinator.reports import cloud_at, elsewhere, place, scan, searched, tracked
 
 ORIGIN = (0.0, 0.0, 0.0)
 CLOUD = cloud_at(ORIGIN, 3)
 TRACKED = tracked("c0", 3, 0.5, ORIGIN)
 SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
+ELSEWHERE = elsewhere(3, -4.0)
 SET_POSE = SetPose(sender="a", command_id="1", map_from_robot=ORIGIN)
 
 
@@ -35,7 +46,10 @@ def cloud(poses: np.ndarray, log_weights: np.ndarray) -> Particles:
 
 
 def order(start: Particles) -> WorkOrder:
-    job = TrackJob(cluster=1, start=start, exact=False)
+    return begins(TrackJob(cluster=1, start=start, exact=False))
+
+
+def begins(job: Job) -> WorkOrder:
     return WorkOrder(
         sender="coordinator", order=1, map_digest="map", filter_settings={},
         snapshot_every_steps=10, keep=(), begin=(Assignment(job_id="c1", epoch=1, job=job),),
@@ -57,6 +71,15 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(TRACKED, effective_sample_size=math.inf), "effective_sample_size"),
         (changed(TRACKED, log_likelihood_per_beam=math.inf), "log_likelihood_per_beam"),
         (changed(TRACKED, particles=0), "0 particles"),
+        (changed(TRACKED, moved_m=-0.1), "a way of -0.1 m"),
+        (changed(TRACKED, moved_m=math.nan), "a way of nan m"),
+        (changed(TRACKED, turned_rad=-math.inf), "-inf rad"),
+        (changed(ELSEWHERE, log_likelihood=math.nan), "log_likelihood is nan"),
+        (changed(ELSEWHERE, log_likelihood=math.inf), "log_likelihood is inf"),
+        (changed(ELSEWHERE, step=-1), "step -1"),
+        (changed(ELSEWHERE, epoch=-1), "epoch -1"),
+        (begins(ElsewhereJob(first_step=-2)), "first step -2"),
+        (begins(SearchJob(search=0, shard=0, first_step=-2)), "first step -2"),
         (changed(TRACKED, step=-1), "step -1"),
         (changed(TRACKED, step=2**60), "step 1152921504606846976"),
         (changed(TRACKED, epoch=-1), "epoch -1"),
@@ -101,7 +124,19 @@ def test_numbers_that_no_honest_process_sends_are_refused(message: Message, word
     assert error.cause == f"malformed {type(message).__name__}: impossible"
 
 
-@pytest.mark.parametrize("message", [TRACKED, SEARCHED, scan(0), SET_POSE, order(CLOUD)])
+@pytest.mark.parametrize(
+    "message",
+    [
+        TRACKED,
+        changed(TRACKED, moved_m=math.inf, turned_rad=0.0),
+        SEARCHED,
+        ELSEWHERE,
+        scan(0),
+        SET_POSE,
+        order(CLOUD),
+        begins(ElsewhereJob(first_step=-1)),
+    ],
+)
 def test_honest_messages_pass(message: Message) -> None:
     assert decode(encode(message), type(message)) == message
 

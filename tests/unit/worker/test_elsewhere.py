@@ -1,0 +1,113 @@
+"""The job that weighs scans all over the map."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from particle_filter.cluster_filter import Cloud, weighed
+from particle_filter.random_streams import Purpose, generator
+from particle_filter.sensor_model import Grid, SensorModel
+from particle_filter.sensor_models import computed_model
+from particle_filter.uniform_poses import UniformPoses
+from protocol.arrays import ArrayBlob
+from protocol.work import Assignment, ElsewhereJob, ElsewhereReport
+from tests.unit.oracle.statistics import assert_is_mean_of
+from tests.unit.oracle.tiny_world import (
+    CELL_M,
+    SENSOR,
+    TRUTH,
+    Drive,
+    exact_elsewhere,
+    plain_room,
+    settings,
+)
+from worker.jobs import RunningJob, running
+from worker.scan_beams import scan_beams
+
+STEPS = 4
+GRID_ERROR = 0.01
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), SENSOR)
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return Drive(plain_room(), TRUTH, STEPS)
+
+
+def begun(model: SensorModel, seed: int = 0, first_step: int = 1, poses: int = 2000) -> RunningJob:
+    given = settings(seed, elsewhere_poses=poses)
+    job = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=first_step))
+    return running(job, model, given, sender="w")
+
+
+def told(job: RunningJob, drive: Drive) -> list[float]:
+    reports = [job.advance(scan) for scan in drive.scans]
+    assert all(isinstance(report, ElsewhereReport) for report in reports)
+    return [r.log_likelihood for r in reports if isinstance(r, ElsewhereReport)]
+
+
+def test_it_tells_the_average_likelihood_over_the_free_space(
+    model: SensorModel, drive: Drive
+) -> None:
+    by_seed = np.array([told(begun(model, seed, poses=20_000), drive) for seed in range(16)])
+    for step, exact in enumerate(exact_elsewhere(plain_room(), drive)):
+        assert_is_mean_of(exact, list(by_seed[:, step]), GRID_ERROR)
+
+
+def test_looks_through_walls_are_taken_back_as_of_a_cluster(drive: Drive) -> None:
+    """The same poses weighed as a cluster's particles are, one by one."""
+    sensor = replace(SENSOR, visibility_particles=50, hidden_weight=1.0, hidden_tolerance=0.0)
+    seeing = computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), sensor)
+    job = begun(seeing)
+    given = replace(settings(0, elsewhere_poses=2000), sensor=sensor)
+    job = running(job.assignment, seeing, given, sender="w")
+    report = job.advance(drive.scans[0])
+    assert isinstance(report, ElsewhereReport)
+    of_map = generator(0, purpose=Purpose.ELSEWHERE, entity=0, step=0, part=1)
+    of_step = generator(0, purpose=Purpose.ELSEWHERE, entity=0, step=1)
+    poses = UniformPoses(seeing.grid, of_map).draw(2000, of_step)
+    beams = scan_beams(drive.scans[0], seeing)
+    logs = np.array(
+        [
+            weighed(
+                Cloud.even(pose[None]), beams, seeing, sensor.scan_likelihood_exponent
+            ).log_weight_sum
+            for pose in poses
+        ]
+    )
+    weights = np.exp(logs - np.logaddexp.reduce(logs))
+    taken_back = seeing.correction(poses, weights, beams)
+    assert taken_back > 0.0
+    expected = np.logaddexp.reduce(logs) - np.log(2000.0) - taken_back
+    assert report.log_likelihood == pytest.approx(expected)
+
+
+def test_each_step_has_poses_of_its_own_and_each_seed(model: SensorModel, drive: Drive) -> None:
+    job = begun(model)
+    (first, *_), again = told(job, drive), begun(model)
+    same = replace(drive.scans[0], step=2)
+    assert again.advance(same) != replace(again.advance(drive.scans[0]), step=2)
+    assert told(begun(model, seed=1), drive)[0] != first
+
+
+def test_another_worker_carries_on_with_the_same_numbers(model: SensorModel, drive: Drive) -> None:
+    whole, half = begun(model), begun(model)
+    all_of_them = [whole.advance(scan) for scan in drive.scans]
+    for scan in drive.scans[:2]:
+        half.advance(scan)
+    handed = half.handed_on()
+    assert handed == Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=3))
+    other = running(handed, model, settings(0, elsewhere_poses=2000), sender="w")
+    assert other.step == 2
+    assert [other.advance(scan) for scan in drive.scans[2:]] == all_of_them[2:]
+
+
+def test_a_scan_without_beams_is_as_likely_anywhere(model: SensorModel, drive: Drive) -> None:
+    nothing = ArrayBlob.of(np.full(12, np.nan), "float32")
+    report = begun(model).advance(replace(drive.scans[0], ranges=nothing))
+    assert isinstance(report, ElsewhereReport)
+    assert report.log_likelihood == 0.0
