@@ -1,0 +1,194 @@
+"""The Bayes filter over places replayed on recorded evidence, for many runs at once."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.evidence_model.records import ELSEWHERE_POSES, Record
+from evaluation.judge import CONFIDENT_PROBABILITY
+
+Floats = NDArray[np.float64]
+LEAST_TRUTH = 0.001
+"""The logarithmic score takes no probability for smaller."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """How evidence changes the belief."""
+
+    counted: Callable[[Floats, Floats], Floats] = lambda worse, _: worse
+    """What counts against a place whose log evidence is so much worse than the best one's; the
+    second argument is the best particle's log-likelihood a beam."""
+    distance_m: float = 0.0
+    """A view is a new one after so much driving; 0: always."""
+    turn_rad: float = 0.0
+    """Or after so much turning."""
+    transition_probability: float = 0.0001
+    elsewhere_hazard: float = 0.0
+    """Probability that the robot is lifted elsewhere in a step; 0: nothing is elsewhere."""
+    elsewhere_poses: int = 2048
+    elsewhere_offset: float = 0.0
+    """Added to the log evidence of elsewhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """What R runs of at most T steps and one first scan believe; NaN or False past their ends."""
+
+    truth: Floats
+    """(R, T + 1) probability of right places, or of elsewhere while it is none of the places."""
+    elsewhere: Floats
+    """(R, T + 1) probability of elsewhere."""
+    best: Floats
+    """(R, T + 1) probability of the most probable place."""
+    best_right: NDArray[np.bool_]
+    """(R, T + 1) whether it is right."""
+    brier: Floats
+    """(R, T + 1)"""
+    copies: Floats
+    """(R, T + 1, C) probability at each symmetric copy of the truth."""
+
+    @property
+    def log_score(self) -> Floats:
+        """(R, T + 1)"""
+        return np.log(np.maximum(self.truth, LEAST_TRUTH))
+
+    @property
+    def sure_wrong(self) -> NDArray[np.bool_]:
+        """(R, T + 1)"""
+        return (self.best >= CONFIDENT_PROBABILITY) & ~self.best_right
+
+    @property
+    def sure_right_from(self) -> Floats:
+        """(R,) first step with a right place of 0.9 or more; infinite where there is none."""
+        sure = (self.best >= CONFIDENT_PROBABILITY) & self.best_right
+        return np.where(sure.any(axis=1), sure.argmax(axis=1), np.inf)
+
+
+class Stack:
+    """Records side by side, filled up to the longest run and the most places."""
+
+    def __init__(self, records: Sequence[Record]) -> None:
+        runs = len(records)
+        steps = max(len(r.distance_m) for r in records)
+        places = max(len(r.volume) for r in records)
+        self.records = list(records)
+        self.evidence = np.full((steps, runs, places), np.nan)
+        self.fit = np.full((steps, runs), np.nan)
+        self.copy = np.full((steps, runs, places), -1, np.int8)
+        self.into = np.tile(np.arange(places), (steps, runs, 1))
+        self.elsewhere = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
+        self.distance_m, self.turn_rad = np.zeros((2, steps, runs))
+        self.judged = np.zeros((steps, runs), np.bool_)
+        self.volume, self.first_evidence = np.zeros((runs, places)), np.zeros((runs, places))
+        self.first_fit = np.array([[r.first_fit] for r in records])
+        self.first_elsewhere = np.array([r.first_elsewhere for r in records])
+        self.elsewhere_fit = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
+        for run, r in enumerate(records):
+            t, k = r.evidence.shape
+            self.evidence[:t, run, :k], self.copy[:t, run, :k] = r.evidence, r.copy
+            self.fit[:t, run] = np.nanmax(r.fit, axis=1)
+            self.into[:t, run, :k], self.elsewhere[:t, run] = r.into, r.elsewhere
+            self.distance_m[:t, run], self.turn_rad[:t, run] = r.distance_m, r.turn_rad
+            self.judged[:t, run], self.elsewhere_fit[:t, run] = r.known, r.elsewhere_fit
+            self.volume[run, :k], self.first_evidence[run, :k] = r.volume, r.first_evidence
+
+    def replayed(self, rules: Rules) -> Replayed:
+        """Apply all steps to all runs."""
+        poses = ELSEWHERE_POSES.index(rules.elsewhere_poses)
+        log_belief = self._begin(rules)
+        copies = int(self.copy.max()) + 1
+        told = [self._told(log_belief, self.copy[0], np.ones(len(self.volume), np.bool_), copies)]
+        for t, evidence in enumerate(self.evidence):
+            whole = np.column_stack([evidence, self.elsewhere[t, :, poses] + rules.elsewhere_offset])
+            if rules.elsewhere_hazard == 0.0:
+                whole[:, -1] = np.nan
+            running = np.isfinite(whole[:, :-1]).any(axis=1)
+            known = np.where(np.isfinite(whole), whole, -np.inf)
+            best = np.where(running, known.max(axis=1), 0.0)[:, None]
+            against = rules.counted(np.where(np.isfinite(whole), best - whole, 0.0), self.fit[t][:, None])
+            news = _news(self.distance_m[t], self.turn_rad[t], rules)[:, None]
+            fresh = _spread(log_belief, rules) - news * against
+            fresh = np.where(np.isfinite(known), fresh, -np.inf)
+            log_belief = np.where(running[:, None], _normalised(fresh), log_belief)
+            told.append(self._told(log_belief, self.copy[t], self.judged[t], copies))
+            self._merge(log_belief, self.into[t])
+        columns = zip(*told, strict=True)
+        return Replayed(*(np.stack(column, axis=1) for column in columns))
+
+    def _begin(self, rules: Rules) -> Floats:
+        """What is believed after the first scan; elsewhere is where none of the places is."""
+        rest = 1.0 - self.volume.sum(axis=1)
+        inside = (self.volume * np.exp(self.first_evidence)).sum(axis=1)
+        outside = np.maximum(np.exp(self.first_elsewhere) - inside, 1e-6 * inside) / rest
+        if rules.elsewhere_hazard == 0.0:
+            rest = np.zeros(len(rest))
+        volume = np.maximum(np.column_stack([self.volume, rest]), 1e-12)
+        evidence = np.column_stack([self.first_evidence, np.log(outside)])
+        against = rules.counted(evidence.max(axis=1, keepdims=True) - evidence, self.first_fit)
+        there = np.column_stack([np.isfinite(self.evidence[0]), rest > 0.0])
+        return _normalised(np.where(there, np.log(volume) - against, -np.inf))
+
+    def _told(self, log_belief: Floats, copy: Floats, judged: Floats, copies: int) -> tuple:  # type: ignore[type-arg]
+        belief = np.exp(log_belief)
+        places, elsewhere = belief[:, :-1], belief[:, -1]
+        right = copy == 0
+        truth = np.where(right.any(axis=1), (places * right).sum(axis=1), elsewhere)
+        brier = (1.0 - truth) ** 2 + (places**2 * ~right).sum(axis=1)
+        brier += np.where(right.any(axis=1), elsewhere**2, 0.0)
+        first = places.argmax(axis=1)
+        best = places[np.arange(len(places)), first]
+        best_right = right[np.arange(len(places)), first]
+        each = [(places * (copy == index)).sum(axis=1) for index in range(copies)]
+        gone = ~judged
+        return (
+            np.where(gone, np.nan, truth),
+            np.where(gone, np.nan, elsewhere),
+            np.where(gone, 0.0, best),
+            best_right & judged,
+            np.where(gone, np.nan, brier),
+            np.stack(each, axis=1),
+        )
+
+    @staticmethod
+    def _merge(log_belief: Floats, into: NDArray[np.int64]) -> None:
+        """Give what merged clusters have to those they are part of from now on."""
+        for run, source in np.argwhere(into != np.arange(into.shape[1])):
+            target = into[run, source]
+            log_belief[run, target] = np.logaddexp(log_belief[run, target], log_belief[run, source])
+            log_belief[run, source] = -np.inf
+
+
+def _news(distance_m: Floats, turn_rad: Floats, rules: Rules) -> Floats:
+    """(R,) how much of a scan is not the view of the step before, from 0 to 1."""
+    if rules.distance_m == 0.0:
+        return np.ones(len(distance_m))
+    moved = distance_m / rules.distance_m
+    if rules.turn_rad:
+        moved = moved + turn_rad / rules.turn_rad
+    return -np.expm1(-moved)
+
+
+def _spread(log_belief: Floats, rules: Rules) -> Floats:
+    """The transition between places, and to elsewhere."""
+    places = log_belief[:, :-1]
+    alive = np.isfinite(places)
+    whole = np.logaddexp.reduce(places, axis=1, keepdims=True)
+    rho, hazard = rules.transition_probability, rules.elsewhere_hazard
+    result = log_belief.copy()
+    if rho > 0.0:
+        each = whole + math.log(rho) - np.log(np.maximum(alive.sum(axis=1, keepdims=True), 1))
+        mixed = np.logaddexp(places + math.log1p(-rho), each)
+        result[:, :-1] = np.where(alive, mixed, -np.inf)
+    if hazard > 0.0:
+        result[:, -1] = np.logaddexp(log_belief[:, -1], whole[:, 0] + math.log(hazard))
+        result[:, :-1] += math.log1p(-hazard)
+    return result
+
+
+def _normalised(log_values: Floats) -> Floats:
+    whole = np.logaddexp.reduce(log_values, axis=-1, keepdims=True)
+    return log_values - np.where(np.isfinite(whole), whole, 0.0)
