@@ -10,8 +10,11 @@ from pathlib import Path
 
 import msgspec
 
+from benchmarks.evidence_model.fit import best_of, stacks_of, table
+from benchmarks.evidence_model.models import families
 from benchmarks.evidence_model.record import recorded
 from benchmarks.evidence_model.records import save
+from benchmarks.evidence_model.replay import Rules
 from evaluation.evaluate import start_steps
 from evaluation.experiments.case import AfterStep, Case, RecordedRobot
 from evaluation.experiments.course import course_of
@@ -34,7 +37,12 @@ def main() -> None:
     record.add_argument("--kidnap-at", type=int, help="lift a simulated robot after this step")
     record.add_argument("--first-seed", type=int, default=1000, help="of simulated robots")
     record.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    fit = commands.add_parser("fit")
+    fit.add_argument("folder", type=Path)
     arguments = parser.parse_args()
+    if arguments.command == "fit":
+        _fit(arguments.folder)
+        return
     settings = load_settings(None, ["cluster.particles=1000", *arguments.set])
     cases = {case.name: case for case in available(arguments.data)[0]}
     for name in arguments.experiments:
@@ -61,6 +69,15 @@ def _record(case: Case, settings: Settings, arguments: argparse.Namespace) -> No
     file = arguments.out / f"{arguments.name or case.name}.npz"
     save(records, file)
     print(f"{file}: {len(records)} runs, {time.process_time() - begun:.0f} s", flush=True)
+
+
+def _fit(folder: Path) -> None:
+    stacks = stacks_of(folder)
+    print("| model | mean log score, training | sure and wrong, worst training record |")
+    print("| --- | --- | --- |")
+    best = best_of(stacks, families(), print)
+    print(f"\n{best}\n")
+    print(*table(stacks, Rules(counted=best)), sep="\n")
 
 
 if __name__ == "__main__":

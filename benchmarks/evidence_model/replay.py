@@ -15,17 +15,17 @@ LEAST_TRUTH = 0.001
 """The logarithmic score takes no probability for smaller."""
 
 
+Counted = Callable[[Floats, Floats, Floats, Floats], Floats]
+"""What counts against places, from: how much worse than the best one's their log evidence is; the
+best particle's log-likelihood a beam; the way driven [m] and turned [rad] since the last scan,
+infinite at the first one. Shapes: (R, K + 1), then (R, 1) each."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Rules:
     """How evidence changes the belief."""
 
-    counted: Callable[[Floats, Floats], Floats] = lambda worse, _: worse
-    """What counts against a place whose log evidence is so much worse than the best one's; the
-    second argument is the best particle's log-likelihood a beam."""
-    distance_m: float = 0.0
-    """A view is a new one after so much driving; 0: always."""
-    turn_rad: float = 0.0
-    """Or after so much turning."""
+    counted: Counted = lambda worse, *_: worse
     transition_probability: float = 0.0001
     elsewhere_hazard: float = 0.0
     """Probability that the robot is lifted elsewhere in a step; 0: nothing is elsewhere."""
@@ -109,9 +109,9 @@ class Stack:
             running = np.isfinite(whole[:, :-1]).any(axis=1)
             known = np.where(np.isfinite(whole), whole, -np.inf)
             best = np.where(running, known.max(axis=1), 0.0)[:, None]
-            against = rules.counted(np.where(np.isfinite(whole), best - whole, 0.0), self.fit[t][:, None])
-            news = _news(self.distance_m[t], self.turn_rad[t], rules)[:, None]
-            fresh = _spread(log_belief, rules) - news * against
+            worse = np.where(np.isfinite(whole), best - whole, 0.0)
+            moved = self.distance_m[t][:, None], self.turn_rad[t][:, None]
+            fresh = _spread(log_belief, rules) - rules.counted(worse, self.fit[t][:, None], *moved)
             fresh = np.where(np.isfinite(known), fresh, -np.inf)
             log_belief = np.where(running[:, None], _normalised(fresh), log_belief)
             told.append(self._told(log_belief, self.copy[t], self.judged[t], copies))
@@ -128,7 +128,9 @@ class Stack:
             rest = np.zeros(len(rest))
         volume = np.maximum(np.column_stack([self.volume, rest]), 1e-12)
         evidence = np.column_stack([self.first_evidence, np.log(outside)])
-        against = rules.counted(evidence.max(axis=1, keepdims=True) - evidence, self.first_fit)
+        worse = evidence.max(axis=1, keepdims=True) - evidence
+        far = np.full((len(rest), 1), np.inf)
+        against = rules.counted(worse, self.first_fit, far, far)
         there = np.column_stack([np.isfinite(self.evidence[0]), rest > 0.0])
         return _normalised(np.where(there, np.log(volume) - against, -np.inf))
 
@@ -160,16 +162,6 @@ class Stack:
             target = into[run, source]
             log_belief[run, target] = np.logaddexp(log_belief[run, target], log_belief[run, source])
             log_belief[run, source] = -np.inf
-
-
-def _news(distance_m: Floats, turn_rad: Floats, rules: Rules) -> Floats:
-    """(R,) how much of a scan is not the view of the step before, from 0 to 1."""
-    if rules.distance_m == 0.0:
-        return np.ones(len(distance_m))
-    moved = distance_m / rules.distance_m
-    if rules.turn_rad:
-        moved = moved + turn_rad / rules.turn_rad
-    return -np.expm1(-moved)
 
 
 def _spread(log_belief: Floats, rules: Rules) -> Floats:

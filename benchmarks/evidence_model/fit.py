@@ -1,0 +1,97 @@
+"""Compares evidence models on records: chosen on training buildings, told for all."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.evidence_model.models import Sloped, Tempered
+from benchmarks.evidence_model.records import load
+from benchmarks.evidence_model.replay import Replayed, Rules, Stack
+
+TRAINING = {
+    "clear": ("intel", "fr101", "hall", "office"),
+    "poor map": ("wean-1", "wean-3"),
+    "moved": ("hall-moved",),
+    "people": ("people",),
+}
+"""Records on which parameters are chosen; all others are for testing."""
+MOST_SURE_WRONG = 0.01
+"""Of the steps of any group of training records."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What one record of some runs came to."""
+
+    replayed: Replayed
+    steps: int
+
+    @cached_property
+    def log_score(self) -> float:
+        return float(np.nanmean(np.where(self._judged, self.replayed.log_score, np.nan)))
+
+    @cached_property
+    def brier(self) -> float:
+        return float(np.nanmean(self.replayed.brier))
+
+    @cached_property
+    def sure_wrong(self) -> float:
+        return float(np.mean(self.replayed.sure_wrong[self._judged]))
+
+    @cached_property
+    def sure_by_end(self) -> float:
+        return float(np.mean(np.isfinite(self.replayed.sure_right_from)))
+
+    def sure_right_step(self, quantile: float) -> float:
+        """A run that never is counts as its last step."""
+        first = np.minimum(self.replayed.sure_right_from, self.steps)
+        return float(np.quantile(first, quantile))
+
+    @property
+    def _judged(self) -> np.ndarray:
+        return np.isfinite(self.replayed.truth)
+
+
+def figures_of(stack: Stack, rules: Rules) -> Figures:
+    """Replay all runs of a record."""
+    return Figures(stack.replayed(rules), len(stack.evidence))
+
+
+def best_of(
+    stacks: Mapping[str, Stack], models: Sequence[Sloped | Tempered], told: Callable[[str], None]
+) -> Sloped | Tempered:
+    """The model with the best mean log score of those that are seldom sure and wrong."""
+    scores = {}
+    for model in models:
+        groups = [
+            [figures_of(stacks[name], Rules(counted=model)) for name in names]
+            for names in TRAINING.values()
+        ]
+        score = float(np.mean([each.log_score for figures in groups for each in figures]))
+        wrong = max(float(np.mean([each.sure_wrong for each in figures])) for figures in groups)
+        told(f"| {model} | {score:.3f} | {wrong:.3f} |")
+        if wrong <= MOST_SURE_WRONG:
+            scores[model] = score
+    return max(scores, key=scores.__getitem__)
+
+
+def table(stacks: Mapping[str, Stack], rules: Rules) -> Iterator[str]:
+    """A Markdown table, a row for each record."""
+    yield "| record | role | runs | log score | Brier | sure and right from | by the end | sure, wrong |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for name, stack in stacks.items():
+        found = figures_of(stack, rules)
+        middle, late = found.sure_right_step(0.5), found.sure_right_step(0.9)
+        role = "training" if any(name in names for names in TRAINING.values()) else "test"
+        yield (
+            f"| {name} | {role} | {len(stack.records)} | {found.log_score:.2f} | {found.brier:.3f} "
+            f"| {middle:.1f}, {late:.1f} | {found.sure_by_end:.2f} | {found.sure_wrong:.4f} |"
+        )
+
+
+def stacks_of(folder: Path) -> dict[str, Stack]:
+    """All records of a folder."""
+    return {file.stem: Stack(load(file)) for file in sorted(folder.glob("*.npz"))}
