@@ -154,7 +154,7 @@ class Run:
         )  # fmt: skip
         return SearchReport(
             sender="worker-0", job_id="s0.0", epoch=self._epochs["s0.0"], step=0, log_evidence=0.0,
-            particles=100, annealed=True, log_likelihood_per_beam=-1.0, places=places,
+            particles=100, left_out_gap=12.0, log_likelihood_per_beam=-1.0, places=places,
         )  # fmt: skip
 
 

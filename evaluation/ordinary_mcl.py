@@ -1,6 +1,6 @@
 """Ordinary MCL from the same pieces, to compare with: one cloud, no clusters kept apart.
 
-It starts with as many particles as a search, shrinks to as many as all clusters have together,
+It starts with particles all over the free space, shrinks to as many as all clusters have together,
 and is never restarted. Its places are read off the cloud each step, as nav2 does. Its variants
 have what Cluster-MCL and AMCL have beside it: visibility, random particles, and KLD-sampling.
 """
@@ -13,11 +13,16 @@ import msgspec
 import numpy as np
 
 from coordinator.belief.outcome import Outcome
+from evaluation.one_cloud import (
+    RESAMPLE_BELOW_ESS,
+    OneCloud,
+    start_particles,
+    uniform_over_free_space,
+)
 from evaluation.recovery import Recovery, RecoveryGains
 from evaluation.visible_field_model import VisibleFieldModel
-from particle_filter import global_search
-from particle_filter.arrays import FREE, Poses
 from particle_filter.cluster_filter import Cloud
+from particle_filter.global_search import FoundPlace, places_of
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.random_streams import Purpose, generator
@@ -46,7 +51,7 @@ class Variant:
     recovery: RecoveryGains | None = None
     """Random particles while scans fit worse than they used to."""
     kld: bool = False
-    """As many particles as the spread of the cloud asks for, once the first search has ended."""
+    """As many particles as the spread of the cloud asks for, once it has shrunk."""
 
 
 PLAIN = Variant()
@@ -59,38 +64,36 @@ def outcomes(
     variant: Variant = PLAIN,
 ) -> Iterator[tuple[Scan, Outcome]]:
     """The belief after every step; arguments as for Cluster-MCL in one process."""
-    settings = _plain(settings)
     if variant.visibility:
         model = _with_visibility(model, settings)
-    grid = model.grid
-    free_area_m2 = float(np.count_nonzero(grid.cells == FREE)) * grid.cell_m**2
-    count = global_search.start_particles(free_area_m2, settings.search)
-    search: global_search.GlobalSearch | None = None
+    one: OneCloud | None = None
     recovery = Recovery(variant.recovery) if variant.recovery else None
     before = None
     for scan in scans:
         rng = generator(settings.seed, purpose=Purpose.SEARCH, entity=0, step=scan.step)
-        if search is None:
-            search = global_search.GlobalSearch(model, settings, _anywhere(model, count, rng))
+        if one is None:
+            start = uniform_over_free_space(model.grid, start_particles(model.grid), rng)
+            one = OneCloud(model, settings, start, kept_particles(settings))
         else:
             random_share = recovery.random_share if recovery else 0.0
-            kld = variant.kld and search.annealed
-            search.cloud = redrawn(search.cloud, random_share, model, settings, rng, kld=kld)
+            kld = variant.kld and one.shrunk
+            one.cloud = redrawn(one.cloud, random_share, model, settings, rng, kld=kld)
         after = np.array(scan.odom_from_robot)
-        result = search.advance(before, after, scan_beams(scan, model), rng)
+        result = one.advance(before, after, scan_beams(scan, model), rng)
         before = after
         if recovery:
             log_count = math.log(len(result.cloud.log_weights))
             recovery.on_likelihood(result.log_weight_sum - log_count)
-        yield scan, _outcome(scan, search.places(rng), settings)
+        rules = settings.search
+        yield (
+            scan,
+            _outcome(scan, places_of(one.cloud, rules, rules.min_place_share, rng), settings),
+        )
 
 
-def _anywhere(model: SensorModel, count: int, rng: np.random.Generator) -> Poses:
-    """(count, 3) poses spread evenly over the free space."""
-    grid = model.grid
-    return global_search.uniform_over_free_space(
-        grid.cells, grid.cell_m, grid.map_from_grid, count, 0, 1, rng
-    )
+def kept_particles(settings: FilterSettings) -> int:
+    """As many as all clusters have together."""
+    return settings.belief.clusters * settings.cluster.particles
 
 
 def _with_visibility(model: SensorModel, settings: FilterSettings) -> SensorModel:
@@ -100,8 +103,8 @@ def _with_visibility(model: SensorModel, settings: FilterSettings) -> SensorMode
     sensor = msgspec.structs.replace(
         model.settings, visibility_beam_stride=max(model.settings.max_beams // RAYS_PER_POSE, 1)
     )
-    most = settings.search.particles
-    return VisibleFieldModel(model.grid, model.field, model.jumps, sensor, most)
+    most = kept_particles(settings)
+    return VisibleFieldModel(model.grid, model.field, model.pooled, model.jumps, sensor, most)
 
 
 def redrawn(
@@ -115,40 +118,25 @@ def redrawn(
 ) -> Cloud:
     """The cloud drawn anew with random particles, or with as many as are needed.
 
-    Where neither is asked for it is left as it is: `GlobalSearch` draws by itself.
+    Where neither is asked for it is left as it is: `OneCloud` draws by itself.
     """
     count = len(cloud.log_weights)
-    crowded = cloud.effective_sample_size < settings.search.resample_below_ess * count
+    crowded = cloud.effective_sample_size < RESAMPLE_BELOW_ESS * count
     if random_share == 0.0 and not (kld and crowded):
         return cloud
     if kld:
-        most = settings.search.particles
+        most = kept_particles(settings)
         poses = cloud.map_from_robot
         count = sufficient_particles(poses, KLD_ERROR, min(KLD_LEAST_PARTICLES, most), most)
     chosen = resample(cloud.log_weights, count, settings.cluster.resampling, rng)
     poses = cloud.map_from_robot[chosen]
     random = np.flatnonzero(rng.random(count) < random_share)
     if len(random):
-        poses[random] = _anywhere(model, len(random), rng)
+        poses[random] = uniform_over_free_space(model.grid, len(random), rng)
     return Cloud.even(poses)
 
 
-def _plain(settings: FilterSettings) -> FilterSettings:
-    """No annealing, no jitter: just the filter of the textbooks."""
-    search = msgspec.structs.replace(
-        settings.search,
-        shards=1,
-        annealing_start_fraction=1.0,
-        jitter_m=0.0,
-        jitter_rad=0.0,
-        particles=settings.belief.clusters * settings.cluster.particles,
-    )
-    return msgspec.structs.replace(settings, search=search)
-
-
-def _outcome(
-    scan: Scan, places: list[global_search.FoundPlace], settings: FilterSettings
-) -> Outcome:
+def _outcome(scan: Scan, places: list[FoundPlace], settings: FilterSettings) -> Outcome:
     hypotheses = tuple(
         Hypothesis(
             cluster=index,

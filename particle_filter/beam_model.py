@@ -2,14 +2,16 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import OCCUPIED, LogWeights, Pose, Poses
+from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.kernel_arguments import plain, read_only, to_cells
 from particle_filter.kernels import kernel
+from particle_filter.likelihood_field import LikelihoodField
+from particle_filter.pooled_field import PooledField
 from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
 from particle_filter.scan_points import usable_beams
 from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
@@ -26,20 +28,22 @@ class BeamModel:
     """Weighs poses by the length of every beam; see `SensorModel`."""
 
     grid: Grid
+    pooled: PooledField
     jumps: JumpField
     settings: SensorSettings
+    is_bounded: ClassVar[bool] = False
 
     @classmethod
-    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:  # noqa: ARG003 - as all
-        """How far rays may jump."""
-        if not np.any(grid.cells == OCCUPIED):
-            raise ValueError("the map has no occupied cell to compare a scan with")
-        return {"jumps": jump_field(grid.cells)}
+    def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
+        """How far rays may jump, and where a search looks first."""
+        field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
+        return {"pooled": PooledField.build(field).steps, "jumps": jump_field(grid.cells)}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
         """The model, from what `arrays_of` computed."""
-        return cls(grid, checked_jumps(arrays["jumps"], grid.cells), settings)
+        pooled = PooledField.from_steps(arrays["pooled"], grid.cells, grid.cell_m, settings)
+        return cls(grid, pooled, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those without return too: they tell that nothing was met."""

@@ -1,30 +1,37 @@
-"""Global MCL: from particles all over the free space to the few places that the scans support.
+"""Global MCL: where in the whole map the robot may be, from the first scan on (section 4).
 
-Used for the first clusters and for every restart (section 4). It converges faster than tracking
-and misses less by four means: the start is stratified over free cells and headings, the
-likelihood's exponent rises step by step (annealing), the number of particles shrinks with it,
-and a jitter that fades keeps the coarse start from missing narrow peaks.
+Used for the first clusters and for every restart. The first scan is scored everywhere
+(`grid_search.py`); the poses that come near the best are kept with their weights, move by odometry
+and are weighed by each further scan. The heavier a pose, the finer the part of the map that it
+stands for is looked at: it is split into several, spread over that part. None is drawn away by
+chance: a pose leaves only when it is worse than the best by a margin, or when there are too many.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, Cells, Pose, Poses
-from particle_filter.cluster_filter import Cloud, Weighed, weighed
+from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.cluster_filter import Cloud
 from particle_filter.gaussian import fit_gaussian
+from particle_filter.grid_search import GridSearch, SearchSpace, informative
+from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
-from particle_filter.poses import compose
-from particle_filter.resampling import resample
+from particle_filter.resampling import resample, thinned
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
-from particle_filter.source_clustering import cluster_by_source_point
+from particle_filter.source_clustering import Labels, cluster_by_source_point
 
-_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-MAX_PLACES = 256
-"""A shard tells no more places than this apart."""
+_REFINEMENTS = 2
+"""Times that the leaves of the first scan are split and scored again."""
+_CORRECTED_SHARE = 0.01
+"""Places with a smaller share are not looked at for beams through walls: rays are dear."""
+_EVENLY = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+"""Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
 
 
 @dataclass(frozen=True)
@@ -38,72 +45,49 @@ class FoundPlace:
     """(M, 3) particles drawn from it, all alike."""
 
 
-def start_particles(free_area_m2: float, settings: SearchSettings) -> int:
-    """How many particles a search starts with, over all its shards."""
-    wanted = round(free_area_m2 * settings.start_particles_per_m2)
-    return min(max(wanted, settings.min_start_particles), settings.max_start_particles)
+@lru_cache(maxsize=2)
+def search_space(model: SensorModel, settings: SearchSettings) -> SearchSpace:
+    """The leaves of a model's map; the shards and searches of a process share them."""
+    return SearchSpace(model.grid, model.pooled.side, settings.heading_step_rad, settings.shards)
 
 
-def uniform_over_free_space(
-    cells: Cells,
-    cell_m: float,
-    map_from_grid: Pose,
-    count: int,
-    shard: int,
-    shards: int,
-    rng: np.random.Generator,
-) -> Poses:
-    """One shard's stratified particles: every `shards`-th of `count` strata over free space.
+@dataclass(frozen=True)
+class _Kept:
+    """Poses, each for the part of the map around it."""
 
-    Args:
-        cells: (rows, cols) the map.
-        cell_m: side of a cell [m].
-        map_from_grid: (3,) pose of the low corner of cell [0, 0].
-        count: particles of all shards together.
-        shard: which shard, from 0.
-        shards: how many there are.
-        rng: places each particle within its stratum.
+    poses: Poses
+    log_weights: LogWeights
+    """(N,) log of the part's size, of the whole space, times the likelihood of all scans."""
+    sizes: NDArray[np.float64]
+    """(N,) sides of the part, in those of a leaf."""
 
-    Returns:
-        (about count / shards, 3) poses.
+    def at(self, chosen: NDArray[np.int64]) -> "_Kept":
+        return _Kept(self.poses[chosen], self.log_weights[chosen], self.sizes[chosen])
+
+
+class GlobalSearch:
+    """One shard of a global search, step by step.
 
     Raises:
         ValueError: the map has no free cell.
     """
-    free = np.flatnonzero(cells == FREE)
-    if len(free) == 0:
-        raise ValueError("the map has no free cell to search")
-    strata = np.arange(shard, count, shards)
-    position = (strata + rng.random(len(strata))) / count * len(free)
-    rows, cols = np.divmod(
-        free[np.minimum(position.astype(np.int64), len(free) - 1)], cells.shape[1]
-    )
-    in_grid = np.empty((len(strata), 3))
-    in_grid[:, 0] = (cols + rng.random(len(strata))) * cell_m
-    in_grid[:, 1] = (rows + rng.random(len(strata))) * cell_m
-    turns = strata * _GOLDEN + rng.random()
-    in_grid[:, 2] = 2.0 * math.pi * (turns - np.floor(turns)) - math.pi
-    return compose(map_from_grid, in_grid)
 
-
-class GlobalSearch:
-    """One shard of a global search, step by step."""
-
-    def __init__(self, model: SensorModel, settings: FilterSettings, start: Poses) -> None:
-        self._model, self._settings = model, settings
+    def __init__(self, model: SensorModel, settings: FilterSettings, shard: int) -> None:
+        self._model, self._settings, self._shard = model, settings, shard
         self._rules = settings.search
-        self._start_count = len(start)
-        self._final_count = min(
-            max(self._rules.particles // self._rules.shards, 1), self._start_count
-        )
-        self.cloud = Cloud.even(start)
-        self.steps = 0
+        self._space = search_space(model, settings.search)
+        self._most = max(self._rules.poses // self._rules.shards, 1)
+        self._kept: _Kept | None = None
+        self._labels: Labels = np.empty(0, np.int32)
         self.log_evidence = 0.0
+        """Log of the average likelihood of all scans so far over the shard's part of the space."""
+        self.left_out_gap = math.inf
+        """Leaves left out were worse than the best of the first scan by this at least [nat]."""
 
     @property
-    def annealed(self) -> bool:
-        """Whether the exponent has reached its full value."""
-        return self.steps >= self._rules.annealing_steps
+    def poses(self) -> int:
+        """How many are kept."""
+        return 0 if self._kept is None else len(self._kept.poses)
 
     def advance(
         self,
@@ -111,56 +95,118 @@ class GlobalSearch:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
-    ) -> Weighed:
-        """One step; the first one does not move, for nothing is known from before."""
-        if odom_from_before is not None:
-            self._redraw(rng)
-            moved = move(
-                self.cloud.map_from_robot,
-                odom_from_before,
-                odom_from_after,
-                self._settings.motion,
-                rng,
-            )
-            self.cloud = Cloud(moved, self.cloud.log_weights)
-        result = weighed(self.cloud, beams, self._model, self._exponent())
-        self.cloud = result.cloud
-        self.log_evidence += result.log_weight_sum - math.log(len(self.cloud.log_weights))
-        self.steps += 1
-        return result
+    ) -> float:
+        """One step; the first one does not move, for nothing is known from before.
 
-    def _progress(self) -> float:
-        """0 at the first step, 1 once annealed."""
-        return min(self.steps / self._rules.annealing_steps, 1.0)
-
-    def _exponent(self) -> float:
-        first = self._rules.annealing_start_fraction
-        share = first + (1.0 - first) * self._progress()
-        return share * self._model.settings.scan_likelihood_exponent
-
-    def _redraw(self, rng: np.random.Generator) -> None:
-        """Resample to the number of particles that the annealing asks for, with jitter."""
-        count = round(
-            self._start_count * (self._final_count / self._start_count) ** self._progress()
-        )
-        low_ess = self.cloud.effective_sample_size < (
-            self._rules.resample_below_ess * len(self.cloud.log_weights)
-        )
-        if count >= len(self.cloud.log_weights) and not low_ess:
-            return
-        chosen = resample(self.cloud.log_weights, count, self._settings.cluster.resampling, rng)
-        poses = self.cloud.map_from_robot[chosen]
-        fading = 1.0 - self._progress()
-        if fading > 0.0:
-            jitter = fading * np.array(
-                [self._rules.jitter_m, self._rules.jitter_m, self._rules.jitter_rad]
-            )
-            poses = poses + rng.standard_normal(poses.shape) * jitter
-        self.cloud = Cloud.even(poses)
+        Returns:
+            The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
+        """
+        if self._kept is None:
+            return self._search(beams, rng) if informative(beams) else math.nan
+        if odom_from_before is None:
+            raise ValueError("odometry must tell the way from the step before")
+        kept = self._split(self._kept, rng)[0] if beams.count else self._kept
+        motion = self._settings.motion
+        moved = move(kept.poses, odom_from_before, odom_from_after, motion, rng)
+        self._kept = replace(kept, poses=moved)
+        return self._weigh(self._kept, beams, rng) if beams.count else math.nan
 
     def places(self, rng: np.random.Generator) -> list[FoundPlace]:
         """The clusters by source point, most probable first (section 4)."""
-        return places_of(self.cloud, self._rules, self._rules.min_place_share, rng)
+        if self._kept is None:
+            return []
+        cloud = Cloud(self._kept.poses, self._kept.log_weights)
+        return _places(cloud, self._labels, self._rules, self._rules.min_place_share, rng)
+
+    def _search(self, beams: Beams, rng: np.random.Generator) -> float:
+        """The first scan."""
+        grid = GridSearch(self._model, self._space, beams, self._shard, self._rules)
+        while grid.advance():
+            pass
+        leaves = grid.leaves()
+        self.left_out_gap = float(leaves.scores.max()) - leaves.left_out
+        scores = leaves.scores
+        kept = _Kept(
+            leaves.map_from_robot, scores - math.log(self._space.leaf_count), np.ones(len(scores))
+        )
+        for _ in range(_REFINEMENTS):
+            kept, chosen = self._thin(kept, rng)
+            kept, parent = self._split(kept, rng, also_unsplit=True)
+            # Leaves reach into walls at their sides: where no robot can be there is nothing.
+            free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
+            kept, parent = kept.at(free), parent[free]
+            before = kept.log_weights - scores[chosen][parent]
+            scores = self._exponent * self._model.log_likelihood(kept.poses, beams)
+            kept = replace(kept, log_weights=before + scores)
+        self._settle(self._thin(kept, rng)[0], beams)
+        return leaves.log_likelihood_per_beam
+
+    def _weigh(self, kept: _Kept, beams: Beams, rng: np.random.Generator) -> float:
+        fits = self._model.log_likelihood(kept.poses, beams)
+        penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
+        log_weights = kept.log_weights + self._exponent * fits + penalty
+        kept, _ = self._thin(replace(kept, log_weights=log_weights), rng)
+        self._settle(kept, beams)
+        return float(fits.max()) / beams.count
+
+    @property
+    def _exponent(self) -> float:
+        return self._model.settings.scan_likelihood_exponent
+
+    def _penalty(self, poses: Poses, log_penalty: float) -> LogWeights:
+        grid = self._model.grid
+        return ground_log_penalty(poses, grid.cells, grid.cell_m, grid.map_from_grid, log_penalty)
+
+    def _split(
+        self, kept: _Kept, rng: np.random.Generator, *, also_unsplit: bool = False
+    ) -> tuple[_Kept, NDArray[np.int64]]:
+        """Split the heavy poses, so that all together weigh and cover what they did before.
+
+        Args:
+            kept: the poses.
+            rng: spreads the parts of each over what it stands for.
+            also_unsplit: let the light ones, too, be anywhere in what they stand for.
+
+        Returns:
+            The poses, and which one each comes from.
+        """
+        weights = normalised_weights(kept.log_weights)
+        copies = np.maximum(np.ceil(0.5 * self._most * weights).astype(np.int64), 1)
+        parent = np.repeat(np.arange(len(copies)), copies)
+        number = np.arange(len(parent)) - np.repeat(np.cumsum(copies) - copies, copies)
+        across = number[:, None] * _EVENLY + rng.random(3)
+        spread = (across - np.floor(across) - 0.5) * self._space.cell * kept.sizes[parent, None]
+        stays = (copies[parent] == 1) & (not also_unsplit)
+        return _Kept(
+            kept.poses[parent] + np.where(stays[:, None], 0.0, spread),
+            kept.log_weights[parent] - np.log(copies)[parent],
+            kept.sizes[parent] * copies[parent] ** (-1.0 / 3.0),
+        ), parent
+
+    def _thin(self, kept: _Kept, rng: np.random.Generator) -> tuple[_Kept, NDArray[np.int64]]:
+        """Half of what may be at most: room to split."""
+        chosen, log_weights = thinned(kept.log_weights, max(self._most // 2, 1), rng)
+        return replace(kept.at(chosen), log_weights=log_weights), chosen
+
+    def _settle(self, kept: _Kept, beams: Beams) -> None:
+        """After a scan: find the places, and take back what was given for looks through walls."""
+        labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
+        taken_back = self._corrections(kept, labels, count, beams)[labels]
+        self._kept, self._labels = replace(kept, log_weights=kept.log_weights - taken_back), labels
+        self.log_evidence = float(np.logaddexp.reduce(self._kept.log_weights))
+
+    def _corrections(
+        self, kept: _Kept, labels: Labels, count: int, beams: Beams
+    ) -> NDArray[np.float64]:
+        """For each place, and last for poses of none, what is taken back of its evidence."""
+        corrections = np.zeros(count + 1)
+        weights = normalised_weights(kept.log_weights)
+        shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
+        for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
+            members = np.flatnonzero(labels == label)
+            own = weights[members] / weights[members].sum()
+            corrections[label] = self._model.correction(kept.poses[members], own, beams)
+        return corrections
 
 
 def places_of(
@@ -177,15 +223,25 @@ def places_of(
     Returns:
         Most probable first.
     """
-    labels, count = cluster_by_source_point(
-        cloud.map_from_robot,
-        cloud.log_weights,
-        rules.source_radius_m,
-        rules.source_heading_rad,
-        MAX_PLACES,
+    labels, _ = _clustered(cloud.map_from_robot, cloud.log_weights, rules)
+    return _places(cloud, labels, rules, min_share, rng)
+
+
+def _clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
+    return cluster_by_source_point(
+        poses, log_weights, rules.source_radius_m, rules.source_heading_rad, rules.places
     )
+
+
+def _places(
+    cloud: Cloud,
+    labels: Labels,
+    rules: SearchSettings,
+    min_share: float,
+    rng: np.random.Generator,
+) -> list[FoundPlace]:
     weights = normalised_weights(cloud.log_weights)
-    shares = np.bincount(labels[labels >= 0], weights[labels >= 0], minlength=count)
+    shares = np.bincount(labels[labels >= 0], weights[labels >= 0])
     found = []
     for label in np.argsort(-shares, kind="stable"):
         if shares[label] < min_share:

@@ -108,7 +108,7 @@ class LikelihoodField:
         References:
             Probabilistic Robotics (2005), table 6.3, lines 6 and 7, in logarithms.
         """
-        log_floor, log_step = _code_scale(settings)
+        log_floor, log_step = code_scale(settings)
         codes = np.zeros((cells.shape[0] + 2, cells.shape[1] + 2), np.uint16)
         for rows, strip in _strips(cells, cell_m, settings):
             levels = (strip - np.float32(log_floor)) / np.float32(log_step)
@@ -133,7 +133,7 @@ class LikelihoodField:
         if codes.dtype != np.uint16 or codes.shape != expected:
             problem = f"codes are {codes.dtype} of {codes.shape}, expected uint16 of {expected}"
             raise ValueError(problem)
-        log_floor, log_step = _code_scale(settings)
+        log_floor, log_step = code_scale(settings)
         return cls(
             codes=codes,
             cells=cells,
@@ -180,7 +180,7 @@ def scan_log_likelihood(
     return np.asarray(len(hits_in_robot) * field.log_floor + field.log_step * sums)
 
 
-def _code_scale(settings: SensorSettings) -> tuple[float, float]:
+def code_scale(settings: SensorSettings) -> tuple[float, float]:
     """Log-likelihood of the farthest beam, and the step that brings code 65,535 to the nearest."""
     log_random, log_peak = log(settings.random_weight / settings.max_range_m), log(_peak(settings))
     deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m

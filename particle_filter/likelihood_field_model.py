@@ -1,13 +1,14 @@
 """The likelihood field as a sensor model, corrected for beams that would pass through walls."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Poses
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.pooled_field import PooledField
 from particle_filter.ray_casting import JumpField, checked_jumps, jump_field
 from particle_filter.resampling import systematic
 from particle_filter.scan_points import usable_beams
@@ -22,14 +23,17 @@ class LikelihoodFieldModel:
 
     grid: Grid
     field: LikelihoodField
+    pooled: PooledField
     jumps: JumpField
     settings: SensorSettings
+    is_bounded: ClassVar[bool] = True
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """The field's codes, and how far rays may jump."""
+        """The field's codes, the best of them over squares, and how far rays may jump."""
         field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
-        return {"codes": field.codes, "jumps": jump_field(grid.cells)}
+        pooled = PooledField.build(field)
+        return {"codes": field.codes, "pooled": pooled.steps, "jumps": jump_field(grid.cells)}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
@@ -37,7 +41,8 @@ class LikelihoodFieldModel:
         field = LikelihoodField.from_codes(
             arrays["codes"], grid.cells, grid.cell_m, grid.map_from_grid, settings
         )
-        return cls(grid, field, checked_jumps(arrays["jumps"], grid.cells), settings)
+        pooled = PooledField.from_steps(arrays["pooled"], grid.cells, grid.cell_m, settings)
+        return cls(grid, field, pooled, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those that returned: where the others ended is not known."""

@@ -61,6 +61,45 @@ def resample_weights(
     raise ValueError(f"unknown resampling scheme {scheme!r}")
 
 
+def thinned(
+    log_weights: LogWeights, count: int, rng: np.random.Generator
+) -> tuple[Indices, LogWeights]:
+    """Leave `count` of more particles: all heavy ones, and of the light ones some by chance.
+
+    Each particle is expected to weigh afterwards what it weighed before, and the heavy ones do: no
+    other scheme that does not repeat particles errs less.
+
+    Args:
+        log_weights: (N,) of any common scale, which stays.
+        count: how many to leave, positive; all are left where there are no more.
+        rng: gives one number.
+
+    Returns:
+        Increasing indices of those that are left, and their log-weights.
+
+    References:
+        Fearnhead and Clifford, "On-line inference for hidden Markov models via particle filters"
+        (2003), optimal resampling.
+    """
+    if len(log_weights) <= count:
+        return np.arange(len(log_weights)), log_weights
+    weights = normalised_weights(log_weights)
+    order = np.argsort(-weights, kind="stable")
+    ordered = weights[order]
+    lighter = np.cumsum(ordered[::-1])[::-1][:count]  # the sum from each one on
+    even = lighter / (count - np.arange(count))  # weight of the rest, if it begins there
+    heavy = int(np.argmax(ordered[:count] <= even))
+    rest = np.sort(order[heavy:])
+    drawn = rest[systematic(weights[rest] / weights[rest].sum(), count - heavy, rng.random())]
+    left = np.concatenate([order[:heavy], drawn])
+    log_scale = float(log_weights[order[0]]) - np.log(ordered[0])
+    after = np.concatenate(
+        [log_weights[order[:heavy]], np.full(count - heavy, np.log(even[heavy]) + log_scale)]
+    )
+    in_order = np.argsort(left, kind="stable")
+    return left[in_order], after[in_order]
+
+
 def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
     """The particles under `count` even positions, by weights that sum to one; `offset` is how far
     into its part each position lies, in [0, 1).

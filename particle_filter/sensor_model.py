@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells, LogWeights, Points, Pose, Poses
+from particle_filter.pooled_field import PooledField
 from particle_filter.scan_points import points_in_robot
 from particle_filter.settings import SensorSettings
 
@@ -85,6 +86,14 @@ class SensorModel(Hashable, Protocol):
     @property
     def settings(self) -> SensorSettings:
         """The model's numbers."""
+
+    @property
+    def pooled(self) -> PooledField:
+        """The map's likelihood field over squares, for searches."""
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether `pooled` bounds `log_likelihood`; else it tells only where to look."""
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:

@@ -147,35 +147,18 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Global MCL: the bootstrap and the periodic restart (section 4 of the paper)."""
 
-    start_particles_per_m2: Annotated[
-        float,
-        described("particles at the start, for each square metre of free space", "1/m2", gt=0),
-    ] = 400.0
-    min_start_particles: Annotated[
-        int, described("never fewer at the start", gt=0, le=50_000_000)
-    ] = 50_000
-    max_start_particles: Annotated[
-        int, described("never more at the start", gt=0, le=50_000_000)
-    ] = 2_000_000
-    particles: Annotated[int, described("particles once annealed", gt=0, le=50_000_000)] = 50_000
+    heading_step_rad: Annotated[
+        float, described("from one heading of the first grid to the next", "rad", gt=0, le=0.5)
+    ] = 0.035
+    margin: Annotated[
+        float, described("poses that are worse than the best by more are left out", "nat", gt=0)
+    ] = 12.0
+    poses: Annotated[
+        int, described("poses kept after the first scan, over all shards", gt=0, le=50_000_000)
+    ] = 100_000
     shards: Annotated[
         int, described("independent shares a search is cut into, whatever the workers", gt=0, le=64)
     ] = 4
-    annealing_steps: Annotated[
-        int, described("steps over which the likelihood exponent rises", gt=0)
-    ] = 6
-    annealing_start_fraction: Annotated[
-        float, described("exponent at the first step, as a share of the full one", gt=0, le=1)
-    ] = 0.33
-    resample_below_ess: Annotated[
-        float,
-        described("redraw when effective sample size / particles is under this", gt=0, le=1),
-    ] = 0.5
-    jitter_m: Annotated[
-        float,
-        described("spread added to redrawn points at first; fades while annealing", "m", ge=0),
-    ] = 0.1
-    jitter_rad: Annotated[float, described("the same in heading", "rad", ge=0)] = 0.1
     max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
@@ -186,7 +169,11 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     source_heading_rad: Annotated[float, described("and this near in heading", "rad", gt=0)] = 0.5
     hand_over_particles: Annotated[
         int, described("particles of a place that a shard hands over", gt=0, le=100_000)
-    ] = 500
+    ] = 150
+    places: Annotated[int, described("places that a shard tells, at most", gt=0, le=10_000)] = 256
+    places_with_particles: Annotated[
+        int, described("of them with particles to be tracked from", gt=0, le=10_000)
+    ] = 64
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
     ] = 0.0001

@@ -141,10 +141,11 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
     epoch: int
     step: int
     log_evidence: float
-    """Log of the average likelihood of all scans so far, over the whole free space."""
+    """Log of the average likelihood of all scans so far, over the shard's part of the free space:
+    all shards have equal parts."""
     particles: int
-    annealed: bool
-    """The likelihood exponent has reached its full value; before, no places are reported."""
+    left_out_gap: float
+    """Poses that the search has left out were worse than its best by so much at least [nat]."""
     log_likelihood_per_beam: float
     places: tuple[Place, ...]
     """Most probable first."""

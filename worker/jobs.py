@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from particle_filter import cluster_filter, global_search
-from particle_filter.arrays import FREE, Pose
+from particle_filter.arrays import Pose
 from particle_filter.cluster_filter import Cloud
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
@@ -176,18 +176,7 @@ class Searching:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
         self._model, self._settings = model, settings
-        grid = model.grid
-        free_area_m2 = float(np.count_nonzero(grid.cells == FREE)) * grid.cell_m**2
-        start = global_search.uniform_over_free_space(
-            grid.cells,
-            grid.cell_m,
-            grid.map_from_grid,
-            global_search.start_particles(free_area_m2, settings.search),
-            job.shard,
-            settings.search.shards,
-            self._rng(self.step + 1, 0),
-        )
-        self._search = global_search.GlobalSearch(model, settings, start)
+        self._search = global_search.GlobalSearch(model, settings, job.shard)
         self._odom_from_robot: Pose | None = None
 
     def handed_on(self) -> Assignment:
@@ -205,22 +194,24 @@ class Searching:
         )
 
     def advance(self, scan: Scan) -> SearchReport:
-        """Move, weigh, and tell the places that are possible, once annealed."""
+        """Move, weigh, and tell the places that are possible."""
         after = np.array(scan.odom_from_robot)
         beams = scan_beams(scan, self._model)
-        result = self._search.advance(self._odom_from_robot, after, beams, self._rng(scan.step, 1))
+        per_beam = self._search.advance(
+            self._odom_from_robot, after, beams, self._rng(scan.step, 1)
+        )
         self._odom_from_robot, self.step = after, scan.step
-        found = self._search.places(self._rng(scan.step, 2)) if self._search.annealed else []
-        handed = self._settings.belief.clusters  # nobody takes over more of one search
+        found = self._search.places(self._rng(scan.step, 2))
+        handed = self._settings.search.places_with_particles
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
             epoch=self.assignment.epoch,
             step=scan.step,
             log_evidence=self._search.log_evidence,
-            particles=len(self._search.cloud.log_weights),
-            annealed=self._search.annealed,
-            log_likelihood_per_beam=result.log_likelihood_per_beam,
+            particles=self._search.poses,
+            left_out_gap=self._search.left_out_gap,
+            log_likelihood_per_beam=per_beam,
             places=tuple(_place(place, scan, i < handed) for i, place in enumerate(found)),
         )
 

@@ -20,7 +20,7 @@ from particle_filter.sensor_model import Grid, MapArrays, SensorModel
 from particle_filter.sensor_models import model_class
 from particle_filter.settings import SensorSettings
 
-CACHE_VERSION = 5
+CACHE_VERSION = 6
 """Raise it when the same map and settings give other arrays."""
 
 _CELLS = "cells"

@@ -19,13 +19,7 @@ _log = logging.getLogger(__name__)
 
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     """Run one small search and track its best place, so that every kernel has run once."""
-    search = SearchSettings(
-        min_start_particles=200,
-        max_start_particles=200,
-        particles=100,
-        shards=1,
-        annealing_steps=2,
-    )
+    search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(
         seed=settings.seed,
         motion=settings.motion,

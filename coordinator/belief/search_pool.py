@@ -14,6 +14,8 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+_NO_WEIGHT = 0.01
+"""What a shard with less of the evidence left out does not count."""
 
 
 class SearchState(msgspec.Struct, frozen=True):
@@ -31,6 +33,10 @@ class Pool:
 
     step: int
     places: tuple[Place, ...]
+    log_evidence: float
+    """Log of the average likelihood of all its scans over the whole free space."""
+    left_out_gap: float
+    """What the search has left out was worse than its best by so much at least [nat]."""
     log_likelihood_per_beam: float
     """Of the best particle, without the exponent."""
 
@@ -61,13 +67,9 @@ class SearchPool:
             del self._reports[min(self._reports)]
 
     def pooled(self) -> Pool | None:
-        """The newest step that every shard has reported, annealed; None before there is one."""
-        complete = [
-            step
-            for step, reports in self._reports.items()
-            if len(reports) == self._settings.shards
-            and all(report.annealed for report in reports.values())
-        ]
+        """The newest step that every shard has reported; None before there is one."""
+        shards = self._settings.shards
+        complete = [step for step, reports in self._reports.items() if len(reports) == shards]
         if not complete:
             return None
         step = max(complete)
@@ -77,10 +79,16 @@ class SearchPool:
         return _pool(step, [reports[job] for job in self.job_ids], self._settings)
 
     def finished(self, pool: Pool, clusters: int) -> bool:
-        """Whether the search need not go on: its best places hold enough, or it took too long."""
+        """Whether the search need not go on: its best places hold enough, or it took too long.
+
+        Places that hold nearly all of what was kept are not enough where poses almost as good
+        were left out.
+        """
+        mass = self._settings.converged_mass
         held = sum(place.share for place in pool.places[:clusters])
+        left_out = math.exp(-pool.left_out_gap)
         steps = pool.step - self.first_step + 1
-        return held >= self._settings.converged_mass or steps >= self._settings.max_steps
+        return (held >= mass and left_out <= 1.0 - mass) or steps >= self._settings.max_steps
 
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:
@@ -95,14 +103,17 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     ]
     found.sort(key=lambda pair: -pair[0])
     best_fit = max(report.log_likelihood_per_beam for report in reports)
+    all_evidence = float(np.logaddexp.reduce(log_evidence)) - math.log(len(reports))
+    gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
+    told = (all_evidence, min(gaps), best_fit)
     if not found:
-        return Pool(step, (), best_fit)
+        return Pool(step, (), *told)
     means = np.array([place.mean for _, place in found])
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
     groups = [np.flatnonzero(into == index) for index in np.unique(into)]
     joined = [_joined([found[member] for member in group]) for group in groups]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), best_fit)
+    return Pool(step, tuple(joined), *told)
 
 
 def _joined(found: list[tuple[float, Place]]) -> Place:

@@ -126,7 +126,9 @@ def reports(draw: st.DrawFn) -> Report:
     job, step, pose = draw(JOBS), draw(STEPS), draw(poses)
     if job.startswith("s"):
         shares = draw(st.dictionaries(poses, st.floats(0.0, 1.0), max_size=4))
-        return searched(job, step, shares, log_evidence=draw(LOGS), annealed=draw(st.booleans()))
+        return searched(
+            job, step, shares, log_evidence=draw(LOGS), left_out_gap=draw(st.floats(0.0, 20.0))
+        )
     report = tracked(job, step, 1.0, pose, snapshot=draw(st.none() | st.just(cloud_at(pose, step))))
     return msgspec.structs.replace(
         report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),

@@ -30,9 +30,7 @@ SIMULATOR = "robot_simulator"
 SMALL = Settings(
     seed=3,
     cluster=ClusterSettings(particles=300),
-    search=SearchSettings(
-        min_start_particles=8_000, max_start_particles=8_000, particles=2_000, max_steps=20
-    ),
+    search=SearchSettings(poses=4_000, max_steps=20),
     belief=BeliefSettings(clusters=4, search_every_steps=100_000),
     bridge=BridgeSettings(source="sim:cross", rate=2.0),
     worker=WorkerSettings(count=4),

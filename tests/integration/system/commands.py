@@ -15,9 +15,7 @@ SMALL_FILTER = [
     word
     for setting in (
         "cluster.particles=300",
-        "search.min_start_particles=8000",
-        "search.max_start_particles=8000",
-        "search.particles=2000",
+        "search.poses=4000",
         "belief.clusters=6",
     )
     for word in ("--set", setting)

@@ -15,9 +15,7 @@ from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
 SMALL = Settings(
     seed=3,
     cluster=ClusterSettings(particles=300),
-    search=SearchSettings(
-        min_start_particles=8_000, max_start_particles=8_000, particles=2_000, max_steps=20
-    ),
+    search=SearchSettings(poses=4_000, max_steps=20),
     belief=BeliefSettings(clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
     worker=WorkerSettings(count=4),

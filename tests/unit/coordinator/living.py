@@ -67,13 +67,13 @@ SETTINGS = FilterSettings(
     sensor=SensorSettings(visibility_particles=0),
     cluster=ClusterSettings(particles=60),
     search=SearchSettings(
-        min_start_particles=600,
-        max_start_particles=600,
-        particles=200,
+        heading_step_rad=0.2,
+        poses=400,
         shards=2,
-        annealing_steps=2,
         max_steps=4,
-        hand_over_particles=50,
+        hand_over_particles=15,
+        places=8,
+        places_with_particles=4,
     ),
     belief=BeliefSettings(clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
 )

@@ -56,7 +56,7 @@ def searched(
     *,
     epoch: int = 0,
     log_evidence: float = 0.0,
-    annealed: bool = True,
+    left_out_gap: float = 12.0,
 ) -> SearchReport:
     return SearchReport(
         sender="w",
@@ -65,7 +65,7 @@ def searched(
         step=step,
         log_evidence=log_evidence,
         particles=100,
-        annealed=annealed,
+        left_out_gap=left_out_gap,
         log_likelihood_per_beam=-1.0,
         places=tuple(place(share, mean, step) for mean, share in places.items()),
     )

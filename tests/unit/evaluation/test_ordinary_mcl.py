@@ -13,13 +13,13 @@ from evaluation.experiments.task import Run, Task, run_task
 from evaluation.ordinary_mcl import KLD_LEAST_PARTICLES, redrawn
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import Cloud
-from particle_filter.settings import FilterSettings, SearchSettings
+from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
 from tests.unit.particle_filter.rooms import model_of, plain_room
 
-SMALL = ["belief.clusters=3", "search.start_particles_per_m2=200"]
+SMALL = ["belief.clusters=3"]
 ROOM = model_of(plain_room())
-SETTINGS = FilterSettings(search=SearchSettings(particles=4000))
+SETTINGS = FilterSettings(belief=BeliefSettings(clusters=2))
 WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
 
 
@@ -58,9 +58,9 @@ def test_while_all_fits_there_are_no_random_particles(tmp_path: Path) -> None:
 def test_visibility_can_be_turned_off_and_is_no_part_of_a_beam_model(
     off: str, tmp_path: Path
 ) -> None:
-    few = ("search.start_particles_per_m2=2", "search.min_start_particles=1000")
-    plain = beliefs("mcl", tmp_path, off, *few)
-    assert beliefs("mcl-visibility", tmp_path, off, *few) == plain
+    few = "belief.clusters=1"
+    plain = beliefs("mcl", tmp_path, off, few)
+    assert beliefs("mcl-visibility", tmp_path, off, few) == plain
 
 
 def test_visibility_makes_a_difference(tmp_path: Path) -> None:
@@ -106,5 +106,5 @@ def test_kld_draws_few_of_what_is_in_one_place_and_many_of_what_is_not() -> None
     narrow = Cloud(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
     wide = Cloud(rng.uniform(0.5, 3.5, (4000, 3)), uneven)
     assert len(drawn(narrow, 0.0, kld=True).log_weights) == KLD_LEAST_PARTICLES
-    assert len(drawn(wide, 0.0, kld=True).log_weights) == SETTINGS.search.particles
+    assert len(drawn(wide, 0.0, kld=True).log_weights) == 2 * SETTINGS.cluster.particles
     assert drawn(cloud((1.0, 1.0, 0.0)), 0.0, kld=True).log_weights.shape == (2000,)

@@ -15,7 +15,9 @@ THROUGH_THE_BOX = seen_from(HERE, WITHOUT_BOX)
 def visible(most_poses: int = 10) -> VisibleFieldModel:
     settings = SensorSettings(hidden_weight=0.3, hidden_tolerance=0.05, visibility_beam_stride=1)
     field = model_of(WITH_BOX, settings)
-    return VisibleFieldModel(field.grid, field.field, field.jumps, field.settings, most_poses)
+    return VisibleFieldModel(
+        field.grid, field.field, field.pooled, field.jumps, field.settings, most_poses
+    )
 
 
 def test_each_pose_loses_a_share_of_what_it_was_given_beyond_what_is_tolerated() -> None:

@@ -203,7 +203,7 @@ def _search_report(found: tuple[Place, ...]) -> SearchReport:
         step=0,
         log_evidence=0.0,
         particles=1000,
-        annealed=True,
+        left_out_gap=12.0,
         log_likelihood_per_beam=-1.0,
         places=found,
     )

@@ -49,7 +49,7 @@ def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> No
         weights.append(model.log_likelihood(poses, beams))
     np.testing.assert_array_equal(weights[1:], [weights[0]] * 2)
     (entry,) = tmp_path.glob("field-*")
-    assert {path.stem for path in entry.glob("*.npy")} == {"cells", "jumps"}
+    assert {path.stem for path in entry.glob("*.npy")} == {"cells", "jumps", "pooled"}
 
 
 def test_arrays_of_another_map_under_this_ones_name_are_computed_anew(

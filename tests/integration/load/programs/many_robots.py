@@ -38,7 +38,7 @@ RATE_HZ = 2.0
 SETTINGS = Settings(
     seed=100,
     cluster=ClusterSettings(particles=300),
-    search=SearchSettings(min_start_particles=20_000, max_start_particles=20_000, particles=4_000),
+    search=SearchSettings(heading_step_rad=0.1, poses=8_000),
     belief=BeliefSettings(clusters=4),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
     coordinator=CoordinatorSettings(state_folder="off"),

@@ -36,7 +36,7 @@ from zenoh_link.wire import ask
 RATE_HZ = 40.0
 SETTINGS = Settings(
     seed=1,
-    search=SearchSettings(min_start_particles=50_000, max_start_particles=50_000, particles=10_000),
+    search=SearchSettings(poses=20_000),
     belief=BeliefSettings(clusters=PLACES, search_every_steps=10**9),
     bridge=BridgeSettings(source="zenoh", gate_distance_m=0.0, gate_turn_rad=0.0),
     coordinator=CoordinatorSettings(state_folder="off"),

@@ -22,9 +22,7 @@ SMALL = (
     "bridge.source=sim:cross",
     "worker.count=2",
     "cluster.particles=300",
-    "search.min_start_particles=8000",
-    "search.max_start_particles=8000",
-    "search.particles=2000",
+    "search.poses=4000",
     "belief.clusters=4",
 )
 END_WITHIN_S = 3.0

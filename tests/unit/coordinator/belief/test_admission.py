@@ -24,7 +24,7 @@ HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 
 
 def pool(*found: tuple[float, PoseTuple], fit: float = -1.0) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), fit)
+    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, 12.0, fit)
 
 
 def entered(found: Pool, yielding: list[float], given: Terms) -> list[tuple[PoseTuple, float]]:

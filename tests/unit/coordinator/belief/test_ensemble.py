@@ -338,7 +338,12 @@ def test_the_first_search_tells_no_more_against_a_place_than_its_steps_could() -
         outcome = made.advance(
             step,
             [
-                searched(f"s0.{n}", step, {NORTH: 0.999, SOUTH: 0.001}, annealed=step == 2)
+                searched(
+                    f"s0.{n}",
+                    step,
+                    {NORTH: 0.999, SOUTH: 0.001},
+                    left_out_gap=12.0 if step == 2 else 0.0,
+                )
                 for n in range(2)
             ],
         )

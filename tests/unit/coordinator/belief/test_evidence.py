@@ -109,11 +109,9 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     assert not pool.finished(pooled, 1)
 
 
-def test_only_a_step_that_all_shards_have_reached_and_annealed_is_pooled() -> None:
+def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
     pool = SearchPool(0, 0, SearchSettings(shards=2))
     pool.add(searched("s0.0", 3, {NORTH: 1.0}))
-    assert pool.pooled() is None
-    pool.add(searched("s0.1", 3, {NORTH: 1.0}, annealed=False))
     assert pool.pooled() is None
     for step in (4, 5):
         for shard in range(2):

@@ -15,7 +15,7 @@ from process_runtime.output_files import OutputError
 from process_runtime.stop import StopFlag
 from tests.unit.evaluation.experiments.made_up import case
 
-SMALL = ("search.min_start_particles=4000", "search.start_particles_per_m2=50")
+SMALL = ("search.poses=4000", "search.heading_step_rad=0.1")
 """A search that takes milliseconds, for an experiment that is not about finding anything."""
 
 
@@ -49,7 +49,7 @@ def test_a_small_experiment_from_the_options_to_the_report(
     held = json.loads((out / "made-up.json").read_text())
     assert held["complete"] is True
     assert [run["measures"]["updates"] for run in held["runs"]] == [12, 12]
-    assert held["provenance"]["settings"]["search.min_start_particles"] == 4000
+    assert held["provenance"]["settings"]["search.poses"] == 4000
 
 
 @pytest.mark.parametrize(

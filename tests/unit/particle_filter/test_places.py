@@ -1,0 +1,24 @@
+import numpy as np
+import pytest
+
+from particle_filter.cluster_filter import Cloud
+from particle_filter.global_search import places_of
+from particle_filter.settings import SearchSettings
+
+
+def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None:
+    here, there = np.array([1.0, 1.0, 0.0]), np.array([4.0, 1.0, 0.0])
+    poses = np.concatenate([np.tile(here, (10, 1)), np.tile(there, (30, 1))])
+    poses[5:10, 1] += 0.2  # half of those here stand a little aside, and count thrice
+    weights = np.concatenate([np.full(5, 3.0), np.full(5, 9.0), np.full(30, 2.0)])
+    rules = SearchSettings(hand_over_particles=400)
+    rng = np.random.default_rng(0)
+    first, second = places_of(Cloud(poses, np.log(weights)), rules, 0.01, rng)
+    assert (first.share, second.share) == pytest.approx((0.5, 0.5))
+    aside = first if first.mean[0] < 2.0 else second
+    assert aside.mean == pytest.approx([1.0, 1.15, 0.0])
+    assert aside.covariance[1, 1] == pytest.approx(0.75 * 0.25 * 0.04)
+    assert np.mean(aside.sample[:, 1] > 1.1) == pytest.approx(0.75, abs=0.003)
+    assert len(aside.sample) == 400
+    few = places_of(Cloud(poses, np.log(weights)), rules, 0.51, rng)
+    assert few == [], "none has so much"
