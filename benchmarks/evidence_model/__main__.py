@@ -1,7 +1,7 @@
 """Record what clusters say of scans, and fit the evidence model to it.
 
-    python -m benchmarks.evidence_model record EXPERIMENT... --data DATA --out FOLDER
-    python -m benchmarks.evidence_model fit FOLDER
+python -m benchmarks.evidence_model record EXPERIMENT... --data DATA --out FOLDER
+python -m benchmarks.evidence_model fit FOLDER
 """
 
 import argparse
@@ -24,7 +24,9 @@ from process_runtime.settings_file import load_settings
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.evidence_model", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.evidence_model", description=__doc__
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     record = commands.add_parser("record")
     record.add_argument("experiments", nargs="+")

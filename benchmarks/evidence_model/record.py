@@ -2,34 +2,32 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from benchmarks.evidence_model.records import ELSEWHERE_POSES, NOWHERE, Floats, Record
+from benchmarks.evidence_model.records import ELSEWHERE_POSES, NOWHERE, Record
 from evaluation.experiments.case import AfterStep, Case, SimulatedRobot
 from evaluation.experiments.course import TrueStep, course_of
 from evaluation.experiments.symmetry import middle_of, turned_copies
 from evaluation.judge import pose_error
-from particle_filter import cluster_filter, global_search
-from particle_filter.arrays import FREE, LogWeights, Poses
+from evaluation.one_cloud import uniform_over_free_space
+from particle_filter import cluster_filter
+from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import Cloud
+from particle_filter.global_search import GlobalSearch
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import heading_distance
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.resampling import resample
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
-from particle_filter.source_clustering import cluster_by_source_point
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from worker.jobs import scan_beams
 from worker.map_model import default_cache_folder, sensor_model
 
-REFINED, ROUNDS = 20_000, 4
-"""The best poses of the first scan are improved by trying small changes so often."""
 MERGE_EVERY = 5
 PLANTED_SPREAD = np.array([0.2, 0.2, 0.1])
 """Of the particles put at the truth [m, m, rad]."""
@@ -53,6 +51,8 @@ def recorded(
     middle, symmetry = middle_of(course.map), case.symmetry
     first, truth = next(course.steps)
     assert truth is not None, f"{case.name}: nobody knows the truth at step {start_step}"
+    whole = msgspec.structs.replace(settings.search, shards=1)
+    settings = msgspec.structs.replace(settings, search=whole)
     run = _Run(model, settings, seed, scan_beams(first, model), truth, places)
     kidnapping = case.robot.kidnapping if isinstance(case.robot, SimulatedRobot) else None
     kidnapped_at = kidnapping.step if isinstance(kidnapping, AfterStep) else -1
@@ -77,10 +77,8 @@ def recorded(
         seed,
         start_step,
         kidnapped_at=kidnapped_at,
-        volume=run.first.volume,
-        first_evidence=run.first.evidence,
-        first_elsewhere=run.first.elsewhere,
-        first_fit=run.first.fit,
+        share=run.share,
+        first_fit=run.first_fit,
         planted=run.planted,
         **table,
     )
@@ -113,19 +111,23 @@ class _Run:
     ) -> None:
         self._model, self._settings, self._seed = model, settings, seed
         rng = generator(seed, purpose=Purpose.SEARCH, entity=0, step=0)
-        self.first = first_places(model, settings, beams, places, rng)
-        clouds = self.first.clouds
+        search = GlobalSearch(model, settings, shard=0)
+        self.first_fit = search.advance(None, np.zeros(3), beams, rng)
+        found = search.places(rng)[:places]
+        self.share = np.array([place.share for place in found])
+        clouds = [Cloud.even(place.sample) for place in found]
         right = [pose_error(pose_tuple(c.gaussian()[0]), truth).right for c in clouds]
         self.planted = -1
         if not any(right):
             self.planted = len(clouds) - 1
+            self.share[-1] = settings.search.min_place_share
             spread = rng.standard_normal((settings.search.hand_over_particles, 3))
             clouds[-1] = Cloud.even(np.array(truth) + spread * PLANTED_SPREAD)
         self._clouds: list[Cloud | None] = [
             cluster_filter.drawn_from(c.map_from_robot, c.log_weights, settings.cluster, rng)
             for c in clouds
         ]
-        self._gathered = self.first.evidence + np.log(np.maximum(self.first.volume, 1e-12))
+        self._gathered = np.log(self.share)
         self._steps = 0
 
     def step(self, step: int, before: Poses, after: Poses, beams: Beams) -> dict[str, Any]:
@@ -173,78 +175,12 @@ class _Run:
             self._clouds[index] = None
 
 
-@dataclass(frozen=True, eq=False)
-class FirstPlaces:
-    """The places that fit one scan best; what is of each is in the same order."""
-
-    clouds: list[Cloud]
-    volume: Floats
-    evidence: Floats
-    elsewhere: float
-    fit: float
-
-
-def first_places(
-    model: SensorModel, settings: FilterSettings, beams: Beams, most: int, rng: np.random.Generator
-) -> FirstPlaces:
-    """Look at many poses everywhere, improve the best ones, and cluster them."""
-    grid, search = model.grid, settings.search
-    free_area_m2 = float(np.count_nonzero(grid.cells == FREE)) * grid.cell_m**2
-    poses = uniform_poses(model, global_search.start_particles(free_area_m2, search), rng)
-    log_likelihood, _ = _log_likelihood(poses, beams, model)
-    seeds = poses[np.argsort(-log_likelihood)[:REFINED]]
-    weights, fit = _log_likelihood(seeds, beams, model)
-    for attempt in range(ROUNDS):
-        tried = seeds + rng.standard_normal(seeds.shape) * PLANTED_SPREAD / (1 + attempt)
-        of_tried, fit_of_tried = _log_likelihood(tried, beams, model)
-        better = of_tried > weights
-        seeds[better], weights[better] = tried[better], of_tried[better]
-        fit = max(fit, fit_of_tried)
-    reach = (search.source_radius_m, search.source_heading_rad)
-    labels, count = cluster_by_source_point(seeds, weights, *reach, most)
-    sources = np.array([seeds[labels == i][weights[labels == i].argmax()] for i in range(count)])
-    near, _ = cluster_by_source_point(
-        np.concatenate([sources, poses]),
-        np.concatenate([np.full(count, np.inf), np.zeros(len(poses))]),
-        *reach,
-        count,
-    )
-    clouds, evidence = [], []
-    for index in range(count):
-        members = labels == index
-        chosen = resample(weights[members], search.hand_over_particles, "systematic", rng)
-        cloud = Cloud.even(seeds[members][chosen])
-        inside = log_likelihood[near[count:] == index]
-        average = np.logaddexp.reduce(inside) - math.log(len(inside)) if len(inside) else -np.inf
-        hidden = model.correction(cloud.map_from_robot, cloud.weights, beams)
-        clouds.append(cloud)
-        evidence.append(average - hidden)
-    volume = np.bincount(near[count:][near[count:] >= 0], minlength=count) / len(poses)
-    whole = np.logaddexp.reduce(log_likelihood) - math.log(len(poses))
-    return FirstPlaces(clouds, volume, np.array(evidence), float(whole), fit)
-
-
-def _log_likelihood(poses: Poses, beams: Beams, model: SensorModel) -> tuple[LogWeights, float]:
-    """(N,) of a scan, with exponent and the penalty for the ground; the best fit a beam."""
-    exponent = model.settings.scan_likelihood_exponent
-    found = cluster_filter.weighed(Cloud.even(poses), beams, model, exponent)
-    of_each = found.cloud.log_weights + (found.log_weight_sum - math.log(len(poses)))
-    return of_each, found.log_likelihood_per_beam
-
-
-def uniform_poses(model: SensorModel, count: int, rng: np.random.Generator) -> Poses:
-    """(count, 3) stratified over the free space."""
-    grid = model.grid
-    return global_search.uniform_over_free_space(
-        grid.cells, grid.cell_m, grid.map_from_grid, count, 0, 1, rng
-    )
-
-
 def of_elsewhere(
     count: int, beams: Beams, model: SensorModel, rng: np.random.Generator
 ) -> tuple[float, float]:
     """Log mean likelihood of uniform poses, weighed as clusters are, and the best fit a beam."""
-    poses, exponent = uniform_poses(model, count, rng), model.settings.scan_likelihood_exponent
+    poses = uniform_over_free_space(model.grid, count, rng)
+    exponent = model.settings.scan_likelihood_exponent
     found = cluster_filter.weighed(Cloud.even(poses), beams, model, exponent)
     correction = model.correction(poses, found.cloud.weights, beams)
     log_mean = found.log_weight_sum - math.log(len(poses)) - correction

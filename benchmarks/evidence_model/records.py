@@ -21,12 +21,8 @@ class Record:
     experiment: str
     seed: int
     start_step: int
-    volume: Floats
-    """(K,) share of the free space, in x, y and heading, that each place was at the first scan."""
-    first_evidence: Floats
-    """(K,) log average likelihood of the first scan there."""
-    first_elsewhere: float
-    """Log mean likelihood of the first scan over the whole free space."""
+    share: Floats
+    """(K,) of the first scan's posterior over the free space, at each place."""
     first_fit: float
     """Best log-likelihood a beam of the first scan, without exponent."""
     planted: int

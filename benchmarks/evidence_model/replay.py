@@ -74,7 +74,7 @@ class Stack:
     def __init__(self, records: Sequence[Record]) -> None:
         runs = len(records)
         steps = max(len(r.distance_m) for r in records)
-        places = max(len(r.volume) for r in records)
+        places = max(len(r.share) for r in records)
         self.records = list(records)
         self.evidence = np.full((steps, runs, places), np.nan)
         self.fit = np.full((steps, runs), np.nan)
@@ -83,9 +83,8 @@ class Stack:
         self.elsewhere = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
         self.distance_m, self.turn_rad = np.zeros((2, steps, runs))
         self.judged = np.zeros((steps, runs), np.bool_)
-        self.volume, self.first_evidence = np.zeros((runs, places)), np.zeros((runs, places))
+        self.share = np.zeros((runs, places))
         self.first_fit = np.array([[r.first_fit] for r in records])
-        self.first_elsewhere = np.array([r.first_elsewhere for r in records])
         self.elsewhere_fit = np.full((steps, runs, len(ELSEWHERE_POSES)), np.nan)
         for run, r in enumerate(records):
             t, k = r.evidence.shape
@@ -94,16 +93,18 @@ class Stack:
             self.into[:t, run, :k], self.elsewhere[:t, run] = r.into, r.elsewhere
             self.distance_m[:t, run], self.turn_rad[:t, run] = r.distance_m, r.turn_rad
             self.judged[:t, run], self.elsewhere_fit[:t, run] = r.known, r.elsewhere_fit
-            self.volume[run, :k], self.first_evidence[run, :k] = r.volume, r.first_evidence
+            self.share[run, :k] = r.share
 
     def replayed(self, rules: Rules) -> Replayed:
         """Apply all steps to all runs."""
         poses = ELSEWHERE_POSES.index(rules.elsewhere_poses)
         log_belief = self._begin(rules)
         copies = int(self.copy.max()) + 1
-        told = [self._told(log_belief, self.copy[0], np.ones(len(self.volume), np.bool_), copies)]
+        told = [self._told(log_belief, self.copy[0], np.ones(len(self.share), np.bool_), copies)]
         for t, evidence in enumerate(self.evidence):
-            whole = np.column_stack([evidence, self.elsewhere[t, :, poses] + rules.elsewhere_offset])
+            whole = np.column_stack(
+                [evidence, self.elsewhere[t, :, poses] + rules.elsewhere_offset]
+            )
             if rules.elsewhere_hazard == 0.0:
                 whole[:, -1] = np.nan
             running = np.isfinite(whole[:, :-1]).any(axis=1)
@@ -121,18 +122,15 @@ class Stack:
 
     def _begin(self, rules: Rules) -> Floats:
         """What is believed after the first scan; elsewhere is where none of the places is."""
-        rest = 1.0 - self.volume.sum(axis=1)
-        inside = (self.volume * np.exp(self.first_evidence)).sum(axis=1)
-        outside = np.maximum(np.exp(self.first_elsewhere) - inside, 1e-6 * inside) / rest
+        elsewhere = np.maximum(1.0 - self.share.sum(axis=1), 1e-6)
         if rules.elsewhere_hazard == 0.0:
-            rest = np.zeros(len(rest))
-        volume = np.maximum(np.column_stack([self.volume, rest]), 1e-12)
-        evidence = np.column_stack([self.first_evidence, np.log(outside)])
-        worse = evidence.max(axis=1, keepdims=True) - evidence
-        far = np.full((len(rest), 1), np.inf)
-        against = rules.counted(worse, self.first_fit, far, far)
-        there = np.column_stack([np.isfinite(self.evidence[0]), rest > 0.0])
-        return _normalised(np.where(there, np.log(volume) - against, -np.inf))
+            elsewhere = np.zeros(len(elsewhere))
+        share = np.maximum(np.column_stack([self.share, elsewhere]), 1e-12)
+        worse = -np.log(share / share[:, :-1].max(axis=1, keepdims=True))
+        far = np.full((len(share), 1), np.inf)
+        against = rules.counted(np.maximum(worse, 0.0), self.first_fit, far, far)
+        there = np.column_stack([np.isfinite(self.evidence[0]), elsewhere > 0.0])
+        return _normalised(np.where(there, -against, -np.inf))
 
     def _told(self, log_belief: Floats, copy: Floats, judged: Floats, copies: int) -> tuple:  # type: ignore[type-arg]
         belief = np.exp(log_belief)

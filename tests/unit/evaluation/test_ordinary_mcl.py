@@ -20,7 +20,9 @@ from tests.unit.particle_filter.rooms import model_of, plain_room
 SMALL = ["belief.clusters=3"]
 ROOM = model_of(plain_room())
 SETTINGS = FilterSettings(belief=BeliefSettings(clusters=2))
-WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
+WITH_VISIBILITY = [
+    name for name in ALGORITHMS if name not in ("cluster-mcl", "paper-letter", "mcl", "amcl")
+]
 
 
 def task(algorithm: Algorithm, cache: Path, *more: str, **changed: Any) -> Task:
