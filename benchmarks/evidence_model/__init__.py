@@ -1,1 +1,1 @@
-"""Records what clusters say of scans where the truth is known, and fits the evidence model to it."""
+"""Records what clusters say of scans, and fits the evidence model to it."""

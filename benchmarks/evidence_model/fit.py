@@ -80,8 +80,9 @@ def best_of(
 
 def table(stacks: Mapping[str, Stack], rules: Rules) -> Iterator[str]:
     """A Markdown table, a row for each record."""
-    yield "| record | role | runs | log score | Brier | sure and right from | by the end | sure, wrong |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    columns = "record|role|runs|log score|Brier|sure and right from|by the end|sure and wrong"
+    yield f"| {columns.replace('|', ' | ')} |"
+    yield "|" + " --- |" * 8
     for name, stack in stacks.items():
         found = figures_of(stack, rules)
         middle, late = found.sure_right_step(0.5), found.sure_right_step(0.9)

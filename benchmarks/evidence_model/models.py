@@ -18,7 +18,7 @@ class Sloped:
     knee_nat: float
     most_nat: float = np.inf
 
-    def __call__(self, worse: Floats, fit: Floats, distance_m: Floats, turn_rad: Floats) -> Floats:
+    def __call__(self, worse: Floats, *_: Floats) -> Floats:
         """As `Counted`."""
         beyond = np.maximum(worse - self.knee_nat, 0.0)
         counted = self.slope * np.minimum(worse, self.knee_nat) + beyond
@@ -39,30 +39,27 @@ class Tempered:
     view_rad: float
     doubling_misfit: float = np.inf
     """Misfit at which the variance of a difference has doubled [nat/beam]."""
-    knee_nat: float = np.inf
-    """What is beyond it counts at each new scan."""
+    alike_nat: float = 0.0
+    """Differences well under this are as likely Monte Carlo error of places that look alike."""
 
     def __call__(self, worse: Floats, fit: Floats, distance_m: Floats, turn_rad: Floats) -> Floats:
         """As `Counted`."""
         new = -np.expm1(-(distance_m / self.view_m + turn_rad / self.view_rad))
         misfit = np.maximum(BEST_FIT - np.nan_to_num(fit, nan=BEST_FIT), 0.0)
         variance = 1.0 + (misfit / self.doubling_misfit) ** 2
-        small = new / variance * np.minimum(worse, self.knee_nat)
-        moved = (distance_m > 0.0) | (turn_rad > 0.0)
-        return np.asarray(small + moved * np.maximum(worse - self.knee_nat, 0.0))
+        unlike = worse / np.maximum(worse + self.alike_nat, 1e-12)
+        return np.asarray(new / variance * unlike * worse)
 
 
 def families() -> list[Sloped | Tempered]:
     """All that are compared."""
-    bounded = [Sloped(1.0, 0.0, most) for most in (0.2, 1.0, np.inf)]
-    sloped = [Sloped(slope, knee) for slope in (0.1, 0.2, 0.3) for knee in (2.0, 3.0, 5.0)]
     return [
-        *bounded,
-        *sloped,
+        *(Sloped(1.0, 0.0, most) for most in (0.2, 1.0, np.inf)),
+        *(Sloped(slope, knee) for slope in (0.1, 0.2, 0.3) for knee in (3.0, 5.0)),
         *(
-            Tempered(view, 2.0 * view, misfit, knee)
-            for view in (0.5, 0.65, 0.8, 1.0)
-            for misfit in (0.2, 0.25, 0.3, 0.4, 0.6, np.inf)
-            for knee in (6.0, np.inf)
+            Tempered(view, 2.0 * view, misfit, alike)
+            for view in (0.4, 0.6, 0.8, 1.0)
+            for misfit in (0.15, 0.25, 0.4, np.inf)
+            for alike in (0.0, 0.3)
         ),
     ]

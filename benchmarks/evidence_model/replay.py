@@ -3,9 +3,11 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from benchmarks.evidence_model.records import ELSEWHERE_POSES, Record
 from evaluation.judge import CONFIDENT_PROBABILITY
@@ -13,12 +15,14 @@ from evaluation.judge import CONFIDENT_PROBABILITY
 Floats = NDArray[np.float64]
 LEAST_TRUTH = 0.001
 """The logarithmic score takes no probability for smaller."""
+LEAST_SHARE = 1e-12
+"""Of the first scan's posterior; so much is always left for elsewhere, too."""
 
 
 Counted = Callable[[Floats, Floats, Floats, Floats], Floats]
 """What counts against places, from: how much worse than the best one's their log evidence is; the
 best particle's log-likelihood a beam; the way driven [m] and turned [rad] since the last scan,
-infinite at the first one. Shapes: (R, K + 1), then (R, 1) each."""
+infinite at the first one. Shapes: (R, K), then (R, 1) each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +34,8 @@ class Rules:
     elsewhere_hazard: float = 0.0
     """Probability that the robot is lifted elsewhere in a step; 0: nothing is elsewhere."""
     elsewhere_poses: int = 2048
-    elsewhere_offset: float = 0.0
-    """Added to the log evidence of elsewhere."""
+    elsewhere_view_m: float = 0.1
+    """What tells of elsewhere is new after so much driving, or turning by twice the number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,44 +101,61 @@ class Stack:
 
     def replayed(self, rules: Rules) -> Replayed:
         """Apply all steps to all runs."""
-        poses = ELSEWHERE_POSES.index(rules.elsewhere_poses)
-        log_belief = self._begin(rules)
-        copies = int(self.copy.max()) + 1
-        told = [self._told(log_belief, self.copy[0], np.ones(len(self.share), np.bool_), copies)]
+        log_places, log_odds = self._begin(rules)
+        copies = max(int(self.copy.max()), 0) + 1
+        everywhere = np.ones(len(self.share), np.bool_)
+        told = [self._told(log_places, log_odds, self.copy[0], everywhere, copies)]
         for t, evidence in enumerate(self.evidence):
-            whole = np.column_stack(
-                [evidence, self.elsewhere[t, :, poses] + rules.elsewhere_offset]
-            )
-            if rules.elsewhere_hazard == 0.0:
-                whole[:, -1] = np.nan
-            running = np.isfinite(whole[:, :-1]).any(axis=1)
-            known = np.where(np.isfinite(whole), whole, -np.inf)
-            best = np.where(running, known.max(axis=1), 0.0)[:, None]
-            worse = np.where(np.isfinite(whole), best - whole, 0.0)
+            reported = np.isfinite(evidence)
+            running = reported.any(axis=1)
+            known = np.where(reported, evidence, -np.inf)
             moved = self.distance_m[t][:, None], self.turn_rad[t][:, None]
-            fresh = _spread(log_belief, rules) - rules.counted(worse, self.fit[t][:, None], *moved)
-            fresh = np.where(np.isfinite(known), fresh, -np.inf)
-            log_belief = np.where(running[:, None], _normalised(fresh), log_belief)
-            told.append(self._told(log_belief, self.copy[t], self.judged[t], copies))
-            self._merge(log_belief, self.into[t])
+            predicted = np.logaddexp.reduce(log_places + known, axis=1)
+            if rules.elsewhere_hazard > 0.0:
+                changed = self._odds(t, log_odds, predicted, rules)
+                log_odds = np.where(running, changed, log_odds)
+            best = np.where(running, known.max(axis=1), 0.0)[:, None]
+            worse = np.where(reported, best - evidence, 0.0)
+            against = rules.counted(worse, self.fit[t][:, None], *moved)
+            fresh = np.where(reported, _spread(log_places, rules) - against, -np.inf)
+            log_places = np.where(running[:, None], _normalised(fresh), log_places)
+            told.append(self._told(log_places, log_odds, self.copy[t], self.judged[t], copies))
+            self._merge(log_places, self.into[t])
         columns = zip(*told, strict=True)
         return Replayed(*(np.stack(column, axis=1) for column in columns))
 
-    def _begin(self, rules: Rules) -> Floats:
-        """What is believed after the first scan; elsewhere is where none of the places is."""
-        elsewhere = np.maximum(1.0 - self.share.sum(axis=1), 1e-6)
-        if rules.elsewhere_hazard == 0.0:
-            elsewhere = np.zeros(len(elsewhere))
-        share = np.maximum(np.column_stack([self.share, elsewhere]), 1e-12)
-        worse = -np.log(share / share[:, :-1].max(axis=1, keepdims=True))
+    def _begin(self, rules: Rules) -> tuple[Floats, Floats]:
+        """(R, K) log probabilities of places after the first scan; (R,) log-odds of elsewhere."""
+        share = np.maximum(self.share, LEAST_SHARE)
+        worse = np.log(share.max(axis=1, keepdims=True) / share)
         far = np.full((len(share), 1), np.inf)
-        against = rules.counted(np.maximum(worse, 0.0), self.first_fit, far, far)
-        there = np.column_stack([np.isfinite(self.evidence[0]), elsewhere > 0.0])
-        return _normalised(np.where(there, -against, -np.inf))
+        against = rules.counted(worse, self.first_fit, far, far)
+        there = np.isfinite(self.evidence[0])
+        elsewhere = np.clip(1.0 - self.share.sum(axis=1), LEAST_SHARE, 1.0 - LEAST_SHARE)
+        log_odds = np.log(elsewhere / (1.0 - elsewhere))
+        if rules.elsewhere_hazard == 0.0:
+            log_odds = np.full(len(share), -np.inf)
+        return _normalised(np.where(there, -against, -np.inf)), log_odds
 
-    def _told(self, log_belief: Floats, copy: Floats, judged: Floats, copies: int) -> tuple:  # type: ignore[type-arg]
-        belief = np.exp(log_belief)
-        places, elsewhere = belief[:, :-1], belief[:, -1]
+    def _odds(self, t: int, log_odds: Floats, predicted: Floats, rules: Rules) -> Floats:
+        """(R,) log-odds of elsewhere after a step: Bayes' rule against all places together."""
+        hazard, view_m = rules.elsewhere_hazard, rules.elsewhere_view_m
+        lifted = np.logaddexp(log_odds, math.log(hazard)) - math.log1p(-hazard)
+        new = -np.expm1(-(self.distance_m[t] + 0.5 * self.turn_rad[t]) / view_m)
+        of_uniform = self.elsewhere[t, :, ELSEWHERE_POSES.index(rules.elsewhere_poses)]
+        return np.asarray(lifted + new * (of_uniform - predicted))
+
+    @staticmethod
+    def _told(
+        log_places: Floats,
+        log_odds: Floats,
+        copy: NDArray[np.int8],
+        judged: NDArray[np.bool_],
+        copies: int,
+    ) -> tuple[NDArray[Any], ...]:
+        """One step's columns of `Replayed`."""
+        elsewhere = expit(log_odds)
+        places = np.exp(log_places) * (1.0 - elsewhere)[:, None]
         right = copy == 0
         truth = np.where(right.any(axis=1), (places * right).sum(axis=1), elsewhere)
         brier = (1.0 - truth) ** 2 + (places**2 * ~right).sum(axis=1)
@@ -154,29 +175,21 @@ class Stack:
         )
 
     @staticmethod
-    def _merge(log_belief: Floats, into: NDArray[np.int64]) -> None:
+    def _merge(log_places: Floats, into: NDArray[np.int64]) -> None:
         """Give what merged clusters have to those they are part of from now on."""
         for run, source in np.argwhere(into != np.arange(into.shape[1])):
             target = into[run, source]
-            log_belief[run, target] = np.logaddexp(log_belief[run, target], log_belief[run, source])
-            log_belief[run, source] = -np.inf
+            both = log_places[run, target], log_places[run, source]
+            log_places[run, target], log_places[run, source] = np.logaddexp(*both), -np.inf
 
 
-def _spread(log_belief: Floats, rules: Rules) -> Floats:
-    """The transition between places, and to elsewhere."""
-    places = log_belief[:, :-1]
-    alive = np.isfinite(places)
-    whole = np.logaddexp.reduce(places, axis=1, keepdims=True)
-    rho, hazard = rules.transition_probability, rules.elsewhere_hazard
-    result = log_belief.copy()
-    if rho > 0.0:
-        each = whole + math.log(rho) - np.log(np.maximum(alive.sum(axis=1, keepdims=True), 1))
-        mixed = np.logaddexp(places + math.log1p(-rho), each)
-        result[:, :-1] = np.where(alive, mixed, -np.inf)
-    if hazard > 0.0:
-        result[:, -1] = np.logaddexp(log_belief[:, -1], whole[:, 0] + math.log(hazard))
-        result[:, :-1] += math.log1p(-hazard)
-    return result
+def _spread(log_places: Floats, rules: Rules) -> Floats:
+    """The transition between places."""
+    rho, alive = rules.transition_probability, np.isfinite(log_places)
+    if rho == 0.0:
+        return log_places
+    each = math.log(rho) - np.log(np.maximum(alive.sum(axis=1, keepdims=True), 1))
+    return np.where(alive, np.logaddexp(log_places + math.log1p(-rho), each), -np.inf)
 
 
 def _normalised(log_values: Floats) -> Floats:

@@ -48,7 +48,8 @@ ALGORITHMS: dict[Algorithm, Outcomes] = {
     ),
 }
 """Cluster-MCL; the same by the paper's letter; ordinary MCL, plain and with visibility; the same
-two with augmented recovery; that with gains of our own, and with KLD-sampling, both with visibility."""
+two with augmented recovery; that with gains of our own, and with KLD-sampling, both with
+visibility."""
 
 BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl-visibility")
 """What runs beside Cluster-MCL: the paper's own, the filter of the textbooks, and one with all the
