@@ -75,8 +75,8 @@ def _record(case: Case, settings: Settings, arguments: argparse.Namespace) -> No
 
 def _fit(folder: Path) -> None:
     stacks = stacks_of(folder)
-    print("| model | mean log score, training | sure and wrong, worst training record |")
-    print("| --- | --- | --- |")
+    print("| model | log score | sure and wrong, worst group | entropy, worst run |")
+    print("| --- | --- | --- | --- |")
     best = best_of(stacks, families(), print)
     print(f"\n{best}\n")
     print(*table(stacks, Rules(counted=best)), sep="\n")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import entr, expit
 
 from benchmarks.evidence_model.records import ELSEWHERE_POSES, Record
 from evaluation.judge import CONFIDENT_PROBABILITY
@@ -59,6 +59,15 @@ class Replayed:
     def log_score(self) -> Floats:
         """(R, T + 1)"""
         return np.log(np.maximum(self.truth, LEAST_TRUTH))
+
+    @property
+    def entropy(self) -> Floats:
+        """(R,) mean normalised entropy of the copies of the truth; NaN where there is but one."""
+        if self.copies.shape[2] < 2:
+            return np.full(len(self.copies), np.nan)
+        share = self.copies / np.maximum(self.copies.sum(axis=2, keepdims=True), LEAST_SHARE)
+        each = entr(share).sum(axis=2) / math.log(share.shape[2])
+        return np.asarray(each.mean(axis=1))
 
     @property
     def sure_wrong(self) -> NDArray[np.bool_]:

@@ -94,6 +94,14 @@ def test_the_first_sure_and_right_step_is_told() -> None:
     assert replayed.sure_wrong.tolist() == [[False] * 3, [False, True, True]]
 
 
+def test_copies_of_the_truth_stay_even_or_do_not() -> None:
+    alike = record([[0.0, 0.0], [math.log(3.0), 0.0]], copy=np.array([[0, 1], [0, 1]], np.int8))
+    replayed = Stack([alike]).replayed(EXACT)
+    uneven = -(0.75 * math.log2(0.75) + 0.25 * math.log2(0.25))
+    np.testing.assert_allclose(replayed.entropy, [(1.0 + 1.0 + uneven) / 3.0])
+    assert np.isnan(Stack([record([[0.0, 0.0]])]).replayed(EXACT).entropy).all()
+
+
 def test_a_standing_robot_gathers_nothing() -> None:
     model, fits = Tempered(0.8, 1.6), np.array([[BEST_FIT]])
     stood, driven, first = (
