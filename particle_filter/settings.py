@@ -259,7 +259,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     )
     search_every_steps: Annotated[
         int, described("a new global search starts so many steps after the last", "steps", gt=0)
-    ] = 25
+    ] = 150
     localized_probability: Annotated[
         float, described("the best place is called the pose from here on", gt=0, le=1)
     ] = 0.9
