@@ -44,9 +44,11 @@ from tests.integration.ros2.robot import RosRobot, planar
 from tests.integration.waiting import stretched_s, wait_until
 from worker.map_model import sensor_model
 from zenoh_link.session import open_session
+from zenoh_link.wire import is_alive
 
 WORLD = "cross_feature"
 ROS2 = Ros2Settings(enabled=True, autostart=True)
+_BELIEVED_WITHIN_S = 3.0
 
 
 @contextmanager
@@ -66,6 +68,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         put_map(robot, world(WORLD).map)
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
         wait_until(lambda: "is there, in ROS domain" in tested.log("ros2_bridge"), 60.0)
+        wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0), 60.0)
         yield tested, robot
 
 
@@ -126,9 +129,9 @@ class Drive:
                 self.readings.append(stamped)
                 self._say(stamped)
                 if (scan := maker.on_reading(stamped)) is not None:
-                    while not self._is_believed(scan.stamp_ns):
-                        if stop.wait(0.002):
-                            return
+                    self._wait_for_belief(scan.stamp_ns, stop)
+            if stop.is_set():
+                return
 
     def _say(self, reading: OdometryReading | LaserReading) -> None:
         self.said_at_s[reading.stamp_ns] = time.monotonic()
@@ -137,8 +140,12 @@ class Drive:
         else:
             self._robot.put_scan(reading, stamp_ns=reading.stamp_ns)
 
-    def _is_believed(self, stamp_ns: int) -> bool:
-        return bool(self._tested.beliefs) and self._tested.beliefs[-1].stamp_ns >= stamp_ns
+    def _wait_for_belief(self, stamp_ns: int, stop: StopFlag) -> None:
+        """Wait, but not for ever: ROS's scans may be lost on their way, and it drives on."""
+        until_s = time.monotonic() + _BELIEVED_WITHIN_S
+        while time.monotonic() < until_s and not stop.wait(0.002):
+            if self._tested.beliefs and self._tested.beliefs[-1].stamp_ns >= stamp_ns:
+                return
 
 
 class Heard:
