@@ -89,7 +89,7 @@ class _Seen:
         now_from_then = between(odom_from_now, self.odom_from_robot)
         ends = np.zeros((self.beams.count, 3))
         ends[:, :2] = self.beams.hits_in_robot
-        return compose(now_from_then, ends)[self.beams.ranges < self.beams.max_range_m, :2]
+        return compose(now_from_then, ends)[self.beams.returned, :2]
 
 
 class GlobalSearch:

@@ -62,6 +62,11 @@ class Beams:
         return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
     @cached_property
+    def returned(self) -> NDArray[np.bool_]:
+        """(count,) which of all ended somewhere."""
+        return np.concatenate([laser.ranges < laser.max_range_m for laser in self.lasers])
+
+    @cached_property
     def hits_in_robot(self) -> Points:
         """(count, 2) where all ended."""
         if not self.others:

@@ -28,7 +28,7 @@ def usual_logging() -> Iterator[None]:
 @pytest.fixture
 def told(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
     settings: list[Settings] = []
-    monkeypatch.setattr("clustermcl.up.run_up", settings.append)
+    monkeypatch.setattr("clustermcl.up.run_up", lambda given, **_options: settings.append(given))
     return settings
 
 

@@ -99,7 +99,8 @@ def test_every_particle_has_its_own_noise() -> None:
     ahead = HERE + np.array([0.3, 0.0, 0.1])
     cloud = Cloud.even(np.tile(HERE, (200, 1)))
     rng = np.random.default_rng(0)
-    result = advanced(cloud, HERE, ahead, beams, model, MotionSettings(), ClusterSettings(), rng)
+    motion = MotionSettings(slip_probability=0.0)
+    result = advanced(cloud, HERE, ahead, beams, model, motion, ClusterSettings(), rng)
     assert len(np.unique(result.cloud.map_from_robot[:, 0])) == 200
 
 
