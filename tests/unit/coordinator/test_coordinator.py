@@ -40,10 +40,10 @@ NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 class Story:
     """A coordinator and obedient workers that report what the story says."""
 
-    def __init__(self, *workers: str) -> None:
+    def __init__(self, *workers: str, **belief: object) -> None:
         settings = FilterSettings(
             search=SearchSettings(shards=1),
-            belief=literal_bayes(max_clusters=3),
+            belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
         self.coordinator = Coordinator("coordinator", settings, CoordinatorSettings(), "test", 0)
         self.epochs: dict[str, int] = {}
