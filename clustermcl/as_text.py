@@ -112,6 +112,8 @@ def status_lines(status: Status) -> Iterator[str]:
         f"steps     at {status.step}, {status.steps_applied} applied, {status.steps_lost} lost, "
         f"{status.reports_missing} reports missing"
     )
+    if status.overloaded:
+        yield "          overloaded: steps wait, so scans are left out and searches put off"
     yield f"clusters  {status.clusters}{search}"
     yield f"map       {status.map_digest[:12] or 'not known yet'}"
     yield f"running   {status.uptime_s:.0f} s, version {status.version}"

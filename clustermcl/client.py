@@ -24,12 +24,14 @@ from protocol.answers import (
     Relocalize,
     SetPose,
     Status,
+    Update,
 )
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
-from protocol.message import Circle, Message, PoseTuple
+from protocol.message import Circle, Covariance, Message, PoseTuple
 from protocol.steps import MapMessage
+from protocol.validity import problem_of
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -134,44 +136,55 @@ class Client:
         *,
         position_sigma_m: float = 0.5,
         heading_sigma_rad: float = 0.26,
+        covariance: Covariance | None = None,
+        stamp_ns: int | None = None,
     ) -> None:
         """Say where the robot is; believed with the probability `belief.set_pose_probability`.
+
+        Before the first scan it is remembered until then.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
             position_sigma_m: how sure of x and of y.
             heading_sigma_rad: how sure of the heading.
+            covariance: how sure of all three, row by row; it stands in for both sigmas.
+            stamp_ns: when the robot was there, by its own clock; the odometry since is added.
+                None: now.
 
         Raises:
-            CommandRefusedError: no scan has arrived yet.
-            ValueError: a number is not finite, or a sigma is not positive.
+            CommandRefusedError: odometry of that time is not known any more.
+            ValueError: a number is not finite, a sigma not positive, or the covariance none.
         """
-        numbers = (*map_from_robot, position_sigma_m, heading_sigma_rad)
-        if not all(map(math.isfinite, numbers)) or min(numbers[3:]) <= 0.0:
-            raise ValueError(f"a pose is three finite numbers, a sigma is positive: {numbers}")
         command = SetPose(
             sender=_SENDER,
             command_id=_new_id(),
             map_from_robot=map_from_robot,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
+            covariance=covariance,
+            stamp_ns=stamp_ns,
         )
+        if problem := problem_of(command):
+            raise ValueError(f"{map_from_robot} cannot be told: {problem}")
         self._tell(keys.SET_POSE, command)
 
     def relocalize(self, near: Circle | None = None) -> None:
-        """Have it forget all places and search.
+        """Have it forget all places, the last of an earlier life too, and search.
 
         Args:
             near: x, y and radius of where to search [m]; None: everywhere.
 
         Raises:
-            CommandRefusedError: no scan has arrived yet, so it searches anyway.
             ValueError: `near` is no circle.
         """
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
         command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near)
         self._tell(keys.RELOCALIZE, command)
+
+    def update(self) -> None:
+        """Have it look once more now: the next scan becomes a step, also if the robot stands."""
+        self._tell(keys.UPDATE, Update(sender=_SENDER, command_id=_new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
         """Lift the simulated robot to another place; None: somewhere far away."""
@@ -233,7 +246,7 @@ class Client:
             raise ValueError("the client is not connected: use it in a with block")
         return self._open
 
-    def _tell(self, key: str, command: SetPose | Relocalize | Kidnap) -> None:
+    def _tell(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
         done = self._ask(key, CommandDone, command)
         if done.problem:
             raise CommandRefusedError(command=key, problem=done.problem)
@@ -267,7 +280,8 @@ class Client:
             now_s = time.monotonic()
 
     def _nobody(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
-        who = {keys.KIDNAP: "simulator", keys.MAP: "bridge"}.get(key, "coordinator")
+        bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
+        who = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
         router = self._settings.zenoh.router
         denied = "; if the router has access control: does this certificate's role allow it?"
         return UnreachableError(

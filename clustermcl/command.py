@@ -11,11 +11,11 @@ from typing import Annotated
 
 import typer
 
+from clustermcl import completion
+from clustermcl.loudness import LoudCommands, log_settings, set_loudness
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS, experiments
-from process_runtime.logs import configure_logging
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
-from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError
@@ -27,8 +27,8 @@ MOST_STEPS = 100_000
 
 app = typer.Typer(
     help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
+    cls=LoudCommands,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -58,7 +58,12 @@ SettingsFile = Annotated[
 ]
 Assignments = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="A setting, over the file's; may be repeated.",
+        autocompletion=completion.settings,
+    ),
 ]
 ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a ROS bag.")]
 OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
@@ -67,13 +72,20 @@ BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame
 Listen = Annotated[
     str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
 ]
+RecordFile = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE.mcap", help="Record the run there, as a rosbag2."),
+]
+AllowCommands = Annotated[
+    bool, typer.Option("--allow-commands", help="Show the buttons on other addresses too.")
+]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 def main() -> None:
     """Run the command; errors that a person can mend are one line and exit code 2."""
-    configure_logging("clustermcl", "warning")
+    set_loudness()
     try:
         with written_output():
             app()
@@ -91,10 +103,19 @@ def main() -> None:
 def demo(
     recording: Annotated[
         str | None,
-        typer.Option(metavar="FILE", help="Recording, or sim:WORLD, or sim:MAP.yaml."),
+        typer.Option(
+            metavar="FILE",
+            help="Recording, or sim:WORLD, or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ] = None,
     map_file: Annotated[
-        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+        str | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="Map of the recording; without one, a simulated robot drives in this map.",
+        ),
     ] = None,
     reference: Annotated[
         Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
@@ -113,7 +134,11 @@ def demo(
     view: Annotated[
         bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
     ] = False,
+    drive: Annotated[
+        bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
+    ] = False,
     listen: Listen = HERE,
+    record_file: RecordFile = None,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
@@ -121,7 +146,8 @@ def demo(
     """Start everything on this machine and watch it localize; without options, a simulation."""
     from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
 
-    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    given = [*log_settings(), *(assignments or ())]
+    given += _of_bag(scan_topic, odom_topic, odom_frame, base_frame)
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
@@ -131,23 +157,55 @@ def demo(
         rate=rate,
         steps=steps,
         view_at=listen if view else None,
+        record=record_file,
+        by_hand=drive,
         as_json=as_json,
     )
     run_demo(options, load_settings(settings_file, given))
 
 
 @app.command()
-def up(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def up(
+    nav2_params: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Serve a page that draws it, too.")] = False,
+    listen: Listen = HERE,
+    allow_commands: AllowCommands = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """Run everything on this machine, in the foreground, until Ctrl-C."""
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
     from clustermcl.up import run_up  # noqa: PLC0415 - see the module
 
-    run_up(load_settings(settings_file, assignments or ()))
+    given = [*log_settings(), *(assignments or ())]
+    chosen, without_effect = settings_with_nav2(nav2_params, settings_file, given)
+    for line in without_effect:
+        sys.stderr.write(f"clustermcl: {line}\n")
+    run_up(chosen, view_at=listen if view else None, allow_commands=allow_commands)
+
+
+@app.command()
+def ros2(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Stand in for nav2's AMCL on a ROS 2 robot over rmw_zenoh, until Ctrl-C."""
+    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the module
+    from ros2_bridge.process import serve  # noqa: PLC0415 - see the module
+
+    chosen = load_settings(settings_file, [*log_settings(), *(assignments or ())])
+    serve(chosen, "ros2_bridge", stop_on_signals())
 
 
 @app.command()
 def evaluate(
     recording: Annotated[
-        str, typer.Argument(metavar="RECORDING", help="Recording, sim:WORLD or sim:MAP.yaml.")
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording, sim:WORLD or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
     ],
     map_file: Annotated[
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -157,7 +215,11 @@ def evaluate(
     ] = None,
     algorithm: Annotated[
         str,
-        typer.Option(metavar="NAME", help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ..."),
+        typer.Option(
+            metavar="NAME",
+            help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ...",
+            autocompletion=completion.algorithms,
+        ),
     ] = "cluster-mcl",
     seeds: Annotated[
         int,
@@ -189,6 +251,10 @@ def evaluate(
     json_file: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
     ] = None,
+    record_file: RecordFile = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
+    ] = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -210,6 +276,8 @@ def evaluate(
         kidnap_at=kidnap_at,
         jobs=jobs,
         json_file=json_file,
+        record=record_file,
+        report_file=report_file,
     )
     given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_evaluate(options, load_settings(settings_file, given))
@@ -224,6 +292,38 @@ def _of_bag(scan_topic: str, odom_topic: str, odom_frame: str, base_frame: str) 
         "base_frame": base_frame,
     }
     return [f"bridge.{setting}={name}" for setting, name in named.items() if name]
+
+
+@app.command()
+def check(
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="The map's file.")],
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a robot in that map.")
+    ] = None,
+    laser_range_m: Annotated[
+        float, typer.Option("--range", min=0.5, metavar="M", help="How far the laser sees [m].")
+    ] = 12.0,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Places that are looked at.")] = 24,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Is a map fit for localizing; which places look alike; does a recording agree with it."""
+    from clustermcl.check import run_check  # noqa: PLC0415 - see the module
+
+    given = [*(assignments or ()), *_of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_check(
+        map_file,
+        recording,
+        load_settings(settings_file, given),
+        laser_range_m=laser_range_m,
+        places=places,
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -295,26 +395,57 @@ def watch(
 
 @app.command("view")
 def serve_view(
+    recording: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FOLDER]", help="A flight recording: show that finished run."),
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
     listen: Listen = HERE,
-    allow_commands: Annotated[
-        bool,
-        typer.Option("--allow-commands", help="Show the buttons on other addresses too."),
-    ] = False,
+    allow_commands: AllowCommands = False,
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
+    ] = None,
+    private_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="PEM, of the certificate.")
+    ] = None,
+    robots: Annotated[
+        list[str] | None,
+        typer.Option("--robot", metavar="NAME", help="Instead of robot.name; may be repeated."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
     """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
-    from clustermcl.view import run_view  # noqa: PLC0415 - see the module
+    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the module
 
-    run_view(
-        load_settings(settings_file, assignments or ()),
+    options = ViewOptions(
         listen=listen,
         allow_commands=allow_commands,
         open_browser=open_browser,
+        certificate=certificate,
+        private_key=private_key,
+        robots=robots or (),
+        recording=recording,
+        map_file=map_file,
     )
+    run_view(load_settings(settings_file, assignments or ()), options)
+
+
+@app.command()
+def snapshot(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Save what is to be seen now: a picture, or a page that needs no server."""
+    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the module
+
+    save_snapshot(file, load_settings(settings_file, assignments or ()))
 
 
 @app.command("set-pose", context_settings={"ignore_unknown_options": True})  # such as -2.5
@@ -328,6 +459,17 @@ def set_pose(
     heading_sigma_rad: Annotated[
         float, typer.Option(help="Standard deviation of the heading [rad].")
     ] = 0.26,
+    covariance: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="XX XY XH YY YH HH",
+            help="Covariance instead, H being the heading [m2, m rad, rad2].",
+        ),
+    ] = None,
+    stamp_ns: Annotated[
+        int | None,
+        typer.Option(help="It was there at this time of its clock, and has driven on since [ns]."),
+    ] = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
@@ -337,12 +479,23 @@ def set_pose(
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
     from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
 
-    tell(
-        load_settings(settings_file, assignments or ()),
-        (x_m, y_m, heading_rad),
-        position_sigma_m=position_sigma_m,
-        heading_sigma_rad=heading_sigma_rad,
-    )
+    try:
+        tell(
+            load_settings(settings_file, assignments or ()),
+            (x_m, y_m, heading_rad),
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+            covariance=_symmetric(*covariance) if covariance else None,
+            stamp_ns=stamp_ns,
+        )
+    except ValueError as problem:
+        raise typer.BadParameter(str(problem)) from None
+
+
+def _symmetric(
+    xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
 @app.command()
@@ -363,11 +516,34 @@ def relocalize(
 
 
 @app.command()
+def update(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+    """Make a step of the next scan, also if the robot stands still."""
+    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the module
+
+    tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
 def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Lift the simulated robot to somewhere far away."""
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
 
     tell(load_settings(settings_file, assignments or ()))
+
+
+@app.command()
+def record(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
+    ],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
+    from clustermcl.record import run_record  # noqa: PLC0415 - see the module
+
+    steps = run_record(load_settings(settings_file, assignments or ()), file)
+    sys.stdout.write(f"{file}: {steps} steps\n")
 
 
 @app.command()
@@ -397,11 +573,19 @@ def replay(
 
 
 @app.command()
-def settings(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+def settings(
+    from_nav2: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What a nav2_params.yaml becomes.")
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
     """All settings with default, unit and meaning, as TOML that can be fed back."""
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
     from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the module
 
-    chosen: Settings = load_settings(settings_file, assignments or ())
+    chosen, without_effect = settings_with_nav2(from_nav2, settings_file, assignments or ())
+    sys.stdout.writelines(f"# {line}\n" for line in without_effect)
     sys.stdout.write(settings_as_toml(chosen))
 
 

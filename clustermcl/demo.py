@@ -1,5 +1,6 @@
 """The demo: everything on this machine, on a recording or a simulated robot, until its end."""
 
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -15,14 +16,18 @@ from clustermcl.as_json import JsonObject, dumped, hypothesis_object, pose_objec
 from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
 from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.loudness import is_verbose
+from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.view import page_address, say_link
 from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
-from grid_maps.load import load_map, map_file_of
+from grid_maps.load import load_map_with_obstacles, map_file_of
+from process_runtime.logs import is_quiet
+from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
 from protocol import keys
 from protocol.answers import Belief, Status
@@ -32,16 +37,20 @@ from protocol.job_events import JobEvents
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
+from robot_simulator.free_space import FreeSpace
 from robot_simulator.source import simulated_world
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, Token, ask, subscribe, watch
 
-DEFAULT_SOURCE = "sim:cross_feature"
-DEFAULT_SIMULATION_RATE = 3.0
+DEFAULT_SOURCE = f"{SIMULATED}cross_feature"
+SIMULATION_RATE = 0.0
+"""Of the demo in a terminal: as fast as the workers follow, so that it is told in seconds."""
+VIEWED_SIMULATION_RATE = 8.0 if (os.cpu_count() or 1) > 1 else 3.0
+"""Of a robot that somebody looks at, for as long as they like: some 12 steps a second."""
 DEFAULT_SIMULATION_STEPS = 300
 VIEWED_SIMULATION_STEPS = 10_000
-"""Of a robot that somebody looks at: about 20 minutes, if nobody ends it before."""
+"""Of a robot that somebody looks at: about 15 minutes, if nobody ends it before."""
 LOCALIZED_STEPS = 20
 """A simulated robot that has been localized for so long has shown what there is to see."""
 
@@ -64,7 +73,8 @@ class DemoOptions:
     """What a person asked for."""
 
     recording: str | None = None
-    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: the default simulation."""
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, if
+    that is named, else the default simulation."""
     map_file: str | None = None
     """None: that of the settings for a recording, the world's own for a simulated robot."""
     reference: Path | None = None
@@ -73,6 +83,10 @@ class DemoOptions:
     """Steps of a simulated robot."""
     view_at: str | None = None
     """``HOST:PORT`` where a page draws it; None: nowhere."""
+    record: Path | None = None
+    """Where the run is recorded; None: nowhere."""
+    by_hand: bool = False
+    """A person drives the simulated robot, on that page."""
     as_json: bool = False
 
 
@@ -86,6 +100,8 @@ class _Show:
     """Known beforehand."""
     simulated: bool
     ends_when_localized: bool
+    may_stand: bool
+    """A person drives, and may leave it standing."""
     reference: Reference | None
 
 
@@ -105,29 +121,41 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     started_s = time.monotonic()
+    if options.record is not None:
+        check_output_file(options.record)
     if options.view_at is not None:
         _say_where(options.view_at)
+    elif options.by_hand:
+        problem = "--drive: the robot is driven on the page: give --view, too"
+        raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
     show = _prepared(options, settings)
     view = _view(options, show)
     with temporary_folder() as folder:
         arguments = ["--steps", str(show.steps)] if show.simulated else []
         arguments += ["--map", options.map_file] if show.simulated and options.map_file else []
+        arguments += ["--by-hand"] if options.by_hand else []
         met = meeting_in(folder, show.settings)
         stack = Stack(
             met,
             folder,
-            logs_in_folder=True,
+            logs_in_folder=not is_verbose(),
             simulator_arguments=arguments,
-            view_at=options.view_at,
+            page_arguments=_page_arguments(options),
         )
         with running(stack):
-            result = _run(stack, met, show, view, stop)
+            result = _run(stack, met, show, view, stop, options.record)
     wall_s = time.monotonic() - started_s
     if options.as_json:
         _print(dumped(_as_object(result, wall_s)))
     else:
         _print("\n".join(_summary(result, wall_s)))
+
+
+def _page_arguments(options: DemoOptions) -> list[str] | None:
+    if options.view_at is None:
+        return None
+    return ["--listen", options.view_at, *(["--by-hand"] if options.by_hand else [])]
 
 
 def _say_where(view_at: str) -> None:
@@ -145,10 +173,12 @@ def _say_where(view_at: str) -> None:
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Show:
     """Read what can be refused before anything is started."""
-    source = options.recording or DEFAULT_SOURCE
+    source = options.recording or _usual_source(options.map_file)
     match parsed_source(source):
         case Simulated() as robot:
-            settings = _played(source, DEFAULT_SIMULATION_RATE, options, settings)
+            rate = VIEWED_SIMULATION_RATE if options.view_at else SIMULATION_RATE
+            rate = 1.0 if options.by_hand else rate
+            settings = _played(source, rate, options, settings)
             return _simulated(robot, options, settings)
         case Recorded(path):
             return _recorded(path, options, _played(source, 0.0, options, settings))
@@ -157,6 +187,11 @@ def _prepared(options: DemoOptions, settings: Settings) -> _Show:
             raise SettingsError(key="--recording", problem=problem)
         case choice:
             assert_never(choice)
+
+
+def _usual_source(map_file: str | None) -> str:
+    """A robot in the map that is named, by a path that is no world's name; else the story."""
+    return f"{SIMULATED}{Path(map_file).absolute()}" if map_file else DEFAULT_SOURCE
 
 
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
@@ -172,42 +207,55 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _S
     if options.reference is not None:
         problem = "--reference: a simulated robot knows where it is; leave it out"
         raise SettingsError(key="--reference", problem=problem)
-    simulated_world(robot)
+    FreeSpace(simulated_world(robot).truth)  # says if the robot fits nowhere
     if options.map_file:
-        load_map(options.map_file)
+        load_map_with_obstacles(options.map_file)
     usual_steps = VIEWED_SIMULATION_STEPS if options.view_at else DEFAULT_SIMULATION_STEPS
     steps = options.steps or usual_steps
     title = f"simulated robot in {robot.world}"
     ends_when_localized = options.steps is None and options.view_at is None
-    return _Show(settings, title, steps, True, ends_when_localized, None)
+    return _Show(settings, title, steps, True, ends_when_localized, options.by_hand, None)
 
 
 def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Show:
+    if options.by_hand:
+        problem = "--drive: only a simulated robot can be driven; a recording has been"
+        raise SettingsError(key="--drive", problem=problem)
     if options.steps is not None:
         problem = "--steps: only for a simulated robot; a recording has its own end"
         raise SettingsError(key="--steps", problem=problem)
     if not settings.bridge.map:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
-    load_map(settings.bridge.map)
+    load_map_with_obstacles(settings.bridge.map)
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(path, settings.bridge)
-    return _Show(settings, f"recording {path}", steps, False, False, reference)
+    return _Show(settings, f"recording {path}", steps, False, False, False, reference)
 
 
 def _view(options: DemoOptions, show: _Show) -> View:
     console = Console(stderr=options.as_json)
     steps = None if show.ends_when_localized else show.steps
+    if is_quiet():
+        return NoView()
     if console.is_terminal:
         return LiveView(console, show.title, steps)
     return NoView() if options.as_json else LineView(console, show.title)
 
 
-def _run(stack: Stack, settings: Settings, show: _Show, view: View, stop: StopFlag) -> _Result:
+def _run(
+    stack: Stack,
+    settings: Settings,
+    show: _Show,
+    view: View,
+    stop: StopFlag,
+    record: Path | None,
+) -> _Result:
     stack.start_without_coordinator()
     try:
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
+            recorded(session, record),
             view,
         ):
 
@@ -258,7 +306,7 @@ class _Audience:
         while not self._over():
             if self._hear():
                 heard_s = time.monotonic()
-            elif time.monotonic() - heard_s > _SILENCE_S:
+            elif time.monotonic() - heard_s > _SILENCE_S and not self._show.may_stand:
                 raise StalledError(silent_s=_SILENCE_S)
         return self._summary
 

@@ -17,7 +17,7 @@ from clustermcl.as_json import (
 from clustermcl.as_text import belief_line, event_line, hypotheses_lines, pose_lines, status_lines
 from clustermcl.client import Client
 from process_runtime.settings import Settings
-from protocol.message import Circle, PoseTuple
+from protocol.message import Circle, Covariance, PoseTuple
 
 
 def print_pose(settings: Settings, *, as_json: bool) -> None:
@@ -71,13 +71,17 @@ def set_pose(
     *,
     position_sigma_m: float,
     heading_sigma_rad: float,
+    covariance: Covariance | None,
+    stamp_ns: int | None,
 ) -> None:
-    """Say where the robot is."""
+    """Say where the robot is, or was."""
     with Client(settings) as client:
         client.set_pose(
             map_from_robot,
             position_sigma_m=position_sigma_m,
             heading_sigma_rad=heading_sigma_rad,
+            covariance=covariance,
+            stamp_ns=stamp_ns,
         )
 
 
@@ -85,6 +89,12 @@ def relocalize(settings: Settings, near: Circle | None) -> None:
     """Forget all places and search, everywhere or in a circle."""
     with Client(settings) as client:
         client.relocalize(near)
+
+
+def update(settings: Settings) -> None:
+    """Make a step of the next scan."""
+    with Client(settings) as client:
+        client.update()
 
 
 def kidnap(settings: Settings) -> None:

@@ -49,11 +49,12 @@ class Stack:
     """Router, workers, coordinator, and a sensor bridge or the simulator that stands in for it.
 
     Args:
-        settings: of all of them; `bridge.source` decides between bridge and simulator.
+        settings: of all of them; `bridge.source` decides between bridge and simulator,
+            `zenoh.start_router` and `ros2.enabled` whether there is a router and a bridge to ROS.
         folder: for the settings file that they read, and for their logs.
         logs_in_folder: whether their logs go there; else to this process's standard error.
         simulator_arguments: more arguments for the simulator.
-        view_at: ``HOST:PORT`` where a page draws it; None: nowhere.
+        page_arguments: of a page that draws it; None: there is no page.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Stack:
         *,
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
-        view_at: str | None = None,
+        page_arguments: Sequence[str] | None = None,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -75,10 +76,15 @@ class Stack:
                 source = self._child("sensor_bridge")
             case choice:
                 assert_never(choice)
-        router = self._child("zenoh_link.router", name=ROUTER)
+        others = []
+        if settings.zenoh.start_router:
+            others.append(self._child("zenoh_link.router", name=ROUTER))
+        if page_arguments is not None:
+            others.append(self._child("live_view", *page_arguments))
+        if settings.ros2.enabled:
+            others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")
-        views = [] if view_at is None else [self._child("live_view", "--listen", view_at)]
-        self._supervisor = Supervisor([router, *views, self._child("worker"), source])
+        self._supervisor = Supervisor([*others, self._child("worker"), source])
 
     def start_all(self) -> None:
         """Start everything."""
@@ -160,7 +166,7 @@ def _remove_orphans(base: Path) -> None:
 def meeting_in(folder: Path, settings: Settings) -> Settings:
     """The same settings, but the processes meet at a socket in a folder: no ports, no strangers."""
     router = f"unixsock-stream/{folder}/router.sock"
-    zenoh = msgspec.structs.replace(settings.zenoh, router=router)
+    zenoh = msgspec.structs.replace(settings.zenoh, router=router, start_router=True)
     return msgspec.structs.replace(settings, zenoh=zenoh)
 
 

@@ -6,30 +6,39 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
+from clustermcl.view import page_address
 from coordinator.last_pose_files import default_state_folder
-from grid_maps.load import load_map, map_file_of
+from grid_maps.load import load_map_with_obstacles, map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from robot_simulator.source import simulated_world
+from ros2_bridge.process import refuse_what_cannot_run as refuse_ros2_that_cannot_run
 from sensor_bridge.recording import open_recording
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 _POLL_S = 0.1
 
 
-def run_up(settings: Settings) -> None:
+def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bool = False) -> None:
     """Run router, bridge or simulator, coordinator and workers; restart those that die.
+
+    Args:
+        settings: of all of them.
+        view_at: ``HOST:PORT`` where a page draws it, and says its link; None: nowhere.
+        allow_commands: the page obeys buttons also away from loopback.
 
     Raises:
         ClusterMclError: the map, the recording or the endpoint cannot be used.
         ProcessEndedError: a process refuses to start all the same.
     """
     _refuse_what_cannot_run(settings)
+    page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
     stop = stop_on_signals(exit_after_s=2.8)
     with temporary_folder() as folder:
-        stack = Stack(_recorded(settings), folder, logs_in_folder=False)
+        stack = Stack(_recorded(settings), folder, logs_in_folder=False, page_arguments=page)
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
@@ -42,6 +51,11 @@ def run_up(settings: Settings) -> None:
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
+
+
+def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
+    address = page_address(view_at)
+    return ["--listen", address.netloc, *(["--allow-commands"] if allow_commands else [])]
 
 
 def _recorded(settings: Settings) -> Settings:
@@ -60,6 +74,8 @@ def _recorded(settings: Settings) -> Settings:
 def _refuse_what_cannot_run(settings: Settings) -> None:
     """Say what is wrong in one line, before processes say it in theirs."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
+    if settings.ros2.enabled:
+        refuse_ros2_that_cannot_run(settings)
     bridge = settings.bridge
     match parsed_source(bridge.source):
         case Simulated() as robot:
@@ -68,7 +84,8 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
             _refuse_map(map_file_of(bridge.map, path))
             open_recording(path, bridge)
         case Live():
-            _refuse_map(bridge.map)
+            if not is_published(bridge.map, bridge.source):
+                _refuse_map(bridge.map)
         case choice:
             assert_never(choice)
 
@@ -78,9 +95,11 @@ def _refuse_map(map_file: str) -> None:
     if not map_file:
         problem = "bridge.map is empty: name the map file there, or by --set bridge.map="
         raise SettingsError(key="bridge.map", problem=problem)
-    load_map(map_file)
+    load_map_with_obstacles(map_file)
 
 
 def _say(text: str) -> None:
+    if is_quiet():
+        return
     sys.stderr.write(f"clustermcl: {text}\n")
     sys.stderr.flush()

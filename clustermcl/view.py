@@ -1,12 +1,23 @@
 """`clustermcl view`: the page that draws the clusters, until Ctrl-C."""
 
 import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
 from importlib.util import find_spec
+from pathlib import Path
+from typing import assert_never
 
+from coordinator.recorder.replay import recorded_bridge, replayed
+from grid_maps.load import load_map, map_file_of
+from grid_maps.map_message import to_message
 from live_view.admission import Address, parsed_address
-from process_runtime.settings import Settings
+from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import ClusterMclError
+from protocol.steps import MapMessage
+from robot_simulator.source import simulated_world
 
 
 class PageNotInstalledError(ClusterMclError):
@@ -15,6 +26,23 @@ class PageNotInstalledError(ClusterMclError):
     def __init__(self) -> None:
         self.package, self.extra = "websockets", "view"
         super().__init__(f"the page needs {self.package!r}: pip install 'clustermcl[{self.extra}]'")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewOptions:
+    """What a person asked for."""
+
+    listen: str
+    allow_commands: bool = False
+    open_browser: bool = False
+    certificate: Path | None = None
+    private_key: Path | None = None
+    robots: Sequence[str] = ()
+    """Names; none: the one of the settings."""
+    recording: Path | None = None
+    """A flight recorder's folder, or a file in it; None: a system that runs."""
+    map_file: Path | None = None
+    """Of the recording; None: the one that its settings name."""
 
 
 def page_address(listen: str) -> Address:
@@ -29,28 +57,73 @@ def page_address(listen: str) -> Address:
     return parsed_address(listen)
 
 
-def run_view(settings: Settings, *, listen: str, allow_commands: bool, open_browser: bool) -> None:
+def run_view(settings: Settings, options: ViewOptions) -> None:
     """Serve the page; it waits for the system, and for its return.
 
     Raises:
         PageNotInstalledError: what serves it is not installed.
-        SettingsError: the address cannot be used.
+        SettingsError: the address, a certificate or a name cannot be used.
+        FlightRecordingError: there is no recording, or one that cannot be read.
+        MapFileError: the map of the recording cannot be read.
     """
-    address = page_address(listen)
+    address = page_address(options.listen)
     from live_view.process import serve_page  # noqa: PLC0415 - needs the extra
+    from live_view.recorded_run import RecordedRun, serve_recording  # noqa: PLC0415 - so does this
+    from live_view.serving import PageOptions  # noqa: PLC0415 - and this
 
-    stop = stop_on_signals()
-    serve_page(
-        settings,
-        stop,
-        address,
-        say=say_link,
-        allow_commands=allow_commands,
-        open_browser=open_browser,
+    page = PageOptions(
+        address=address,
+        allow_commands=options.allow_commands,
+        open_browser=options.open_browser,
+        certificate=options.certificate,
+        private_key=options.private_key,
     )
+    if options.recording is None:
+        serve_page(settings, stop_on_signals(), page, say_link, robots=options.robots)
+        return
+    folder = options.recording.parent if options.recording.is_file() else options.recording
+    drawn = _map_of(folder, options.map_file)
+    happenings = replayed(folder, version("clustermcl"), drawn.digest if drawn else None)
+    about = {"robot": folder.resolve().name}
+    serve_recording(RecordedRun(happenings, drawn, about), stop_on_signals(), page, say_link)
+
+
+def _map_of(folder: Path, named: Path | None) -> MapMessage | None:
+    """The map of a recording; None where the one it was made with is not there any more."""
+    if named is not None:
+        return to_message(load_map(named), "recording")
+    bridge = recorded_bridge(folder, version("clustermcl"))
+    try:
+        return map_of_bridge(bridge) if bridge else None
+    except ClusterMclError as error:
+        _say(f"no map is drawn, name it by --map: {error}")
+        return None
+
+
+def map_of_bridge(bridge: BridgeSettings) -> MapMessage:
+    """The map that a bridge with these settings serves.
+
+    Raises:
+        MapFileError: it is not there any more.
+        UnknownWorldError: so is the world of a simulated robot.
+    """
+    match parsed_source(bridge.source):
+        case Simulated() as robot:
+            grid_map = load_map(bridge.map) if bridge.map else simulated_world(robot).map
+        case Recorded(path):
+            grid_map = load_map(map_file_of(bridge.map, path))
+        case Live():
+            grid_map = load_map(bridge.map)
+        case choice:
+            assert_never(choice)
+    return to_message(grid_map, "recording")
 
 
 def say_link(link: str) -> None:
     """Tell a person what to open."""
-    sys.stderr.write(f"clustermcl: look at {link}\n")
+    _say(f"look at {link}")
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"clustermcl: {text}\n")
     sys.stderr.flush()

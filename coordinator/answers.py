@@ -30,7 +30,7 @@ class Answers:
 
     def pose(self, now_ns: int) -> PoseAnswer:
         """Where the robot is now."""
-        answer = self._state.pose.answer(now_ns, len(self._state.placement.workers))
+        answer = self._state.pose.answer(now_ns, len(self._state.placement.delivery.workers))
         return msgspec.structs.replace(answer, term=self._term.number)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
@@ -60,6 +60,8 @@ class Answers:
             counters=dict(sorted((self._state.counters + Counter(counters)).items())),
             uptime_s=(now_ns - self._started_ns) / 1e9,
             term=self._term.number,
+            newest_step=self._state.newest_step,
+            overloaded=self._state.overload.is_overloaded,
         )
 
     def events(self) -> JobEvents:

@@ -1,18 +1,33 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
 import msgspec
+from msgspec.structs import replace
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
+from coordinator.pose.dead_reckoning import carried
+from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.random_streams import Purpose
+from particle_filter.settings import MotionSettings
 from protocol.answers import Relocalize, SetPose
+from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 
 KEPT_COMMANDS = 100
 """A command that is asked once more is answered as before, if it is one of the last."""
 HANDED_ON_COMMANDS = 20
-TOO_EARLY = "no scan has arrived yet; start the robot or the recording first"
+
+
+class Commanded(msgspec.Struct, frozen=True):
+    """A command, and where odometry was when it held."""
+
+    command: SetPose | Relocalize
+    stamp_ns: int = 0
+    odom_from_robot: PoseTuple | None = None
+    """None: there was none yet; the robot stood until the first."""
+    during_search: bool = False
+    """The first search had begun already."""
 
 
 class CommandsState(msgspec.Struct, frozen=True):
@@ -22,6 +37,8 @@ class CommandsState(msgspec.Struct, frozen=True):
     """The last commands' ids to the reason why each was refused; empty for one that was done."""
     set_poses: int
     """How many poses have been given; their random streams are numbered by it."""
+    waiting: Commanded | None = None
+    """Came before the first step, and is carried out after it."""
 
 
 class Commands:
@@ -30,30 +47,75 @@ class Commands:
     def __init__(self) -> None:
         self._problems: dict[str, str] = {}
         self._set_poses = 0
+        self._waiting: Commanded | None = None
 
     def problem(self, command_id: str) -> str | None:
         """Why a command was refused, empty if it was done; None for one that is new."""
         return self._problems.get(command_id)
 
+    @property
+    def forgets(self) -> bool:
+        """Whether the first search is to begin without anything that was known before."""
+        return self._waiting is not None and isinstance(self._waiting.command, Relocalize)
+
     def carry_out(
-        self, command: SetPose | Relocalize, ensemble: Ensemble, applied: Scan | None
+        self,
+        command: SetPose | Relocalize,
+        ensemble: Ensemble,
+        applied: Scan | None,
+        odometry: OdometryHistory,
     ) -> Outcome | None:
-        """Do what is commanded, as of the last applied scan; None if it is refused."""
-        outcome = self._outcome(command, ensemble, applied) if applied is not None else None
-        self._problems[command.command_id] = TOO_EARLY if outcome is None else ""
+        """Do what is commanded, as of the last applied scan.
+
+        What comes before the first scan is remembered until `carry_out_waiting`; of several, the
+        last counts.
+
+        Args:
+            command: it has an id that is new.
+            ensemble: is told.
+            applied: the scan of the last step; None before the first.
+            odometry: tells how the robot moved since a pose was true.
+
+        Returns:
+            None where nothing is done now: it waits, or is refused.
+        """
+        commanded, problem = _held(command, odometry)
+        self._problems[command.command_id] = problem
         while len(self._problems) > KEPT_COMMANDS:
             del self._problems[next(iter(self._problems))]
-        return outcome
+        if problem:
+            return None
+        if applied is None:
+            self._waiting = replace(commanded, during_search=ensemble.searches > 0)
+            return None
+        return self._outcome(commanded, ensemble, applied)
 
-    def _outcome(self, command: SetPose | Relocalize, ensemble: Ensemble, applied: Scan) -> Outcome:
-        if isinstance(command, Relocalize):
-            return ensemble.relocalize(applied.step, near=command.near)
+    def carry_out_waiting(
+        self, ensemble: Ensemble, applied: Scan, odometry: OdometryHistory
+    ) -> Outcome | None:
+        """Do what was commanded before the first step, which is over now; None: there is nothing.
+
+        A search that was asked for before the first one began is that one: it knows of no place.
+        """
+        waiting, self._waiting = self._waiting, None
+        if waiting is None:
+            return None
+        if isinstance(waiting.command, Relocalize) and not waiting.during_search:
+            return None
+        if waiting.odom_from_robot is None and (first := odometry.at(odometry.oldest_ns)):
+            waiting = Commanded(waiting.command, *first)
+        return self._outcome(waiting, ensemble, applied)
+
+    def _outcome(self, commanded: Commanded, ensemble: Ensemble, applied: Scan) -> Outcome:
+        if isinstance(commanded.command, Relocalize):
+            return ensemble.relocalize(applied.step, near=commanded.command.near)
         self._set_poses += 1
         settings = ensemble.settings
+        mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
         given = candidate(
             settings.belief.set_pose_probability,
-            command.map_from_robot,
-            diagonal(command.position_sigma_m, command.heading_sigma_rad),
+            mean,
+            covariance,
             seed=settings.seed,
             purpose=Purpose.GIVEN_POSE,
             entity=self._set_poses,
@@ -64,11 +126,44 @@ class Commands:
 
     def state(self) -> CommandsState:
         """The last commands, to be handed on."""
-        return CommandsState(
-            dict(list(self._problems.items())[-HANDED_ON_COMMANDS:]), self._set_poses
-        )
+        recent = dict(list(self._problems.items())[-HANDED_ON_COMMANDS:])
+        return CommandsState(recent, self._set_poses, self._waiting)
 
     def restore(self, state: CommandsState) -> None:
         """Know what another coordinator was commanded."""
         self._problems |= state.problems
         self._set_poses = state.set_poses
+        self._waiting = state.waiting or self._waiting
+
+
+def _held(command: SetPose | Relocalize, odometry: OdometryHistory) -> tuple[Commanded, str]:
+    """The command with the odometry of its time, and why it cannot be carried out, if so."""
+    if isinstance(command, Relocalize) or odometry.oldest_ns is None:
+        return Commanded(command), ""
+    found = odometry.at(command.stamp_ns)
+    if found is None:
+        ago_s = (odometry.oldest_ns - (command.stamp_ns or 0)) / 1e9
+        problem = f"the pose is of {ago_s:.1f} s before the oldest odometry that is known; "
+        return Commanded(command), problem + "give a newer one, or one without a stamp"
+    return Commanded(command, *found), ""
+
+
+def _at_step(
+    commanded: Commanded, given: SetPose, applied: Scan, motion: MotionSettings
+) -> tuple[PoseTuple, Covariance]:
+    """A given pose, carried by odometry to the step after which it is tracked.
+
+    The motion there makes it less certain. What is told of now, after the step, is carried back
+    as it is: it gets its noise on the way forth.
+    """
+    covariance = given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
+    if commanded.odom_from_robot is None:
+        return given.map_from_robot, covariance
+    forth = commanded.stamp_ns < applied.stamp_ns
+    return carried(
+        given.map_from_robot,
+        covariance,
+        commanded.odom_from_robot,
+        applied.odom_from_robot,
+        motion if forth else None,
+    )

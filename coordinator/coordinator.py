@@ -111,7 +111,9 @@ class Coordinator:
                 self._state.pose.odometry(reading.stamp_ns, reading.odom_from_robot, now_ns)
             case events.ReportArrived(worker, report):
                 self._take_over.on_report(report, worker)
-                return self._on_time_passed(now_ns)
+                # Nine in ten reports complete nothing; what time brings, the next event does.
+                awaits_more = self.begun and self._state.awaits_reports
+                return [] if awaits_more else self._on_time_passed(now_ns)
             case events.WorkerJoined(worker):
                 self._take_over.on_worker_joined(worker, now_ns)
                 return self._on_time_passed(now_ns)
@@ -148,8 +150,8 @@ class Coordinator:
 
     # --- what the robot does
 
-    def _on_scan(self, scan: Scan, now_ns: int) -> list[Instruction]:
-        """A step's scan arrived."""
+    def _on_scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> list[Instruction]:
+        """A step's scan arrived, or was fetched from the bridge's history."""
         state = self._state
         if not state.on_map(scan):
             return []
@@ -159,7 +161,8 @@ class Coordinator:
                 state.count_anew(scan)
                 return self._on_scan(scan, now_ns)
             return self._say_again(scan, now_ns)
-        state.pose.scan(scan.stamp_ns, scan.odom_from_robot, now_ns, live=scan.live)
+        pose, stamp_ns = state.pose, scan.stamp_ns
+        pose.scan(stamp_ns, scan.odom_from_robot, now_ns, live=scan.live, fetched=fetched)
         if not self.begun:
             return self._on_time_passed(now_ns)
         self._take_over.begin_search(scan)
@@ -171,7 +174,7 @@ class Coordinator:
         if self.begun and not self._state.ensemble.searches:
             self._state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
-        return [do for scan in scans for do in self._on_scan(scan, now_ns)]
+        return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
 
     def _say_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """A step that comes again waits for its belief, which may have been lost."""

@@ -34,6 +34,7 @@ from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
+from process_runtime.memory import AfterLargeMessages
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief, Relocalize, SetPose, Status
@@ -88,6 +89,7 @@ class CoordinatorLoop:
         self._membership = Membership()
         self._fencing = SelfFencing(time.monotonic_ns())
         self._outgoing = Outgoing(session, self._inbox, trust)
+        self._memory = AfterLargeMessages()
 
     def run(self, stop: StopFlag) -> None:
         """Coordinate until told to stop, or until another coordinator acts."""
@@ -121,6 +123,8 @@ class CoordinatorLoop:
         self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns), now_ns)
         self._carry_out(self._change(self._membership.due(now_ns), now_ns), now_ns)
+        if event is None:
+            self._memory.turn(now_ns / 1e9)
 
     def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
         try:
@@ -166,6 +170,7 @@ class CoordinatorLoop:
                 believed = self._trust.believes(checkpoint)
                 return CheckpointHeard(checkpoint) if believed else TimePassed()
             case WorkerKey(worker, WorkerTopic.STATE):
+                self._memory.passed(now_ns / 1e9)
                 return WorkerToldState(worker, told_by(message.payload, self._trust))
             case WorkerKey(worker, WorkerTopic.ORDER):
                 answer = decode(message.payload, OrderAnswer)

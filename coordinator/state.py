@@ -6,7 +6,9 @@ Everything here that decides can be handed on to another coordinator, and be tak
 from collections import Counter
 
 import numpy as np
+from msgspec.structs import replace
 
+from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
@@ -21,6 +23,8 @@ from coordinator.commands import Commands
 from coordinator.event_log import EventLog
 from coordinator.map_change import MapChangeDetector
 from coordinator.membership.placement import Placement
+from coordinator.overload import OverloadDetector
+from coordinator.pose.dead_reckoning import carried
 from coordinator.pose.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
 from particle_filter.arrays import Pose
@@ -30,8 +34,9 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.job_events import EndedCause
+from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
-from protocol.work import Checkpoint, Report, TrackJob
+from protocol.work import Checkpoint, Place, Report, TrackJob
 
 
 class CoordinatorState:
@@ -51,10 +56,12 @@ class CoordinatorState:
         self.pose = PoseTracker(sender, settings, filter_settings.motion, bridge)
         self.event_log = EventLog()
         self._is_folder_named = bool(settings.state_folder)
+        self._keeps_pose_on_new_map = settings.keep_pose_on_new_map
         self.commands = Commands()
         self.outcome: Outcome | None = None
         self.counters: Counter[str] = Counter()
         self.steps_applied = self.reports_missing = 0
+        self.overload = OverloadDetector()
         self._map_digest, self._map_changes = "", MapChangeDetector()
         self._founded = False
         self._changed = True
@@ -68,6 +75,12 @@ class CoordinatorState:
     def founded(self) -> bool:
         """Whether the belief has had clusters, or a person has spoken."""
         return self._founded
+
+    @property
+    def newest_step(self) -> int:
+        """The newest whose scan has arrived, applied or not; -1: none."""
+        known = (self.collector.newest_scan, self.collector.applied)
+        return max((scan.step for scan in known if scan is not None), default=-1)
 
     @property
     def changed(self) -> bool:
@@ -126,6 +139,15 @@ class CoordinatorState:
         self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
         self._changed = True
 
+    @property
+    def awaits_reports(self) -> bool:
+        """Whether no step is complete: none is open, or one of its reports is waited for."""
+        reports = self.collector.oldest_reports
+        return reports is None or any(
+            job_id not in reports and self.placement.waits_for(job_id)
+            for job_id in self.ensemble.expected
+        )
+
     def ready(self, now_ns: int) -> ReadyStep | None:
         """The next step, if nothing is to be waited for any longer; then it must be applied."""
         if self.collector.oldest_scan is None:
@@ -135,20 +157,39 @@ class CoordinatorState:
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
+        self._notice_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
-        self.placement.step_decided(expected, outcome.missing, now_ns)
+        patient = self.overload.is_overloaded
+        self.placement.step_decided(expected, outcome.missing, now_ns, patient=patient)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         if not outcome.missing or set(weighing) - set(outcome.missing):
             self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
+        history = self.pose.history
+        given = self.commands.carry_out_waiting(self.ensemble, ready.scan, history)
+        if given is not None:
+            self._founded = True
+            self._follow(given, ready.scan)
+
+    def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
+        """Where there is no time for all, periodic searches come later.
+
+        A search takes its time, and a recording that waits for each belief has it.
+        """
+        if ready.scan.paced or (self.outcome is not None and self.outcome.searching):
+            return
+        self.overload.step_decided(now_ns - ready.arrived_ns)
+        if self.overload.is_overloaded:
+            self.ensemble.postpone_search(ready.scan.step)
 
     def carry_out(self, command: SetPose | Relocalize) -> bool:
-        """Do what is commanded; False if it is refused."""
+        """Do what is commanded; False if it waits for the first step, or is refused."""
         applied = self.collector.applied
-        outcome = self.commands.carry_out(command, self.ensemble, applied)
+        history, self._changed = self.pose.history, True
+        outcome = self.commands.carry_out(command, self.ensemble, applied, history)
         if outcome is None or applied is None:
             return False
         self._founded = True
@@ -164,7 +205,26 @@ class CoordinatorState:
         """The bridge has another map: no place in the old one means anything in it."""
         self.counters["map changed"] += 1
         self._map_digest = scan.map_digest
-        self._begin_anew(scan, "new map")
+        applied = self.collector.applied
+        if not (self._keeps_pose_on_new_map and applied and len(self.ensemble.clusters)):
+            self._begin_anew(scan, "new map")
+            return
+        places = [self._in_new_map(c, applied, scan) for c in self.ensemble.clusters.all()]
+        self.collector.restart(scan.step - 1, replace(scan, step=scan.step - 1))
+        self._follow(self.ensemble.go_on_from(places, scan.step - 1, "new map"), scan)
+
+    def _in_new_map(self, cluster: Cluster, applied: Scan, scan: Scan) -> Place:
+        """A cluster's place just before the first scan of another map."""
+        mean, covariance = carried(
+            cluster.mean,
+            cluster.covariance,
+            applied.odom_from_robot,
+            scan.odom_from_robot,
+            self.ensemble.settings.motion,
+        )
+        return self._drawn_anew(
+            cluster.cluster, cluster.probability, mean, covariance, scan, scan.step - 1
+        )
 
     def _begin_anew(self, scan: Scan, cause: EndedCause) -> None:
         """Forget all places; what was searched for is searched for from this scan on."""
@@ -216,6 +276,7 @@ class CoordinatorState:
         search, applied = state.ensemble.search, state.collector.applied
         newest = self.collector.newest_scan
         if not state.ensemble.searches:
+            self.commands.restore(state.commands)
             return None
         if self._map_digest not in ("", state.map_digest):
             self.counters["checkpoint of another map"] += 1
@@ -262,17 +323,31 @@ class CoordinatorState:
         applied = state.collector.applied
         assert applied is not None  # `state_checks` has looked
         cluster = next(c for c in state.ensemble.clusters if c.job_id == job_id)
-        again = candidate(
-            1.0,
-            cluster.mean,
-            cluster.covariance,
-            seed=self._seed,
-            purpose=Purpose.REBUILT,
-            entity=cluster.cluster,
-            step=applied.step,
-            odom_from_robot=applied.odom_from_robot,
+        again = self._drawn_anew(
+            cluster.cluster, 1.0, cluster.mean, cluster.covariance, applied, applied.step
         )
         return TrackJob(cluster=cluster.cluster, start=again.sample, exact=False)
+
+    def _drawn_anew(
+        self,
+        cluster: int,
+        probability: float,
+        mean: PoseTuple,
+        covariance: Covariance,
+        scan: Scan,
+        step: int,
+    ) -> Place:
+        """A place with particles from its Gaussian, as it was after `step` at a scan's odometry."""
+        return candidate(
+            probability,
+            mean,
+            covariance,
+            seed=self._seed,
+            purpose=Purpose.REBUILT,
+            entity=cluster,
+            step=step,
+            odom_from_robot=scan.odom_from_robot,
+        )
 
 
 def _moved(ready: ReadyStep) -> Pose | None:

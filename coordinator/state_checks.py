@@ -8,8 +8,6 @@ over another's state would do so again each time it is started.
 import math
 from collections.abc import Collection, Iterable, Sequence
 
-import numpy as np
-
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.ensemble import ELSEWHERE, EnsembleState
 from coordinator.belief.prior_pose import PriorPose
@@ -17,18 +15,17 @@ from coordinator.belief.search_pool import SearchState
 from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
 from coordinator.step_collector import StepCollectorState
-from protocol.message import MAX_POSE_M, Covariance, PoseTuple
 from protocol.names import is_name
-from protocol.pose_arrays import covariance_matrix
 from protocol.reading_checks import odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan
 from protocol.validity import (
     MAX_ID_CHARACTERS,
     assignment_problem,
+    drawable_problem,
     finite_problem,
     first_problem,
-    gaussian_problem,
     number_problem,
+    problem_of,
 )
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 
@@ -39,8 +36,6 @@ MAX_CHARACTERS = 500
 MAX_AGE_S = 1e9
 SUM_TOLERANCE = 1e-6
 """Of probabilities: those of ten thousand clusters still sum to one within 1e-12."""
-FLATNESS = 1e-6
-"""A covariance may be flat, and by rounding a little less than that, of its largest variance."""
 
 
 def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
@@ -78,7 +73,7 @@ def _cluster_problem(cluster: Cluster, applied: Scan | None) -> str | None:
         number_problem("cluster", cluster.cluster)
         or finite_problem("logarithm of a cluster's probability", cluster.log_probability)
         or _size_problem("effective sample size", cluster.effective_sample_size)
-        or _place_problem(cluster.mean, cluster.covariance)
+        or drawable_problem(cluster.mean, cluster.covariance)
     )
 
 
@@ -104,7 +99,13 @@ def collector_problem(state: StepCollectorState) -> str | None:
 def commands_problem(state: CommandsState) -> str | None:
     """Why this cannot have been commanded."""
     texts = [*state.problems, *state.problems.values()]
-    return number_problem("poses given", state.set_poses) or texts_problem(texts)
+    waiting = state.waiting
+    return (
+        number_problem("poses given", state.set_poses)
+        or texts_problem(texts)
+        or (problem_of(waiting.command) if waiting else None)
+        or (pose_problem(waiting.odom_from_robot or (0.0, 0.0, 0.0)) if waiting else None)
+    )
 
 
 def age_problem(age_s: float) -> str | None:
@@ -161,7 +162,7 @@ def _prior_problem(prior: PriorPose) -> str | None:
     return (
         number_problem("step", prior.step, least=-1)
         or pose_problem(prior.odom_from_robot)
-        or _place_problem(prior.map_from_robot, prior.covariance)
+        or drawable_problem(prior.map_from_robot, prior.covariance)
     )
 
 
@@ -203,18 +204,3 @@ def _scan_problem(scan: Scan) -> str | None:
 
 def _size_problem(name: str, value: float) -> str | None:
     return f"a negative {name}" if value < 0.0 else finite_problem(name, value)
-
-
-def _place_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """A Gaussian from which particles can be drawn, in a building on Earth."""
-    if problem := gaussian_problem(mean, covariance):
-        return problem
-    matrix = covariance_matrix(covariance)
-    largest = float(np.max(np.abs(matrix)))
-    if largest > MAX_POSE_M**2:
-        return f"a variance of {largest}"
-    lopsided = float(np.max(np.abs(matrix - matrix.T)))
-    least = float(np.linalg.eigvalsh(matrix)[0])
-    if lopsided > FLATNESS * largest or least < -FLATNESS * largest:
-        return "a covariance that is none"
-    return None

@@ -1,6 +1,6 @@
 """Steps in their order: when all reports are in, or none can be waited for any longer."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import msgspec
@@ -34,6 +34,8 @@ class ReadyStep:
     before: Scan | None
     """The scan of the step that was applied last."""
     reports: tuple[Report, ...]
+    arrived_ns: int = 0
+    """When the scan came, by the clock of all events."""
 
 
 class StepCollectorState(msgspec.Struct, frozen=True):
@@ -60,11 +62,16 @@ class StepCollector:
         if self._applied is None:
             self._base = step
 
-    def restart(self, before: int) -> None:
-        """Steps are counted anew: the next one follows `before`."""
+    def restart(self, before: int, applied: Scan | None = None) -> None:
+        """Steps are counted anew: the next one follows `before`.
+
+        Args:
+            before: its number.
+            applied: stands for the scan of that step, where places are known from it.
+        """
         self._open.clear()
         self._late.clear()
-        self._applied, self._base = None, before
+        self._applied, self._base = applied, before
 
     @property
     def applied(self) -> Scan | None:
@@ -81,6 +88,12 @@ class StepCollector:
         """The oldest scan that waits to be applied."""
         waiting = [opened.scan for opened in self._open.values() if opened.scan]
         return min(waiting, key=lambda scan: scan.step, default=None)
+
+    @property
+    def oldest_reports(self) -> Mapping[str, Report] | None:
+        """By job, those of the oldest step whose scan waits to be applied; None: none waits."""
+        step = min((step for step, opened in self._open.items() if opened.scan), default=None)
+        return None if step is None else self._open[step].reports
 
     @property
     def newest_scan(self) -> Scan | None:
@@ -168,14 +181,15 @@ class StepCollector:
             self._steps_lost += step - self.before - 1
         before, self._applied = self._applied, opened.scan
         late, self._late = self._late, []
-        return ReadyStep(opened.scan, before, (*late, *opened.reports.values()))
+        reports = (*late, *opened.reports.values())
+        return ReadyStep(opened.scan, before, reports, opened.arrived_ns)
 
     # --- from one coordinator to the next
 
     def state(self) -> StepCollectorState:
         """Which steps are over, to be handed on."""
         empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty)
+        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty, others=())
         return StepCollectorState(applied, self._steps_lost)
 
     def restore(self, state: StepCollectorState) -> None:

@@ -101,6 +101,8 @@ class TakeOver:
         instructions = list[Instruction](self._recovery.questions(self._term.number, now_ns))
         if not self._term.begun and self._recovery.is_over(now_ns):
             instructions += self._begin(now_ns)
+        if self._term.begun and self._state.founded:
+            self._recovery.forget_told()
         return instructions
 
     def _begin(self, now_ns: int) -> list[Instruction]:
@@ -132,7 +134,8 @@ class TakeOver:
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Where the robot was at the end of an earlier life, as one place that is possible."""
-        last = self._last_poses.get(scan.map_digest) if self._state.pose_outlives_us else None
+        counts = self._state.pose_outlives_us and not self._state.commands.forgets
+        last = self._last_poses.get(scan.map_digest) if counts else None
         probability = self._last_pose_probability
         return last.as_prior_at(scan, probability) if last and probability > 0.0 else None
 

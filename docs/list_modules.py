@@ -13,7 +13,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
-LISTED = ("coordinator", "worker", "sensor_bridge", "zenoh_link", "process_runtime", "protocol")
+LISTED = (
+    *("ros2_bridge", "coordinator", "worker", "sensor_bridge"),
+    *("zenoh_link", "process_runtime", "protocol"),
+)
 TOUCHED = {
     "Zenoh": {"zenoh", "zenoh_link"},
     "clock": {"time"},

@@ -33,8 +33,11 @@ from evaluation.experiments.case import (
 from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
 from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
+from evaluation.experiments.trace import Trace
 from evaluation.recordings import opened
+from evaluation.report_page import DRAWN_RUNS, TableText, report_page
 from grid_maps.load import map_file_of
+from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
@@ -71,6 +74,10 @@ class EvaluateOptions:
     kidnap_at: int | None = None
     jobs: int | None = None
     json_file: Path | None = None
+    record: Path | None = None
+    """Where the run, which must be one, is recorded; None: nowhere."""
+    report_file: Path | None = None
+    """A page of HTML, opened by file."""
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
@@ -81,8 +88,9 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     algorithm, case = algorithm_of(options), case_of(options)
-    if options.json_file is not None:
-        check_output_file(options.json_file)
+    for file in (options.json_file, options.report_file):
+        if file is not None:
+            check_output_file(file)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # says which lines are left out, once
     seeds = range(settings.seed, settings.seed + case.seeds)
@@ -93,6 +101,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             seed=seed,
             settings=settings,
             cache_folder=default_cache_folder(),
+            record=options.record,
         )
         for seed in seeds
     ]
@@ -100,14 +109,28 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
         starts = start_steps(steps, options.starts, case.updates or steps)
         tasks = [replace(task, start_step=start) for start in starts for task in tasks]
-    results = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
+    if options.record is not None:
+        _check_record(options.record, len(tasks))
+    if options.report_file is not None:
+        tasks = [replace(task, with_trace=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
+    results, traces = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
     if options.json_file is not None:
         _write(options, options.json_file, results)
     right = sum(run["localized"] for run in results)
     title = f"{options.algorithm} on {options.recording}: localized in {right} of {len(results)}"
+    if options.report_file is not None:
+        page = report_page(title, Run(tasks[0]).course.map, traces, _table_text(results))
+        write_output_file(options.report_file, page)
     for columns, text in ((_POSES, title), (_PROBABILITIES, "what was told of the truth")):
         Console().print(text, soft_wrap=True, highlight=False, markup=False)
         Console().print(_table(results, columns))
+
+
+def _check_record(file: Path, runs: int) -> None:
+    if runs > 1:
+        problem = "--record: of one run; leave out --seeds and --starts"
+        raise SettingsError(key="--record", problem=problem)
+    check_output_file(file)
 
 
 def algorithm_of(options: EvaluateOptions) -> Algorithm:
@@ -210,10 +233,16 @@ def _steps_count(task: Task) -> int:
             return sum(1 for _ in Run(whole).course.steps)
 
 
-def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[dict[str, Any]]:
-    """The result of every run, in their order; as many at a time as there are cores."""
+def _all_results(
+    tasks: Sequence[Task], steps: int, jobs: int | None
+) -> tuple[list[dict[str, Any]], list[Trace]]:
+    """The result of every run, in their order, and the steps of those that keep them.
+
+    As many at a time as there are cores.
+    """
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, dict[str, Any]] = {}
+    traces: dict[int, Trace] = {}
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(tasks))
         for event in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
@@ -223,11 +252,13 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[di
                     progress.advance(bar, amount)
                 case Done(piece=piece, result=finished):
                     progress.advance(bar, finished.measures.updates % PROGRESS_EVERY)
+                    if finished.trace is not None:
+                        traces[piece] = finished.trace
                     done[piece] = result_of(task.seed, finished.measures, task.start_step)
                 case Failed(problem=problem):
                     raise RunFailedError(seed=task.seed, problem=problem)
     stop.check()
-    return [done[piece] for piece in range(len(tasks))]
+    return [done[piece] for piece in range(len(tasks))], [traces[piece] for piece in sorted(traces)]
 
 
 def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str, Any]:
@@ -271,7 +302,7 @@ def _progress() -> Progress:
         TimeRemainingColumn(),
         console=console,
         transient=True,
-        disable=not console.is_terminal,
+        disable=is_quiet() or not console.is_terminal,
     )
 
 
@@ -310,6 +341,13 @@ _PROBABILITIES = {
     "brier": ("brier_mean", ".2f"),
     "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
 }
+
+
+def _table_text(runs: Sequence[dict[str, Any]]) -> TableText:
+    """All columns, for the page."""
+    columns = _POSES | _PROBABILITIES
+    rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
+    return TableText(list(columns), rows)
 
 
 def _table(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> Table:

@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from grid_maps.grid_map import GridMap
 from grid_maps.occupancy_grid import load_bag_map, split_topic
 from grid_maps.wean_map import is_wean_map, parse_wean_map
+from particle_filter.arrays import OCCUPIED
 from process_runtime.bag_file import is_bag
 from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError
@@ -29,6 +32,19 @@ def load_map(path: Path | str) -> GridMap:
     if is_wean_map(content):
         return parse_wean_map(content, path)
     return _load_ros_map(content, path)
+
+
+def load_map_with_obstacles(path: Path | str) -> GridMap:
+    """Read a map that somebody wants to localize in.
+
+    Raises:
+        MapFileError: as `load_map`, and if no cell is occupied.
+    """
+    grid_map = load_map(path)
+    if not np.any(grid_map.cells == OCCUPIED):
+        problem = "no obstacle: no cell is occupied, so a scan has nothing to be compared with"
+        raise MapFileError(Path(path), problem)
+    return grid_map
 
 
 def map_file_of(named: str, recording: str) -> str:

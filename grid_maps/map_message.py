@@ -1,12 +1,13 @@
-"""A map on the wire: packed by the bridge, unpacked and checked by whoever asked."""
+"""A map on the wire: as robots publish it, and as the bridge packs it for whoever asks."""
 
 import zlib
 
 import numpy as np
 
 from grid_maps.grid_map import MAX_CELLS, GridMap
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MalformedMessageError
-from protocol.steps import MapMessage
+from protocol.steps import MapMessage, MapReading
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:
@@ -44,6 +45,29 @@ def from_message(message: MapMessage) -> GridMap:
     if grid_map.digest != message.digest:
         raise _malformed(f"its digest is {grid_map.digest:.12}, announced {message.digest:.12}")
     return grid_map
+
+
+def from_reading(reading: MapReading) -> GridMap:
+    """The map that a robot publishes.
+
+    Raises:
+        MalformedMessageError: it is none, or has no free cell.
+    """
+    occupancy = reading.occupancy.array()
+    if occupancy.dtype != np.int8 or occupancy.ndim != 2:
+        raise _malformed(f"{occupancy.dtype} of {occupancy.shape}, expected int8 of rows and cols")
+    try:
+        return GridMap(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
+    except ValueError as error:
+        raise _malformed(str(error)) from error
+
+
+def cells_of(occupancy: Cells) -> Cells:
+    """Occupancy as ROS has it, read as AMCL does: 0 is free, 100 occupied, all else unknown."""
+    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
+    cells[occupancy == 0] = FREE
+    cells[occupancy == 100] = OCCUPIED
+    return cells
 
 
 def _malformed(problem: str) -> MalformedMessageError:

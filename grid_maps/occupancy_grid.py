@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from grid_maps.grid_map import MAX_CELLS, GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
+from grid_maps.map_message import cells_of
 from process_runtime.bag_file import OCCUPANCY_GRID, BagFile
 from protocol.errors import MapFileError
 
@@ -68,9 +68,7 @@ def grid_map_of(message: Any) -> GridMap:
     info, values = message.info, np.asarray(message.data, np.int8)
     if not 0 < info.width * info.height == len(values) <= MAX_CELLS:
         raise ValueError(f"{len(values)} cells for {info.width} x {info.height}")
-    cells = np.full(len(values), UNKNOWN, np.int8)
-    cells[values == 0] = FREE
-    cells[values == 100] = OCCUPIED
+    cells = cells_of(values)
     position, turn = info.origin.position, info.origin.orientation
     heading = 2.0 * math.atan2(turn.z, turn.w)
     origin = (position.x, position.y, math.remainder(heading, math.tau))

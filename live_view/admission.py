@@ -63,23 +63,27 @@ class Admission:
     Args:
         address: where the page is served, with the port that was given in the end.
         token: what the link must hold; empty: nothing, as on loopback.
+        is_tls: whether the page is served by HTTPS.
     """
 
     address: Address
     token: str = ""
+    is_tls: bool = False
 
     @property
     def link(self) -> str:
         """What a person opens."""
         token = f"?token={self.token}" if self.token else ""
-        return f"http://{self.address.netloc}/{token}"
+        scheme = "https" if self.is_tls else "http"
+        return f"{scheme}://{self.address.netloc}/{token}"
 
     @property
     def cookie(self) -> str:
         """What the page is sent with, for the requests that follow; empty without a token."""
         if not self.token:
             return ""
-        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+        secure = "; Secure" if self.is_tls else ""
+        return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
         """Why a request is refused; empty: it is not.
@@ -101,7 +105,7 @@ class Admission:
     def _own_names(self) -> set[str]:
         port = self.address.port
         names = {f"{name}:{port}" for name in LOOPBACK_NAMES} | {self.address.netloc}
-        return names | (set(LOOPBACK_NAMES) if port == 80 else set())
+        return names | (set(LOOPBACK_NAMES) if port == (443 if self.is_tls else 80) else set())
 
     def _knows_token(self, target: str, headers: Mapping[str, str]) -> bool:
         given = parse_qs(urlsplit(target).query).get("token", [""])[0]

@@ -4,17 +4,21 @@ The page's `app.js` is the only reader and is served by the same process, so the
 """
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
-from protocol.steps import MapMessage, Scan
+from protocol.steps import LaserBeams, MapMessage, Scan
 
 Frame: TypeAlias = dict[str, Any]
 
+ROW_PLACES = 16
+"""Of a step that is past, the most probable places that are plotted, and whose way is drawn."""
 MAX_BEAMS = 360
 """Of a scan on the page; of more, every second, third and so on is drawn."""
 
@@ -36,13 +40,21 @@ def step_frame(
     """All that is drawn after one step."""
     return {
         "step": belief.step,
+        "odom": belief.odom_from_robot,
         "state": belief.state,
         "searching": belief.searching,
         "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
+        "elsewhere": elsewhere_probability(belief),
         "scan": [] if scan is None else scan_points_cm(scan),
         "truth": truth,
     }
+
+
+def elsewhere_probability(message: Belief | PoseAnswer) -> float | None:
+    """That the robot is at none of the places; None: this version's messages do not say."""
+    told: float | None = getattr(message, "elsewhere_probability", None)
+    return told
 
 
 def _place(place: Hypothesis, slot: int) -> Frame:
@@ -61,23 +73,37 @@ def history_row(frame: Frame) -> list[Any]:
     """What the way and the plot need of a step: step, places as (cluster, slot, p, x, y), truth."""
     places = [
         (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
-        for p in frame["places"]
+        for p in frame["places"][:ROW_PLACES]
     ]
     return [frame["step"], places, frame["truth"]]
 
 
 def scan_points_cm(scan: Scan) -> list[int]:
     """End points of the beams that returned, in the robot's frame [cm]: x, y, x, y, ..."""
-    ranges = scan.ranges.array().ravel().astype(np.float64)
-    every = -(-len(ranges) // MAX_BEAMS) or 1
-    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))
-    ranges, angles = ranges[::every], angles[::every]
-    returned = np.isfinite(ranges) & (ranges > 0.0) & (ranges < scan.range_max_m)
-    x, y, heading = scan.robot_from_laser
-    angles = angles[returned] + heading
-    points = np.column_stack([np.cos(angles), np.sin(angles)]) * ranges[returned, None] + (x, y)
-    cm: list[int] = np.rint(points * 100.0).astype(int).ravel().tolist()
+    cm = _points_cm(scan)
+    for other in scan.others:
+        cm += _points_cm(other)
     return cm
+
+
+def _points_cm(scan: Scan | LaserBeams) -> list[int]:
+    beams = scan.ranges.array().ravel()
+    every = -(-len(beams) // MAX_BEAMS) or 1
+    ranges = beams[::every]
+    x, y, heading = scan.robot_from_laser
+    first, apart = scan.angle_min_rad + heading, every * scan.angle_step_rad
+    returned = (ranges > 0.0) & (ranges < scan.range_max_m)  # which a NaN is not
+    points = _directions_cm(len(ranges), first, apart)[returned] * ranges[returned, None]
+    points += (100.0 * x, 100.0 * y)
+    cm: list[int] = np.rint(points).astype(int).ravel().tolist()
+    return cm
+
+
+@lru_cache(maxsize=4)
+def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
+    """Where beams of a metre end: (count, 2); the same for all scans of a laser."""
+    angles = first_rad + apart_rad * np.arange(count)
+    return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def pose_frame(answer: PoseAnswer) -> Frame:
@@ -90,6 +116,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "p": answer.probability,
         "pose": answer.map_from_robot,
         "workers": answer.workers,
+        "elsewhere": elsewhere_probability(answer),
     }
     if answer.covariance is not None:
         xx, _, _, _, yy, _, _, _, heading = answer.covariance

@@ -1,19 +1,17 @@
 """The page's files, the map and the WebSocket, served by a thread of its own."""
 
 import asyncio
-import importlib.resources
 import logging
 import socket
+import ssl
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 from http import HTTPStatus
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 from urllib.parse import urlsplit
 
-import msgspec
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
@@ -21,11 +19,19 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from live_view.admission import Address, Admission
-from live_view.backlog import Backlog
-from live_view.commands import MAX_REQUEST_BYTES, Command, Drawn, parsed_request
+from live_view.commands import (
+    MAX_REQUEST_BYTES,
+    Drawn,
+    ShowEarlier,
+    ShowPast,
+    parsed_request,
+)
+from live_view.room import Browser, Commanded, Joined, Questioned, Room, encoded
+from live_view.static_files import static_files
 from protocol.errors import MalformedMessageError, SettingsError
 
-SOCKET_PATH = "/live"
+SOCKET_PATH = "live"
+ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
 _STARTED_WITHIN_S = 10.0
 _CONTENT_TYPES = {
@@ -45,62 +51,33 @@ _SAFE = {
 }
 
 
-class Browser:
-    """One open page, as a handle for whoever answers it."""
-
-    def __init__(self) -> None:
-        self.backlog = Backlog({})
-        self.woken = asyncio.Event()
-
-    def offer(self, frames: Mapping[str, bytes]) -> None:
-        """Give it newer frames; on the server's own thread."""
-        self.backlog.offer(frames)
-        self.woken.set()
-
-
-@dataclass(frozen=True)
-class Joined:
-    """A page was opened: it wants everything."""
-
-    browser: Browser
-
-
-@dataclass(frozen=True)
-class Commanded:
-    """A person has pressed a button."""
-
-    browser: Browser
-    command: Command
-
-
-FromBrowser = Joined | Commanded
-
-
 class PageServer:
     """Serves until its ``with`` block ends. The other methods may be called from any thread.
 
     Args:
         address: where; port 0 takes a free one.
         token: wanted of each browser; empty: none.
-        on_event: told what browsers do, on the server's thread: put, and return.
+        rooms: one for each robot; the first is also the page without a name.
         commands: whether buttons are obeyed.
+        tls: certificate and key; None: plain HTTP.
     """
 
     def __init__(
         self,
         address: Address,
         token: str,
-        on_event: Callable[[FromBrowser], object],
+        rooms: Sequence[Room],
         *,
         commands: bool,
+        tls: ssl.SSLContext | None = None,
     ) -> None:
         self._listening = _listening(address)
         port = int(self._listening.getsockname()[1])
-        self._admission = Admission(Address(address.host, port), token)
-        self._on_event, self._commands = on_event, commands
-        self._files = _static_files()
-        self._map: tuple[str, bytes] = ("", b"")
-        self._browsers: set[Browser] = set()
+        self._tls = tls
+        self._admission = Admission(Address(address.host, port), token, is_tls=tls is not None)
+        self._rooms = {room.name: room for room in rooms}
+        self._first, self._commands = rooms[0], commands
+        self._files = static_files()
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
         self._started: Future[None] = Future()
@@ -113,6 +90,8 @@ class PageServer:
 
     def __enter__(self) -> Self:
         """Listen."""
+        for room in self._rooms.values():
+            room.loop = self._loop
         self._thread.start()
         self._started.result(_STARTED_WITHIN_S)
         return self
@@ -127,23 +106,6 @@ class PageServer:
         self._loop.call_soon_threadsafe(self._stopping.set)
         self._thread.join()
 
-    def set_map(self, digest: str, zlib_cells: bytes) -> None:
-        """The cells that the page fetches next, packed as they came."""
-        self._map = (digest, zlib_cells)
-
-    def publish(self, frames: Mapping[str, Any]) -> None:
-        """Send frames to every page; a slow one skips those that are replaced meanwhile."""
-        encoded = _encoded(frames)
-        self._loop.call_soon_threadsafe(self._offer_all, encoded)
-
-    def tell(self, browser: Browser, frames: Mapping[str, Any]) -> None:
-        """Send frames to one page."""
-        self._loop.call_soon_threadsafe(browser.offer, _encoded(frames))
-
-    def _offer_all(self, frames: Mapping[str, bytes]) -> None:
-        for browser in self._browsers:
-            browser.offer(frames)
-
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
         try:
@@ -157,6 +119,7 @@ class PageServer:
         async with serve(
             self._talk,
             sock=self._listening,
+            ssl=self._tls,
             process_request=self._answer,
             compression=None,
             max_size=MAX_REQUEST_BYTES,
@@ -170,19 +133,29 @@ class PageServer:
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
         """Answer what is no WebSocket, or refuse; None lets the WebSocket open."""
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
-        path = urlsplit(request.path).path
+        room, path = self._asked(request.path)
         opens_socket = path == SOCKET_PATH
         if problem := self._admission.problem(request.path, headers, socket=opens_socket):
             return _response(HTTPStatus.FORBIDDEN, problem.encode(), {})
+        if room is None:
+            return _response(HTTPStatus.NOT_FOUND, b"there is no such robot", {})
         if opens_socket:
-            if len(self._browsers) >= MAX_BROWSERS:
+            if sum(len(room.browsers) for room in self._rooms.values()) >= MAX_BROWSERS:
                 return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many pages are open", {})
             return None
-        digest, cells = self._map
-        if digest and path == f"/map/{digest}":
+        digest, cells = room.map
+        if digest and path == f"map/{digest}":
             packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
             return _response(HTTPStatus.OK, cells, packed)
-        return self._file("index.html" if path == "/" else path[1:])
+        return self._file(path or "index.html")
+
+    def _asked(self, target: str) -> tuple[Room | None, str]:
+        """The robot whose page is meant, and what of it: ``/robot/NAME/app.js``, or ``/app.js``."""
+        path = urlsplit(target).path.removeprefix("/")
+        if not path.startswith(ROBOT_PATH):
+            return self._first, path
+        name, _, rest = path.removeprefix(ROBOT_PATH).partition("/")
+        return self._rooms.get(name), rest
 
     def _file(self, name: str) -> Response:
         content = self._files.get(name)
@@ -194,31 +167,36 @@ class PageServer:
         return _response(HTTPStatus.OK, content, more)
 
     async def _talk(self, connection: ServerConnection) -> None:
+        room, _ = self._asked(connection.request.path if connection.request else "")
+        if room is None:  # refused before
+            return
         browser = Browser()
-        self._browsers.add(browser)
+        room.browsers.add(browser)
         sender = asyncio.create_task(_send(connection, browser))
         try:
-            self._on_event(Joined(browser))
+            room.on_event(Joined(browser))
             async for text in connection:
-                self._hear(browser, text)
+                self._hear(room, browser, text)
         except MalformedMessageError as error:
             await connection.close(1008, str(error)[:100])
         except ConnectionClosed:
             pass
         finally:
-            self._browsers.discard(browser)
+            room.browsers.discard(browser)
             sender.cancel()
 
-    def _hear(self, browser: Browser, text: str | bytes) -> None:
+    def _hear(self, room: Room, browser: Browser, text: str | bytes) -> None:
         match parsed_request(text):
             case Drawn():
                 browser.backlog.on_drawn()
                 browser.woken.set()
+            case ShowPast() | ShowEarlier() as question:
+                room.on_event(Questioned(browser, question))
             case command if self._commands:
-                self._on_event(Commanded(browser, command))
+                room.on_event(Commanded(browser, command))
             case _:
                 problem = "this page may only look: start it with --allow-commands"
-                browser.offer(_encoded({"done": {"problem": problem}}))
+                browser.offer(encoded({"done": {"problem": problem}}))
 
 
 async def _send(connection: ServerConnection, browser: Browser) -> None:
@@ -233,23 +211,10 @@ async def _send(connection: ServerConnection, browser: Browser) -> None:
         return
 
 
-def _encoded(frames: Mapping[str, Any]) -> dict[str, bytes]:
-    """Each frame as a member of a JSON object; once for all browsers."""
-    return {
-        topic: b'"%s":%s' % (topic.encode(), msgspec.json.encode(frame))
-        for topic, frame in frames.items()
-    }
-
-
 def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Response:
     text = {"Content-Type": "text/plain; charset=utf-8", "Content-Length": str(len(body))}
     headers = Headers({**text, **_SAFE, **more, "Connection": "close"})
     return Response(status.value, status.phrase, headers, body)
-
-
-def _static_files() -> dict[str, bytes]:
-    folder = importlib.resources.files("live_view") / "static"
-    return {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
 
 
 def _listening(address: Address) -> socket.socket:

@@ -1,7 +1,10 @@
 """What the page shows, kept up to date from the messages of one robot's system."""
 
 from collections import deque
+from collections.abc import Container
 from typing import Any
+
+import msgspec
 
 from live_view.colour_slots import ColourSlots
 from live_view.frames import (
@@ -13,13 +16,18 @@ from live_view.frames import (
     status_frame,
     step_frame,
 )
+from live_view.particle_clouds import cloud_frame, cluster_of
+from live_view.step_archive import StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
 from protocol.steps import MapMessage, Scan, TruePose
+from protocol.work import TrackReport
 
-MAX_HISTORY_STEPS = 1000
-MAX_EVENTS = 100
+NEWEST_ROWS = 1000
+"""Of the steps so far, what a page is given at once; older ones it asks for."""
+MAX_EVENTS = 1000
+SHOWN_EVENTS = 100
 _KEPT_STEPS = 64
 """Scans and true poses that wait for the belief of their step."""
 
@@ -28,17 +36,20 @@ class Picture:
     """Told of messages; gives the frames that have changed, or all, by topic.
 
     Topics are states, so whoever gets the newest frame of each has everything: ``system``, ``map``,
-    ``step``, ``pose``, ``status``, ``events``. Only ``history``, the steps so far, is given once,
-    and anew when it begins anew; the page adds each step to it itself.
+    ``step``, ``pose``, ``status``, ``events``, and ``cloud N``, the particles of cluster N, which
+    is None once the cluster is gone. Only ``history``, the steps so far, is given once, and anew
+    when it begins anew; the page adds each step to it itself.
 
     Args:
         system: what does not change: the robot's name, the router, whether commands are allowed.
+        archive: for the steps that can be looked back at; None: of the usual size.
     """
 
-    def __init__(self, system: Frame) -> None:
+    def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
         self._frames: dict[str, Any] = {"system": {**system, "link": "no router"}}
         self._changed = {"system"}
-        self._history: deque[list[Any]] = deque(maxlen=MAX_HISTORY_STEPS)
+        self._archive = archive or StepArchive()
+        self._rows: deque[tuple[int, msgspec.Raw]] = deque(maxlen=self._archive.max_steps)
         self._slots = ColourSlots()
         self._scans: dict[int, Scan] = {}
         self._truths: dict[int, PoseTuple] = {}
@@ -66,6 +77,16 @@ class Picture:
         self._changed.clear()
         return changed
 
+    def past(self, step: int) -> dict[str, Any]:
+        """The frames as they were after a step; without those that are not known any more."""
+        events = [event for event in self._events.values() if event.step <= step]
+        return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
+
+    def rows_before(self, step: int) -> list[msgspec.Raw]:
+        """What the way and the plot need of the steps before one, the last of them."""
+        rows = [row for known, row in self._rows if known < step]
+        return rows[-NEWEST_ROWS:]
+
     def everything(self) -> dict[str, Any]:
         """All frames, for a page that has just been opened."""
         return {topic: self._frame(topic) for topic in ("history", *self._frames)}
@@ -91,8 +112,15 @@ class Picture:
         _keep(self._truths, truth.step, truth.map_from_robot)
         shown = self._frames.get("step")
         if shown is not None and shown["step"] == truth.step:
-            self._set("step", {**shown, "truth": truth.map_from_robot})
-            self._history[-1][2] = truth.map_from_robot
+            self._set_step({**shown, "truth": truth.map_from_robot})
+
+    def on_report(self, report: TrackReport) -> None:
+        """What a worker made of a scan: now and then with the particles of its cluster."""
+        cluster = cluster_of(report)
+        if report.snapshot is not None and cluster is not None:
+            frame = cloud_frame(cluster, report.snapshot)
+            self._set(f"cloud {cluster}", frame)
+            self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
         """A step was applied, or a command changed what is believed after it."""
@@ -103,22 +131,23 @@ class Picture:
         self._term, self._last_step = belief.term, belief.step
         slots = self._slots.assign(place.cluster for place in belief.hypotheses)
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
-        frame = step_frame(belief, slots, scan, truth)
-        if self._history and self._history[-1][0] == belief.step:
-            self._history.pop()
-        self._history.append(history_row(frame))
-        self._set("step", frame)
+        self._drop_clouds_but(slots)
+        self._set_step(step_frame(belief, slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Where the robot is now."""
         if answer.term >= self._term:
-            self._set("pose", pose_frame(answer))
+            frame = pose_frame(answer)
+            self._set("pose", frame)
+            self._archive.add(self._last_step, "pose", frame)
 
     def on_status(self, status: Status) -> None:
         """The system has answered how it is, so it is there."""
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        self._set("status", status_frame(status))
+        frame = status_frame(status)
+        self._set("status", frame)
+        self._archive.add(self._last_step, "status", frame)
 
     def on_events(self, heard: JobEvents) -> bool:
         """What has begun and ended; False: some are missing, ask for all of them."""
@@ -132,19 +161,39 @@ class Picture:
         if new:
             numbers = sorted(self._events | new)[-MAX_EVENTS:]
             self._events = {number: (self._events | new)[number] for number in numbers}
-            self._set("events", events_frame(self._events.values()))
+            self._set("events", events_frame(list(self._events.values())[-SHOWN_EVENTS:]))
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:
         """The steps begin anew: what is drawn of the old ones would only mislead."""
-        self._history.clear()
+        self._rows.clear()
+        self._archive.clear()
         self._events.clear()
+        self._drop_clouds_but(())
         self._slots = ColourSlots()
         self._set("events", [])
         self._changed.add("history")
 
+    def _set_step(self, frame: Frame) -> None:
+        """Show a step; the same step again replaces it."""
+        step = frame["step"]
+        if self._rows and self._rows[-1][0] == step:
+            self._rows.pop()
+        self._rows.append((step, msgspec.Raw(msgspec.json.encode(history_row(frame)))))
+        self._archive.add(step, "step", frame)
+        self._set("step", frame)
+
+    def _drop_clouds_but(self, clusters: Container[int]) -> None:
+        clouds = [topic for topic in self._frames if topic.startswith("cloud ")]
+        for topic in clouds:
+            if self._frames[topic]["cluster"] not in clusters:
+                del self._frames[topic]
+                self._changed.add(topic)
+
     def _frame(self, topic: str) -> Any:
-        return list(self._history) if topic == "history" else self._frames[topic]
+        if topic == "history":
+            return self.rows_before(self._last_step + 1)
+        return self._frames.get(topic)
 
     def _set(self, topic: str, frame: Any) -> None:
         self._frames[topic] = frame

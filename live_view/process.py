@@ -1,60 +1,25 @@
-"""The page's process: hears one robot's system, keeps the picture, serves it."""
+"""The page's process: hears the systems of one robot or more, keeps their pictures, serves them."""
 
 import argparse
 import logging
-import secrets
-import time
-import uuid
-import webbrowser
-from collections.abc import Callable
-from contextlib import ExitStack
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from pathlib import Path
 
-import zenoh
+import msgspec
 
-from live_view.admission import DEFAULT_PORT, Address, parsed_address
-from live_view.commands import message_of
-from live_view.page_server import Browser, Commanded, FromBrowser, Joined, PageServer
-from live_view.picture import Picture
+from live_view.admission import DEFAULT_PORT, parsed_address
+from live_view.live_loop import LiveLoop
+from live_view.serving import PageOptions, opened_page
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
-from protocol import keys
-from protocol.answers import Belief, CommandDone, PoseAnswer, Status
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError, UnreachableError
-from protocol.job_events import JobEvents
-from protocol.steps import MapMessage, Scan, TruePose
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.wire import Event, Link, Received, ask_later, subscribe, watch_link
+from protocol.errors import SettingsError
+from protocol.names import is_name, name_rule
+
+_POLL_S = 0.1
 
 _log = logging.getLogger(__name__)
-
-_HEARD = (keys.SCAN, keys.BELIEF, keys.POSE, keys.EVENTS, keys.TRUTH)
-_KEPT_MESSAGES = 64
-_POLL_S = 0.1
-_AT_ONCE = 64
-_STATUS_EVERY_S = 1.0
-_MAP_TIMEOUT_S = 30.0
-_COMMAND_TIMEOUT_S = 5.0
-
-
-class _Unanswered:
-    """Nobody answered a question, or a command; then the page it came from."""
-
-    def __init__(self, key: str, words: str, browser: Browser | None = None) -> None:
-        self.key, self.words, self.browser = key, words, browser
-
-
-class _Answered:
-    """A command was answered."""
-
-    def __init__(self, received: Received, browser: Browser) -> None:
-        self.received, self.browser = received, browser
-
-
-_InboxEvent: TypeAlias = Event | FromBrowser | _Unanswered | _Answered
 
 
 def main() -> None:
@@ -72,203 +37,86 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
     parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
+    parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
+    parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
+    parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
+    parser.add_argument(
+        "--robot", action="append", default=[], metavar="NAME", help="instead of robot.name; again"
+    )
 
 
 def run_live_view(invocation: Invocation) -> None:
     """Serve the page until told to stop; as a process of its own.
 
     Raises:
-        SettingsError: the address cannot be used.
+        SettingsError: the address or a certificate cannot be used.
     """
     arguments = invocation.arguments
-    serve_page(
-        invocation.settings,
-        invocation.stop,
-        parsed_address(arguments.listen),
-        say=lambda link: _log.info("look at %s", link),
+    options = PageOptions(
+        address=parsed_address(arguments.listen),
         allow_commands=arguments.allow_commands,
         open_browser=arguments.open,
+        by_hand=arguments.by_hand,
+        certificate=arguments.certificate,
+        private_key=arguments.private_key,
     )
+
+    def say(link: str) -> None:
+        _log.info("look at %s", link)
+
+    serve_page(invocation.settings, invocation.stop, options, say, robots=arguments.robot)
 
 
 def serve_page(
     settings: Settings,
     stop: StopFlag,
-    address: Address,
-    *,
+    options: PageOptions,
     say: Callable[[str], None],
-    allow_commands: bool,
-    open_browser: bool,
+    *,
+    robots: Sequence[str] = (),
 ) -> None:
     """Serve the page until `stop` is set; without a running system it waits for one.
 
     Args:
         settings: the router's endpoint and the robot's name.
         stop: looked at every 0.1 s.
-        address: where; away from loopback the link holds a token.
+        options: where, and what it offers.
         say: told the link once it can be opened.
-        allow_commands: obey buttons away from loopback too.
-        open_browser: open the page.
+        robots: names, each with a page of its own; none: the one of the settings.
 
     Raises:
-        SettingsError: the address cannot be used.
+        SettingsError: the address, a certificate or a robot's name cannot be used.
     """
-    commands = allow_commands or address.is_loopback
-    token = "" if address.is_loopback else secrets.token_urlsafe(18)
-    inbox: Inbox[_InboxEvent] = Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
-    with PageServer(address, token, inbox.put, commands=commands) as server:
-        say(server.link)
-        if open_browser:
-            webbrowser.open(server.link)
-        _LiveView(settings, inbox, server, commands=commands).run(stop)
+    names = list(dict.fromkeys(robots)) or [settings.robot.name]
+    about = {
+        "commands": options.obeys_commands,
+        "by_hand": options.by_hand,
+        "robots": names if len(names) > 1 else [],
+    }
+    loops = [LiveLoop(_of_robot(settings, name), about) for name in names]
+    with opened_page(options, [loop.room for loop in loops], say):
+        if len(loops) == 1:
+            loops[0].run(stop)
+        else:
+            _run_all(loops, stop)
 
 
-class _LiveView:
-    """Takes from the inbox, and owns the picture: there is no lock."""
-
-    def __init__(
-        self, settings: Settings, inbox: Inbox[_InboxEvent], server: PageServer, *, commands: bool
-    ) -> None:
-        self._settings, self._inbox, self._server = settings, inbox, server
-        self._picture = Picture(
-            {
-                "robot": settings.robot.name,
-                "router": settings.zenoh.router,
-                "commands": commands,
-            }
-        )
-        self._session: zenoh.Session | None = None
-        self._next_status_s = 0.0
-        self._asking_map = False
-        self._has_warned = False
-
-    def run(self, stop: StopFlag) -> None:
-        """Look for the router, and hear the system, until told to stop."""
-        with ExitStack() as resources:
-            while not stop.is_set():
-                if self._session is None:
-                    self._session = self._connected(stop, resources)
-                self._ask_what_is_due()
-                self._hear(_POLL_S)
-                if changes := self._picture.changes():
-                    self._server.publish(changes)
-
-    def _connected(self, stop: StopFlag, resources: ExitStack) -> zenoh.Session | None:
-        """A session that hears everything; None: there is no router yet."""
-        settings = self._settings
+def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
+    """Each in a thread of its own; when one fails, all end."""
+    with ThreadPoolExecutor(len(loops), "robot") as threads:
+        running = [threads.submit(loop.run, stop) for loop in loops]
         try:
-            opened = open_session(settings.zenoh, settings.robot, stop, wait_s=0.0)
-            session = resources.enter_context(opened)
-        except UnreachableError as error:
-            _log.debug("%s", error)
-            return None
-        for key in _HEARD:
-            subscribe(session, key, self._inbox, key)
-        watch_link(session, self._inbox)
-        return session
+            while not stop.is_set() and not any(one.done() for one in running):
+                wait(running, _POLL_S, FIRST_COMPLETED)
+        finally:
+            stop.set()
+    for one in running:
+        one.result()
 
-    def _hear(self, timeout_s: float) -> None:
-        """Take what has come, so that all of it is one picture; wait for the first."""
-        event = self._inbox.get(timeout_s)
-        left = _AT_ONCE
-        while event is not None:
-            try:
-                self._on_event(event)
-            except MalformedMessageError as error:
-                self._on_malformed(error)
-            left -= 1
-            event = self._inbox.get(0.0) if left else None
 
-    def _on_malformed(self, error: MalformedMessageError) -> None:
-        """Say the first; a stranger shall not fill the log."""
-        if not self._has_warned:
-            self._has_warned = True
-            _log.warning("ignored, as all that follow: %s", error)
-
-    def _on_event(self, event: _InboxEvent) -> None:
-        match event:
-            case Joined(browser):
-                self._server.tell(browser, self._picture.everything())
-            case Commanded():
-                self._command(event)
-            case _Answered(received=received, browser=browser):
-                problem = decode(received.payload, CommandDone).problem
-                self._server.tell(browser, {"done": {"problem": problem}})
-            case _Unanswered():
-                self._on_unanswered(event)
-            case Link(up):
-                self._picture.on_link("no system" if up else "no router")
-                self._next_status_s = 0.0
-            case Received():
-                self._on_message(event)
-
-    def _on_message(self, received: Received) -> None:
-        picture, payload = self._picture, received.payload
-        match received.key:
-            case keys.SCAN:
-                picture.on_scan(decode(payload, Scan))
-            case keys.BELIEF:
-                picture.on_belief(decode(payload, Belief))
-            case keys.POSE:
-                picture.on_pose(decode(payload, PoseAnswer))
-            case keys.TRUTH:
-                picture.on_truth(decode(payload, TruePose))
-            case keys.EVENTS:
-                if not picture.on_events(decode(payload, JobEvents)):
-                    self._ask(keys.EVENTS)
-            case keys.STATUS:
-                was = picture.link
-                picture.on_status(decode(payload, Status))
-                if was != "running":
-                    self._ask(keys.EVENTS)
-                    self._ask(keys.POSE)
-            case keys.MAP:
-                self._asking_map = False
-                message = decode(payload, MapMessage)
-                self._server.set_map(message.digest, message.zlib_cells)
-                picture.on_map(message)
-
-    def _on_unanswered(self, event: _Unanswered) -> None:
-        match event.key:
-            case keys.STATUS if self._picture.link == "running":
-                self._picture.on_link("no system")
-            case keys.MAP:
-                self._asking_map = False
-        if event.browser is not None:
-            problem = event.words or "nobody answers: the system is not running"
-            self._server.tell(event.browser, {"done": {"problem": problem}})
-
-    def _ask_what_is_due(self) -> None:
-        now_s = time.monotonic()
-        if self._session is None or now_s < self._next_status_s:
-            return
-        self._next_status_s = now_s + _STATUS_EVERY_S
-        self._ask(keys.STATUS)
-        if not self._picture.has_wanted_map and not self._asking_map:
-            self._asking_map = True
-            self._ask(keys.MAP, _MAP_TIMEOUT_S)
-
-    def _ask(self, key: str, timeout_s: float | None = None) -> None:
-        if self._session is not None:
-            ask_later(
-                self._session,
-                key,
-                self._inbox.put,
-                lambda words: self._inbox.put(_Unanswered(key, words)),
-                timeout_s=timeout_s or self._settings.zenoh.query_timeout_s,
-            )
-
-    def _command(self, commanded: Commanded) -> None:
-        browser = commanded.browser
-        key, message = message_of(commanded.command, "live_view", uuid.uuid4().hex)
-        if self._session is None:
-            self._inbox.put(_Unanswered(key, "", browser))
-            return
-        ask_later(
-            self._session,
-            key,
-            lambda received: self._inbox.put(_Answered(received, browser)),
-            lambda words: self._inbox.put(_Unanswered(key, words, browser)),
-            timeout_s=_COMMAND_TIMEOUT_S,
-            message=message,
-        )
+def _of_robot(settings: Settings, name: str) -> Settings:
+    if not is_name(name):
+        problem = f"--robot: {name!r} is no name: use {name_rule()}"
+        raise SettingsError(key="--robot", problem=problem)
+    robot = msgspec.structs.replace(settings.robot, name=name)
+    return msgspec.structs.replace(settings, robot=robot)

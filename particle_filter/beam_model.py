@@ -46,20 +46,30 @@ class BeamModel:
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those without return too: they tell that nothing was met."""
+        return scan.chosen(self._of_laser, self.settings.max_beams)
+
+    def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.minimum(np.asarray(scan.ranges, np.float64), longest)  # NaN stays NaN
-        return scan.beams(ranges, usable_beams(ranges, np.inf, self.settings.max_beams), longest)
+        return scan.beams(ranges, usable_beams(ranges, np.inf, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) log p(z | x), a sum over beams, without the exponent."""
+        if not beams.others:
+            return self._of_beams(map_from_robot, beams)
+        seeing = [laser for laser in beams.lasers if len(laser.ranges)]
+        logs = [self._of_beams(map_from_robot, laser) for laser in seeing]
+        return np.asarray(np.sum(logs, axis=0))
+
+    def _of_beams(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
         return beam_log_likelihood(
             map_from_robot,
-            beams.ranges,
-            beams.angles,
-            robot_from_laser=beams.robot_from_laser,
+            laser.ranges,
+            laser.angles,
+            robot_from_laser=laser.robot_from_laser,
             grid=self.grid,
             jumps=self.jumps,
-            max_range_m=beams.max_range_m,
+            max_range_m=laser.max_range_m,
             settings=self.settings,
         )
 

@@ -13,9 +13,16 @@ from particle_filter.ground import ground_log_penalty
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import multiplied, normalised_weights, shares
 from particle_filter.motion import move
+from particle_filter.poses import between
 from particle_filter.resampling import resample, resample_weights
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import ClusterSettings, MotionSettings
+from particle_filter.slip import slipped
+
+_SLIP_EVERY = 4
+"""One particle of so many is tried as one that has slipped."""
+_SLIP_GAIN = 0.4
+"""So much better must the best of them fit [nat/beam]."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +124,9 @@ def advanced(
 
     A particle never leaves its cluster (eq. 14): all happens within this cloud.
 
+    A step after which the best particle fits badly is tried again as one on which the robot has
+    slipped; particles that have are taken up where they fit clearly better.
+
     References:
         Section 2, routine 1-3; the draw is left out while enough particles count.
     """
@@ -124,8 +134,26 @@ def advanced(
     moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
     result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
-    correction = model.correction(moved, result.cloud.weights, beams)
+    if motion.slip_probability > 0.0 and result.log_likelihood_per_beam < motion.slip_below_fit:
+        way = between(odom_from_before, odom_from_after)
+        both = _with_slipped(cloud, moved, way, motion.slip_probability, rng)
+        again = weighed(both, beams, model, exponent)
+        if again.log_likelihood_per_beam > result.log_likelihood_per_beam + _SLIP_GAIN:
+            chosen = resample(again.cloud.log_weights, len(moved), settings.resampling, rng)
+            result = replace(again, cloud=Cloud.even(both.map_from_robot[chosen]))
+    correction = model.correction(result.cloud.map_from_robot, result.cloud.weights, beams)
     return replace(result, log_weight_sum=result.log_weight_sum - correction)
+
+
+def _with_slipped(
+    cloud: Cloud, moved: Poses, way: Pose, probability: float, rng: np.random.Generator
+) -> Cloud:
+    """The moved cloud and some particles that have slipped; all weigh what the cloud did."""
+    back = slipped(cloud.map_from_robot[::_SLIP_EVERY], moved[::_SLIP_EVERY], way, rng)
+    each = math.log(probability * len(moved) / len(back))
+    of_moved = cloud.log_weights + math.log1p(-probability)
+    of_back = cloud.log_weights[::_SLIP_EVERY] + each
+    return Cloud(np.concatenate([moved, back]), np.concatenate([of_moved, of_back]))
 
 
 def drawn_from(

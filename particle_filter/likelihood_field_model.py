@@ -45,9 +45,12 @@ class LikelihoodFieldModel:
 
     def beams(self, scan: LaserScan) -> Beams:
         """Those that returned: where the others ended is not known."""
+        return scan.chosen(self._of_laser, self.settings.max_beams)
+
+    def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
         longest = min(scan.range_max_m, self.settings.max_range_m)
         ranges = np.asarray(scan.ranges, np.float64)
-        return scan.beams(ranges, usable_beams(ranges, longest, self.settings.max_beams), longest)
+        return scan.beams(ranges, usable_beams(ranges, longest, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) log p(z | x), a sum over beams, without the exponent."""
@@ -82,10 +85,14 @@ class LikelihoodFieldModel:
 
         Costs some hundred times as much as the field.
         """
+        first, *others = (self._hidden_of_laser(map_from_robot, laser) for laser in beams.lasers)
+        return np.asarray(np.sum([first, *others], axis=0)) if others else first
+
+    def _hidden_of_laser(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
         return hidden_log_likelihood(
             map_from_robot,
-            beams.robot_from_laser[:2],
-            beams.hits_in_robot,
+            laser.robot_from_laser[:2],
+            laser.own_hits_in_robot,
             self.field,
             self.jumps,
             self.settings.hidden_margin_m,

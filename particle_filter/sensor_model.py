@@ -3,8 +3,8 @@
 A model is a class in a file of its own; `sensor_models.py` knows them all by their names.
 """
 
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol, Self, TypeAlias
 
@@ -34,7 +34,7 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """The beams of one scan that are scored."""
+    """The beams of one scan that are scored: one laser's, and those of the others."""
 
     ranges: NDArray[np.float64]
     """(B,) readings [m]; `max_range_m` or longer: no return."""
@@ -43,21 +43,35 @@ class Beams:
     robot_from_laser: Pose
     max_range_m: float
     """The shorter of what the laser and the settings can see."""
+    others: tuple[Self, ...] = ()
+    """Of the robot's other lasers, as at the same pose; they have no others."""
+
+    @property
+    def lasers(self) -> "tuple[Beams, ...]":
+        """The beams laser by laser: each laser's start where it is."""
+        return (self, *self.others)
 
     @property
     def count(self) -> int:
-        """How many beams."""
-        return len(self.ranges)
+        """How many beams, of all lasers."""
+        return sum(len(laser.ranges) for laser in self.lasers)
+
+    @cached_property
+    def own_hits_in_robot(self) -> Points:
+        """(B, 2) where those of the first laser ended."""
+        return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
     @cached_property
     def hits_in_robot(self) -> Points:
-        """(B, 2) where they ended."""
-        return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
+        """(count, 2) where all ended."""
+        if not self.others:
+            return self.own_hits_in_robot
+        return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
 
 
 @dataclass(frozen=True, eq=False)
 class LaserScan:
-    """One scan as it was measured."""
+    """One scan as it was measured, and those of the robot's other lasers."""
 
     ranges: NDArray[np.floating]
     """(n,) [m]; not finite, not positive, `range_max_m` or longer: no return."""
@@ -67,6 +81,21 @@ class LaserScan:
     angle_step: float
     """From one beam to the next [rad]."""
     robot_from_laser: Pose
+    others: tuple[Self, ...] = ()
+    """Of other lasers, as at the same pose; they have no others."""
+
+    def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
+        """The beams that are scored, of each laser as many.
+
+        Args:
+            choose: at most so many of one laser's.
+            max_beams: of all lasers together.
+        """
+        if not self.others:
+            return choose(self, max_beams)
+        share = max(max_beams // (1 + len(self.others)), 1)
+        others = tuple(choose(other, share) for other in self.others)
+        return replace(choose(self, share), others=others)
 
     def beams(
         self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float

@@ -51,6 +51,16 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             "noise across the drive, omnidirectional only (root of nav2's alpha5)", "m/m", ge=0
         ),
     ] = 0.1
+    slip_probability: Annotated[
+        float,
+        described(
+            "that the robot has slipped or been pushed back, where scans fit badly", ge=0, le=0.5
+        ),
+    ] = 0.05
+    slip_below_fit: Annotated[
+        float,
+        described("slips are thought of where the best particle fits worse", "nat/beam"),
+    ] = 0.3
 
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -249,7 +259,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     )
     search_every_steps: Annotated[
         int, described("a new global search starts so many steps after the last", "steps", gt=0)
-    ] = 25
+    ] = 150
     localized_probability: Annotated[
         float, described("the best place is called the pose from here on", gt=0, le=1)
     ] = 0.9

@@ -159,7 +159,7 @@ class BagFile:
         try:
             path = self._as_library_wants(stack)
             ros1 = path.suffix == ".bag"
-            store = _definitions(ros1=ros1)
+            store = definitions(ros1=ros1)
             self._decode = store.deserialize_ros1 if ros1 else store.deserialize_cdr
 
             def entered(file: Path) -> rosbag1.Reader | rosbag2.Reader:
@@ -240,7 +240,7 @@ class BagFile:
 
 
 @cache
-def _definitions(*, ros1: bool) -> "Typestore":
+def definitions(*, ros1: bool) -> "Typestore":
     """The library's definitions of messages, which take it 0.2 s."""
     from rosbags.typesys import (  # noqa: PLC0415 - an extra
         Stores,

@@ -25,6 +25,12 @@ def configure_logging(process: str, level: str) -> None:
     name = process.replace("%", "%%")
     handler.setFormatter(_OneLine(_FORMAT.format(process=name), datefmt="%H:%M:%S"))
     logging.basicConfig(handlers=[handler], level=level.upper(), force=True)
+    logging.getLogger("numba").setLevel(logging.WARNING)  # tells every byte that it compiles
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors is to be said: no progress, and nothing on the way."""
+    return logging.getLogger().level >= logging.ERROR
 
 
 class CauseCounter:

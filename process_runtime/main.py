@@ -12,6 +12,7 @@ from typing import NoReturn
 
 from process_runtime.latency_trace import start_trace
 from process_runtime.logs import configure_logging
+from process_runtime.memory import share_arenas
 from process_runtime.parent import die_with_parent_if_asked
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -66,6 +67,7 @@ def process_main(
         add_arguments: adds the process's own arguments.
     """
     die_with_parent_if_asked()
+    share_arenas()
     faulthandler.enable()  # says where it hangs when systemd ends it by SIGABRT
     stop = stop_on_signals()
     stop.on_look = sign_of_life()

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from particle_filter.settings import FilterSettings, described
+from process_runtime.ros2_settings import Ros2Settings
 from protocol.names import LONGEST_NAME, NAME_PATTERN
 
 
@@ -27,6 +28,10 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     router: Annotated[
         str, described("endpoint of the router: where it listens and where clients connect")
     ] = "tcp/127.0.0.1:7447"
+    start_router: Annotated[
+        bool,
+        described("`clustermcl up` starts that router; else one is there, such as rmw_zenohd"),
+    ] = True
     connect_timeout_s: Annotated[
         float, described("how long a command looks for the router", "s", gt=0)
     ] = 2.0
@@ -45,7 +50,12 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """From readings to steps."""
 
-    map: Annotated[str, described("map file: map_server YAML or wean.dat, may be .gz or .xz")] = ""
+    map: Annotated[
+        str,
+        described(
+            "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh: robot publishes it"
+        ),
+    ] = ""
     source: Annotated[
         str,
         described("a recording's path, sim:WORLD, sim:MAP.yaml, or zenoh (readings of a robot)"),
@@ -127,6 +137,13 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         float,
         described("given to the last pose when a first search ends; 0: none", ge=0, le=0.5),
     ] = 0.1
+    keep_pose_on_new_map: Annotated[
+        bool,
+        described(
+            "a new map is of the same place: poses in the old one are where to begin in it; else "
+            "the robot is searched for everywhere"
+        ),
+    ] = False
     key_file: Annotated[
         str,
         described(
@@ -191,3 +208,4 @@ class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=
     log: LogSettings = LogSettings()
     metrics: MetricsSettings = MetricsSettings()
     recorder: RecorderSettings = RecorderSettings()
+    ros2: Ros2Settings = Ros2Settings()

@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -33,7 +34,13 @@ _LARGEST = 2**63 - 1
 """Settings travel in messages, whose whole numbers have 64 bits."""
 
 
-def load_settings(path: Path | None, assignments: Sequence[str]) -> Settings:
+def load_settings(
+    path: Path | None,
+    assignments: Sequence[str],
+    *,
+    beneath: Mapping[str, Any] = MappingProxyType({}),
+    beneath_from: str = "",
+) -> Settings:
     """Read the settings: defaults, over them the file's, over them the assignments in order.
 
     nav2's ``alpha1`` to ``alpha5`` are accepted in the section ``motion``, in nav2's meaning.
@@ -41,13 +48,15 @@ def load_settings(path: Path | None, assignments: Sequence[str]) -> Settings:
     Args:
         path: TOML file, or None.
         assignments: ``section.key=value``, the value as in TOML; text needs no quotes.
+        beneath: values by dotted name that take the place of defaults.
+        beneath_from: where those come from.
 
     Raises:
         InputFileError: the file cannot be read or is not TOML.
         SettingsError: a setting is unknown, of the wrong type or out of its range.
     """
-    given: dict[str, Any] = {}
-    origin: dict[str, str] = {}
+    given: dict[str, Any] = dict(beneath)
+    origin: dict[str, str] = dict.fromkeys(beneath, beneath_from)
     if path is not None:
         from_file = _without_aliases(_read(path), str(path))
         given |= from_file
@@ -60,8 +69,32 @@ def load_settings(path: Path | None, assignments: Sequence[str]) -> Settings:
     return msgspec.convert(_nested(given), Settings)
 
 
-def _read(path: Path) -> dict[str, Any]:
-    """All leaves of the file by dotted name."""
+def with_setting(settings: Settings, name: str, value: object, where: str) -> Settings:
+    """The same settings with another value of one.
+
+    Args:
+        settings: as they were.
+        name: dotted.
+        value: the new one.
+        where: who wants it, for the error.
+
+    Raises:
+        SettingsError: it is of the wrong type or out of its range.
+    """
+    _check(TABLE[name], value, where)
+    section, dot, key = name.rpartition(".")
+    if not dot:
+        return msgspec.structs.replace(settings, **{key: value})
+    part = msgspec.structs.replace(getattr(settings, section), **{key: value})
+    return msgspec.structs.replace(settings, **{section: part})
+
+
+def content_of(path: Path) -> bytes:
+    """What a file of settings holds.
+
+    Raises:
+        InputFileError: it cannot be read, or is too large for one.
+    """
     try:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_BYTES + 1)
@@ -69,6 +102,12 @@ def _read(path: Path) -> dict[str, Any]:
         raise InputFileError(path, error.strerror or str(error)) from error
     if len(content) > MAX_FILE_BYTES:
         raise InputFileError(path, f"more than {MAX_FILE_BYTES} bytes: no settings file")
+    return content
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """All leaves of the file by dotted name."""
+    content = content_of(path)
     try:
         tables = tomllib.loads(content.decode())
     except UnicodeDecodeError as error:

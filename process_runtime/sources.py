@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 _LIVE = "zenoh"
-_SIMULATED = "sim:"
+SIMULATED = "sim:"
+"""Before the name of a world, or the path of a map."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,11 @@ class Simulated:
     """The name of a world, or the path of a map file."""
 
 
+def is_published(map_file: str, source: str) -> bool:
+    """Whether the map is ``zenoh`` too: a robot that publishes its readings publishes it."""
+    return map_file == _LIVE and source == _LIVE
+
+
 SourceChoice: TypeAlias = Live | Recorded | Simulated
 
 
@@ -34,6 +40,6 @@ def parsed_source(text: str) -> SourceChoice:
     """What ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path stands for."""
     if text == _LIVE:
         return Live()
-    if text.startswith(_SIMULATED):
-        return Simulated(text.removeprefix(_SIMULATED))
+    if text.startswith(SIMULATED):
+        return Simulated(text.removeprefix(SIMULATED))
     return Recorded(text)

@@ -104,16 +104,27 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """How each process is, the coordinator first; silent ones are left out after 30 s."""
     scan_age_s: float = -1.0
     """As in `PoseAnswer`."""
+    overloaded: bool = False
+    """Steps are made faster than they are decided: scans are left out, searches put off."""
+    newest_step: int = -1
+    """The newest whose scan has arrived, applied or not: a bridge that starts goes on after it."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
-    """A person says where the robot is. A query on ``command/set_pose``."""
+    """A person says where the robot is. A query on ``command/set_pose``.
+
+    Before the first scan it is remembered until then, as `Relocalize` is: the last of both counts.
+    """
 
     command_id: str
     """The same id again does nothing."""
     map_from_robot: PoseTuple
     position_sigma_m: float = 0.5
     heading_sigma_rad: float = 0.26
+    covariance: Covariance | None = None
+    """Of the pose; it stands in for both sigmas."""
+    stamp_ns: int | None = None
+    """When the robot was there, by its own clock: the odometry since is added. None: now."""
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
@@ -124,6 +135,16 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Where to search; None: everywhere."""
 
 
+class Update(Message, frozen=True, kw_only=True, tag="update/1"):
+    """Make a step of the next scan, also of a robot that stands. A query on ``command/update``.
+
+    The bridge answers, before that step is made.
+    """
+
+    command_id: str
+    """The same id again does nothing."""
+
+
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Lift the simulated robot to another place. A query on ``simulator/kidnap``."""
 
@@ -131,6 +152,21 @@ class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """The same id again does nothing."""
     map_from_robot: PoseTuple | None = None
     """Where to; None: somewhere far away."""
+
+
+class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
+    """Drive the simulated robot by hand. A query on ``simulator/drive``.
+
+    Repeat it several times a second while it lasts: a second of the robot's time after the last
+    one it stands still, and waits.
+    """
+
+    speed_m_s: float = 0.0
+    """Forward; the robot goes as fast as it can, and hits nothing."""
+    turn_rate_rad_s: float = 0.0
+    """Counter-clockwise."""
+    by_hand: bool = True
+    """False: the robot wanders on by itself."""
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):

@@ -1,7 +1,7 @@
 """Numeric arrays on the wire: one little-endian blob with its dtype and shape."""
 
 import math
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import msgspec
 import numpy as np
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from protocol.errors import MalformedMessageError
 
 WireType = Literal["int8", "float32", "float64"]
+
+_LITTLE = {name: np.dtype(name).newbyteorder("<") for name in get_args(WireType)}
 
 MAX_DIMENSIONS = 2
 """Scans have one, clouds and maps two."""
@@ -27,7 +29,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     @classmethod
     def of(cls, array: NDArray[Any], dtype: WireType) -> "ArrayBlob":
         """Pack an array, converted to the wire type `dtype`."""
-        little = np.ascontiguousarray(array, dtype=np.dtype(dtype).newbyteorder("<"))
+        little = np.ascontiguousarray(array, dtype=_LITTLE[dtype])
         return cls(dtype=dtype, shape=little.shape, data=little.tobytes())
 
     def array(self) -> NDArray[Any]:
@@ -36,7 +38,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         Raises:
             MalformedMessageError: the bytes do not fill the shape, or it is no array of ours.
         """
-        dtype = np.dtype(self.dtype).newbyteorder("<")
+        dtype = _LITTLE[self.dtype]
         if len(self.shape) > MAX_DIMENSIONS:
             raise _malformed(f"{len(self.shape)} dimensions, at most {MAX_DIMENSIONS} are read")
         if not all(0 <= side < MAX_SIDE for side in self.shape) or (

@@ -1,4 +1,8 @@
-"""Messages to bytes and back: MessagePack maps by msgpack, checked by msgspec."""
+"""Messages to bytes and back: MessagePack maps, read by msgpack, checked by msgspec.
+
+Only msgpack bounds what it reads before it makes it; `msgspec.msgpack` reads five times faster, and
+would make a list of four billion items.
+"""
 
 from typing import Any, TypeVar, get_args
 
@@ -30,9 +34,7 @@ M = TypeVar("M")
 
 def encode(message: Message) -> bytes:
     """The message as one MessagePack map."""
-    plain = msgspec.to_builtins(message, builtin_types=(bytes,))
-    packed: bytes = msgpack.packb(plain, use_bin_type=True)
-    return packed
+    return msgspec.msgpack.encode(message)
 
 
 def decode(data: bytes, expected: type[M]) -> M:
@@ -50,8 +52,9 @@ def decode(data: bytes, expected: type[M]) -> M:
         name = " or ".join(one.__name__ for one in get_args(expected) or (expected,))
         return MalformedMessageError(expected=name, problem=str(problem), kind=kind)
 
-    if len(data) > max_bytes(expected):
-        raise malformed("too large", f"{len(data)} bytes, at most {max_bytes(expected)} are read")
+    most = max_bytes(expected)  # type: ignore[arg-type] # classes and unions can be hashed
+    if len(data) > most:
+        raise malformed("too large", f"{len(data)} bytes, at most {most} are read")
     try:
         message = msgspec.convert(_unpacked(data), expected)
     except msgspec.ValidationError as error:

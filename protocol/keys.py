@@ -13,6 +13,7 @@ from protocol.names import is_name, name_rule
 
 ODOMETRY_READING = "readings/odometry"
 LASER_READING = "readings/laser"
+MAP_READING = "readings/map"
 
 SCAN = "scan"
 ODOMETRY = "odometry"
@@ -22,6 +23,8 @@ TRUTH = "truth"
 BRIDGE_ALIVE = "bridge/alive"
 BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
+UPDATE = "command/update"
+DRIVE = "simulator/drive"
 
 BELIEF = "belief"
 POSE = "pose"
@@ -35,8 +38,9 @@ CHECKPOINT = "checkpoint"
 
 _CONSTANT = frozenset(
     (
-        *(ODOMETRY_READING, LASER_READING),
-        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP),
+        *(ODOMETRY_READING, LASER_READING, MAP_READING),
+        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE),
+        UPDATE,
         *(
             BELIEF,
             POSE,

@@ -1,26 +1,37 @@
 """How large a message may be: what is larger is refused before it is decoded, or even copied."""
 
 from collections.abc import Mapping
+from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Any, get_args
 
 from protocol import keys
-from protocol.answers import Belief, Hypotheses, Kidnap, Relocalize, SetPose, Status
+from protocol.answers import (
+    Belief,
+    Drive,
+    Hypotheses,
+    Kidnap,
+    Relocalize,
+    SetPose,
+    Status,
+    Update,
+)
 from protocol.errors import MalformedMessageError
 from protocol.job_events import JobEvents
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.sizes import LARGEST_BYTES, LIST_BYTES, SCAN_BYTES, SMALL_BYTES
-from protocol.steps import LaserReading, MapMessage, OdometryReading, Scan, ScanHistory
+from protocol.steps import LaserReading, MapMessage, MapReading, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, Report, SearchReport, TrackReport, WorkerState, WorkOrder
 
 _BYTES: Mapping[Any, int] = MappingProxyType(
     dict.fromkeys((LaserReading, Scan), SCAN_BYTES)
     | dict.fromkeys((Belief, Hypotheses, JobEvents, Status), LIST_BYTES)
-    | dict.fromkeys((MapMessage, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
+    | dict.fromkeys((MapMessage, MapReading, ScanHistory, TrackReport, SearchReport), LARGEST_BYTES)
     | dict.fromkeys((WorkOrder, WorkerState, Checkpoint), LARGEST_BYTES)
 )
 
 
+@cache
 def max_bytes(expected: Any) -> int:
     """The most bytes that a message may have.
 
@@ -34,6 +45,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
     {
         keys.ODOMETRY_READING: OdometryReading,
         keys.LASER_READING: LaserReading,
+        keys.MAP_READING: MapReading,
         keys.SCAN: Scan,
         keys.ODOMETRY: OdometryReading,
         keys.BELIEF: Belief,
@@ -42,6 +54,8 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.SET_POSE: SetPose,
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
+        keys.UPDATE: Update,
+        keys.DRIVE: Drive,
         WorkerTopic.ORDER: WorkOrder,
         WorkerTopic.REPORT: Report,
     }
@@ -49,6 +63,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
 """What is published or asked; elsewhere it is small, or nothing."""
 
 
+@lru_cache(maxsize=1024)
 def max_bytes_on(key: str) -> int:
     """The most bytes that a message on a key, or the payload of a query there, may have.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, PoseTuple
-from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
 
 MAX_BEAMS = 20_000
 """No laser of today gives more; a larger scan is a mistake."""
@@ -19,6 +19,10 @@ BAD_GEOMETRY = "bad_geometry"
 NO_BEAMS = "no_beams"
 TOO_MANY_BEAMS = "too_many_beams"
 NO_RETURNS = "no_returns"
+MAX_LASERS = 16
+"""Of one robot."""
+MAX_LASER_NAME = 128
+"""Characters."""
 
 _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
@@ -26,23 +30,41 @@ _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 def odometry_problem(reading: OdometryReading) -> str | None:
     """Why an odometry reading cannot be used; None if it can."""
-    return pose_problem(reading.odom_from_robot) or _stamp_problem(reading.stamp_ns)
+    return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
 def laser_problem(reading: LaserReading | Scan) -> str | None:
     """Why a scan cannot be used; None if it can."""
-    poses = (reading.robot_from_laser, reading.odom_from_robot or reading.robot_from_laser)
-    for problem in (_stamp_problem(reading.stamp_ns), *map(pose_problem, poses)):
-        if problem:
-            return problem
+    odom_from_robot = reading.odom_from_robot or reading.robot_from_laser
+    if problem := stamp_problem(reading.stamp_ns) or pose_problem(odom_from_robot):
+        return problem
+    if isinstance(reading, Scan):
+        if len(reading.others) >= MAX_LASERS:
+            return MALFORMED
+        others = (beams_problem(other) for other in reading.others)
+        return beams_problem(reading) or next(filter(None, others), None)
+    if math.isnan(reading.range_min_m):
+        return NOT_FINITE
+    if len(reading.laser) > MAX_LASER_NAME:
+        return MALFORMED
+    return beams_problem(reading, reading.range_min_m)
+
+
+def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0) -> str | None:
+    """Why what a laser measured cannot be used; None if it can."""
+    if problem := pose_problem(laser.robot_from_laser):
+        return problem
     try:
-        ranges = reading.ranges.array()
+        ranges = laser.ranges.array()
     except MalformedMessageError:
         return MALFORMED
-    return _geometry_problem(reading, ranges.shape) or _ranges_problem(ranges, reading.range_max_m)
+    return _geometry_problem(laser, ranges.shape) or _ranges_problem(
+        ranges, range_min_m, laser.range_max_m
+    )
 
 
-def _stamp_problem(stamp_ns: int) -> str | None:
+def stamp_problem(stamp_ns: int) -> str | None:
+    """Why this is no time of a robot's clock; None if it is."""
     return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
 
 
@@ -52,7 +74,9 @@ def pose_problem(pose: PoseTuple) -> str | None:
     return None if usable else NOT_FINITE
 
 
-def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str | None:
+def _geometry_problem(
+    reading: LaserReading | Scan | LaserBeams, shape: Sequence[int]
+) -> str | None:
     if len(shape) != 1:
         return MALFORMED
     beams = shape[0]
@@ -68,10 +92,13 @@ def _geometry_problem(reading: LaserReading | Scan, shape: Sequence[int]) -> str
     return None
 
 
-def _ranges_problem(ranges: NDArray[np.floating], range_max_m: float) -> str | None:
+def _ranges_problem(
+    ranges: NDArray[np.floating], range_min_m: float, range_max_m: float
+) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
     if ranges.dtype == np.float32 and abs(range_max_m) > _LARGEST_FLOAT32:
         range_max_m = math.copysign(math.inf, range_max_m)  # what it would be as a float32
-    returned = (ranges > 0.0) & (ranges < range_max_m)  # what is not finite is not below it
+    returned = (ranges > 0.0) & (ranges >= range_min_m) & (ranges < range_max_m)
+    # What is not finite is not below the largest, be that infinite itself.
     return None if returned.any() else NO_RETURNS

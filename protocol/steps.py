@@ -1,5 +1,7 @@
 """Readings from a robot to the bridge, and what the bridge makes of them: steps and the map."""
 
+import msgspec
+
 from protocol.arrays import ArrayBlob
 from protocol.message import Message, PoseTuple
 
@@ -24,6 +26,38 @@ class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
     robot_from_laser: PoseTuple
     odom_from_robot: PoseTuple | None = None
     """Odometry at the scan's time, where the source knows it; else it is interpolated."""
+    laser: str = ""
+    """Which of the robot's lasers, where it has several: each has a name of its own."""
+    range_min_m: float = 0.0
+    """A reading below it is no return."""
+    upside_down: bool = False
+    """The laser is mounted on its head: its beams go clockwise as seen from above."""
+
+
+class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
+    """The map that the robot has, or has now instead of another.
+
+    From a robot on ``readings/map``, when it has one and whenever that changes; it answers queries
+    there too, for the bridge may come later. As ROS has it in `nav_msgs/OccupancyGrid`.
+    """
+
+    cell_m: float
+    """Side of a cell (`resolution`)."""
+    map_from_grid: PoseTuple
+    """Pose of the low corner of cell [0, 0] in the map frame (`origin`)."""
+    occupancy: ArrayBlob
+    """(height, width) int8, row 0 has the lowest y: 0 free, 100 occupied, all else unknown."""
+
+
+class LaserBeams(msgspec.Struct, frozen=True, kw_only=True):
+    """What one laser measured, as from where the robot was at a step."""
+
+    robot_from_laser: PoseTuple
+    angle_min_rad: float
+    angle_step_rad: float
+    range_max_m: float
+    ranges: ArrayBlob
+    """As in `Scan`."""
 
 
 class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
@@ -50,6 +84,12 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     live: bool = False
     """Stamps are of a robot's own clock, which runs like any other: they tell how late a message
     is, and the robot's place outlives our processes. Not so of a recording or a simulation."""
+    standing: bool = False
+    """Since the step before, the robot has moved less than makes a step: somebody asked for this
+    one. It shows what that one showed."""
+    others: tuple[LaserBeams, ...] = ()
+    """What the robot's other lasers saw a moment before. Where it has driven in between, their
+    places on it are changed by that, so that all beams are as from this step's pose."""
 
 
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):

@@ -11,12 +11,13 @@ from functools import singledispatch
 
 import numpy as np
 
-from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 from protocol.health import Health
 from protocol.job_events import Ended, JobEvents, NumberedEvent
-from protocol.message import Circle, Covariance, PoseTuple
-from protocol.reading_checks import laser_problem, odometry_problem, pose_problem
+from protocol.message import MAX_POSE_M, Circle, Covariance, PoseTuple
+from protocol.pose_arrays import covariance_matrix
+from protocol.reading_checks import laser_problem, odometry_problem, pose_problem, stamp_problem
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
     Assignment,
@@ -43,6 +44,8 @@ MAX_WORDS = 500
 MAX_SIGMA_M = 1e4
 MAX_PARTICLES = 1_000_000
 """Of one cluster."""
+FLATNESS = 1e-6
+"""A covariance may be flat, and by rounding a little less than that, of its largest variance."""
 
 
 @singledispatch
@@ -166,12 +169,29 @@ def _(message: SetPose) -> str | None:
     sigmas = (message.position_sigma_m, message.heading_sigma_rad)
     if not all(0.0 < sigma <= MAX_SIGMA_M for sigma in sigmas):  # NaN is not
         return f"sigmas {sigmas} are not positive numbers"
-    return _id_problem(message.command_id) or pose_problem(message.map_from_robot)
+    return (
+        _id_problem(message.command_id)
+        or pose_problem(message.map_from_robot)
+        or (message.covariance and drawable_problem(message.map_from_robot, message.covariance))
+        or stamp_problem(message.stamp_ns or 0)
+    )
 
 
 @problem_of.register
 def _(message: Relocalize) -> str | None:
     return _id_problem(message.command_id) or _circle_problem(message.near)
+
+
+@problem_of.register
+def _(message: Update) -> str | None:
+    return _id_problem(message.command_id)
+
+
+@problem_of.register
+def _(message: Drive) -> str | None:
+    return finite_problem("speed_m_s", message.speed_m_s) or finite_problem(
+        "turn_rate_rad_s", message.turn_rate_rad_s
+    )
 
 
 @problem_of.register
@@ -248,6 +268,21 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
     return pose_problem(mean)
+
+
+def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
+    """Why this is no Gaussian, in a building on Earth, from which particles can be drawn."""
+    if problem := gaussian_problem(mean, covariance):
+        return problem
+    matrix = covariance_matrix(covariance)
+    largest = float(np.max(np.abs(matrix)))
+    if largest > MAX_POSE_M**2:
+        return f"a variance of {largest}"
+    lopsided = float(np.max(np.abs(matrix - matrix.T)))
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if lopsided > FLATNESS * largest or least < -FLATNESS * largest:
+        return "a covariance that is none"
+    return None
 
 
 def _place_problem(place: Place) -> str | None:

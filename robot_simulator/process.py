@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+from typing import TypeVar
 
 import zenoh
 
@@ -9,7 +10,7 @@ from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
-from protocol.answers import CommandDone, Kidnap
+from protocol.answers import CommandDone, Drive, Kidnap
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, SettingsError
 from protocol.steps import Scan, TruePose
@@ -19,6 +20,8 @@ from robot_simulator.worlds.world import World
 from sensor_bridge.extension import Extension
 from sensor_bridge.process import serve_robot
 from zenoh_link.wire import Asked, Publisher
+
+M = TypeVar("M")
 
 _log = logging.getLogger(__name__)
 
@@ -47,6 +50,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--people", type=int, default=0, metavar="N", help="people who walk about near the robot"
     )
+    parser.add_argument(
+        "--by-hand", action="store_true", help="stand still until somebody drives the robot"
+    )
 
 
 def run_simulator(invocation: Invocation) -> None:
@@ -64,15 +70,18 @@ def run_simulator(invocation: Invocation) -> None:
     simulation = Simulation(world, settings.seed, people=arguments.people)
     source = SimulatedSource(simulation, steps=arguments.steps, kidnap_at=arguments.kidnap_at)
 
+    if arguments.by_hand:
+        source.drive(0.0, 0.0, by_hand=True)
+
     def extend(session: zenoh.Session) -> Extension:
         truth = Publisher(session, keys.TRUTH)
-        kidnapper = _Kidnapper(source, invocation.process)
+        operator = _Operator(source, invocation.process)
 
         def on_step(scan: Scan) -> None:
             pose = source.step_made(scan)
             truth.put(TruePose(sender=invocation.process, step=scan.step, map_from_robot=pose))
 
-        return Extension(on_step, {keys.KIDNAP: kidnapper.asked})
+        return Extension(on_step, {keys.KIDNAP: operator.kidnap, keys.DRIVE: operator.drive})
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     serve_robot(invocation, grid_map, source, extend)
@@ -86,26 +95,41 @@ def _world(named: str) -> World:
     return simulated_world(robot)
 
 
-class _Kidnapper:
-    """Carries a kidnapping out once, however often it is asked."""
+class _Operator:
+    """Carries out what a person wants of the robot; a kidnapping once, however often asked."""
 
     def __init__(self, source: SimulatedSource, sender: str) -> None:
         self._source, self._sender = source, sender
         self._last_id = ""
 
-    def asked(self, asked: Asked) -> None:
-        """Answer one query.
+    def kidnap(self, asked: Asked) -> None:
+        """Lift the robot elsewhere.
 
         Raises:
             MalformedMessageError: for the bridge's loop to count; the query is answered.
         """
-        try:
-            command = decode(asked.payload, Kidnap)
-        except MalformedMessageError as error:
-            asked.refuse(str(error))
-            raise
+        command = _decoded(asked, Kidnap)
         if command.command_id != self._last_id:
             self._last_id = command.command_id
             x, y, heading = self._source.kidnap(command.map_from_robot)
             _log.info("the robot was lifted to (%.2f, %.2f) m, %.2f rad", x, y, heading)
         asked.answer(CommandDone(sender=self._sender))
+
+    def drive(self, asked: Asked) -> None:
+        """Drive by hand.
+
+        Raises:
+            MalformedMessageError: as above.
+        """
+        command = _decoded(asked, Drive)
+        self._source.drive(command.speed_m_s, command.turn_rate_rad_s, by_hand=command.by_hand)
+        asked.answer(CommandDone(sender=self._sender))
+
+
+def _decoded(asked: Asked, expected: type[M]) -> M:
+    """What is asked; one that cannot be read is refused."""
+    try:
+        return decode(asked.payload, expected)
+    except MalformedMessageError as error:
+        asked.refuse(str(error))
+        raise

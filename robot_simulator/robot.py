@@ -21,6 +21,8 @@ _NO_DRIVE_ERROR_RAD = 0.8
 _BLOCKED_S = 1.0
 """After so long without a way on, it looks for another goal."""
 _FARTHEST_GOAL_M = 60.0
+_HAND_S = 1.0
+"""So long a robot that is driven by hand obeys what it was told last; then it stands."""
 
 
 class Drive(NamedTuple):
@@ -64,6 +66,17 @@ class Robot:
             np.vstack([map_from_robot[:2], route])
         ).tolist()
         self._next = 0
+        self._hand: tuple[float, float] | None = None
+        self._hand_left_s = 0.0
+
+    def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Obey for a second, then stand and wait for more, until it may wander again."""
+        self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
+
+    def wander(self) -> None:
+        """Go on by itself, to a goal of its own."""
+        if self._hand is not None:
+            self._hand, self._path, self._next = None, [], 0
 
     def put(self, map_from_robot: PoseTuple) -> None:
         """Lift the robot to another place, where it stands still and forgets its route."""
@@ -91,17 +104,33 @@ class Robot:
 
     def _steer(self, seconds: float) -> None:
         """Set both rates, within what motors can do."""
+        if self._hand is None:
+            wanted_speed, wanted_turn = self._rates_along_path()
+        else:
+            wanted_speed, wanted_turn = self._rates_by_hand(self._hand, seconds)
+        self._turn_rate_rad_s = _towards(self._turn_rate_rad_s, wanted_turn, 4.0 * seconds)
+        slow_down = abs(wanted_speed) < abs(self._speed_m_s)
+        most = (1.5 if slow_down else 0.6) * seconds
+        self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
+
+    def _rates_by_hand(self, hand: tuple[float, float], seconds: float) -> tuple[float, float]:
+        """Speed and turn rate that a person wants; none after a while without a word."""
+        if self._hand_left_s <= 0.0:
+            return 0.0, 0.0
+        self._hand_left_s -= seconds
+        limits = self._top_speed_m_s, self._top_turn_rate_rad_s
+        speed, turn = (min(max(rate, -most), most) for rate, most in zip(hand, limits, strict=True))
+        return speed, turn
+
+    def _rates_along_path(self) -> tuple[float, float]:
+        """Speed and turn rate towards the next goal, carefully near obstacles."""
         error = self._bearing_of_carrot()
         limit = self._top_turn_rate_rad_s
         wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
         x, y, _ = self.map_from_robot
         margin_m = max(0.0, self._free_space.clearance_m(x, y) - RADIUS_M)
-        top_speed = min(self._top_speed_m_s, 0.1 + 2.0 * margin_m)  # carefully near obstacles
-        wanted_speed = top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD)
-        self._turn_rate_rad_s = _towards(self._turn_rate_rad_s, wanted_turn, 4.0 * seconds)
-        slow_down = wanted_speed < self._speed_m_s
-        most = (1.5 if slow_down else 0.6) * seconds
-        self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
+        top_speed = min(self._top_speed_m_s, 0.1 + 2.0 * margin_m)
+        return top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD), wanted_turn
 
     def _bearing_of_carrot(self) -> float:
         """Direction, seen from the robot, of the point of its path that it heads for."""

@@ -125,6 +125,14 @@ class Simulation:
         self._robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
         return self.map_from_robot
 
+    def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Have the robot obey for a second of its time, and then stand and wait for more."""
+        self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
+
+    def wander(self) -> None:
+        """Have the robot go on by itself."""
+        self._robot.wander()
+
     def truth_at(self, stamp_ns: int) -> PoseTuple:
         """Where the robot really was, `map_from_robot`, at a time that is remembered.
 

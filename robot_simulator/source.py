@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from grid_maps.load import load_map
+from grid_maps.load import load_map_with_obstacles
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
@@ -27,7 +27,7 @@ def simulated_world(robot: Simulated) -> World:
     """
     name = robot.world
     if name not in world_names() and (Path(name).suffix or Path(name).exists()):
-        return world_from_map(load_map(name), name)
+        return world_from_map(load_map_with_obstacles(name), name)
     return world(name)
 
 
@@ -67,6 +67,13 @@ class SimulatedSource:
     def kidnap(self, map_from_robot: PoseTuple | None) -> PoseTuple:
         """Lift the robot to another place, or to somewhere far away; where it is now."""
         return self._simulation.kidnap(map_from_robot)
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float, *, by_hand: bool) -> None:
+        """Have a person drive for a while, or the robot wander."""
+        if by_hand:
+            self._simulation.drive_by_hand(speed_m_s, turn_rate_rad_s)
+        else:
+            self._simulation.wander()
 
 
 def simulated_steps(

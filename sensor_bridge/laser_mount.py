@@ -5,12 +5,15 @@ from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
 from particle_filter.poses import between
 from protocol.message import PoseTuple
 
 MAX_MOUNT_M = 10.0
 """A laser farther away sits on another robot."""
+MAX_TILT_RAD = 0.1
+"""A laser may look so far above or below the horizon; at 10 m that is an error of 5 cm."""
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.01, 0.01
 
@@ -46,3 +49,34 @@ def fixed_mounting(pairs: Sequence[tuple[PoseTuple, PoseTuple]]) -> PoseTuple | 
             return None
     mounted = math.hypot(x, y) > _SAME_PLACE_M or abs(heading) > _SAME_HEADING_RAD
     return (x, y, heading) if mounted else None
+
+
+def hangs_upside_down(frame: str, up: float, away_m: float) -> bool:
+    """Whether a laser's beams go round the other way.
+
+    Args:
+        frame: the laser's, for the error.
+        up: how much of its z axis points up: 1 upright, -1 upside down.
+        away_m: how far from the robot's centre it is.
+
+    Raises:
+        ValueError: it does not look along the floor, or is not on the robot.
+    """
+    tilt_rad = math.acos(min(abs(up), 1.0))
+    if tilt_rad > MAX_TILT_RAD:
+        raise ValueError(f"the laser {frame!r} is tilted by {math.degrees(tilt_rad):.0f} degrees")
+    if away_m > MAX_MOUNT_M:
+        raise ValueError(f"the laser {frame!r} is {away_m:.0f} m away")
+    return up < 0.0
+
+
+def counter_clockwise(
+    start_rad: float, step_rad: float, ranges: NDArray[np.float32], *, upside_down: bool
+) -> tuple[float, float, NDArray[np.float32]]:
+    """The beams of a scan put in order: direction of the first, step > 0, ranges."""
+    if upside_down:
+        start_rad, step_rad = -start_rad, -step_rad
+    if step_rad < 0.0:  # clockwise: the last beam becomes the first
+        start_rad, step_rad = start_rad + step_rad * (len(ranges) - 1), -step_rad
+        ranges = ranges[::-1]
+    return start_rad, step_rad, ranges

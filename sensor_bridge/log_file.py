@@ -54,6 +54,8 @@ class LaserEntry:
     robot_from_laser: PoseTuple | None
     odom_from_robot: PoseTuple | None
     range_limit_m: float | None = None
+    laser: str = ""
+    """Its name, where there may be several."""
 
 
 Entry = OdometryEntry | LaserEntry

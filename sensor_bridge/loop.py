@@ -2,24 +2,33 @@
 
 import logging
 import time
-from collections import Counter
+from collections import Counter, deque
 
 import msgspec
 import zenoh
 
 from grid_maps.grid_map import GridMap
-from grid_maps.map_message import to_message
+from grid_maps.map_message import from_reading, to_message
 from process_runtime.logs import CauseCounter
 from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief, Status
+from protocol.answers import Belief, CommandDone, Status, Update
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, printable
-from protocol.steps import LaserReading, OdometryReading, Scan, ScanHistory
+from protocol.steps import (
+    LaserReading,
+    MapMessage,
+    MapReading,
+    OdometryReading,
+    Scan,
+    ScanHistory,
+)
 from sensor_bridge.extension import Extension
+from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.reading import Reading, Source
+from sensor_bridge.standing_robot import StandingRobot
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
 from zenoh_link.health import HealthReporter
@@ -32,12 +41,18 @@ from zenoh_link.wire import (
     Received,
     Token,
     ask,
+    ask_later,
     serve,
     subscribe,
     watch,
 )
 
 POLL_S = 0.1
+ASK_MAP_EVERY_S = 1.0
+KEPT_COMMANDS = 100
+"""A command that is asked once more does nothing, if it is one of the last."""
+HELD_BACK = "scans held back"
+"""As what is counted: the robot had moved, but steps are made faster than they are decided."""
 
 _log = logging.getLogger(__name__)
 
@@ -50,7 +65,7 @@ class BridgeLoop:
         name: str,
         session: zenoh.Session,
         settings: BridgeSettings,
-        grid_map: GridMap,
+        grid_map: GridMap | None,
         source: Source | None,
         extension: Extension | None = None,
     ) -> None:
@@ -58,25 +73,30 @@ class BridgeLoop:
         self._live = source is None
         self._extension = extension or Extension()
         self._name = name
-        self._map_message = to_message(grid_map, name)
+        self._map: MapMessage | None = to_message(grid_map, name) if grid_map else None
+        self._ask_map_at_s = 0.0
         self._pacing = Pacing(settings.rate if source else 1.0)
+        self._standing = StandingRobot()
         self._history = StepHistory(settings.history_steps)
         self._causes = CauseCounter()
-        self._inbox: Events = Inbox({"odometry": 256, "laser": 16, "belief": 1})
+        self._inbox: Events = Inbox({"odometry": 256, "laser": 16, "belief": 1, "map": 1})
         self._health = HealthReporter(name, "bridge", self._causes, self._inbox)
         self._health_key = Publisher(session, keys.BRIDGE_HEALTH)
         self._scans = Publisher(session, keys.SCAN)
         self._odometry = Publisher(session, keys.ODOMETRY)
         self._maker: StepMaker | None = None
+        self._flow = FlowControl()
         self._refused: Counter[str] = Counter()
         self._coordinator_there = False
         self._next: Reading | None = None
         self._steps_left = source.steps if source else None
+        self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop; a recording's end does not end it."""
         serve(self._session, keys.MAP, self._inbox)
         serve(self._session, keys.SCAN_HISTORY, self._inbox)
+        serve(self._session, keys.UPDATE, self._inbox)
         for key in self._extension.serves:
             serve(self._session, key, self._inbox)
         watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
@@ -84,9 +104,12 @@ class BridgeLoop:
         if self._source is None:
             subscribe(self._session, keys.ODOMETRY_READING, self._inbox, "odometry")
             subscribe(self._session, keys.LASER_READING, self._inbox, "laser")
+            subscribe(self._session, keys.MAP_READING, self._inbox, "map")
         with self._session.liveliness().declare_token(keys.BRIDGE_ALIVE):
             while not stop.is_set():
                 self._handle(self._inbox.get(self._send_due()))
+                if self._map is None:
+                    self._ask_for_map()
                 self._health.publish_if_due(self._health_key)
 
     # --- readings
@@ -112,9 +135,20 @@ class BridgeLoop:
         return 0.0
 
     def _take(self, reading: Reading) -> None:
+        if self._map is None:
+            detail = f"stamp {reading.stamp_ns} ns"
+            self._causes.warn(_log, "reading before the map", detail, time.monotonic())
+            return
         if self._maker is None:
-            self._maker = self._new_maker()
+            self._maker = self._new_maker(self._map)
+        if self._live and isinstance(reading, LaserReading):
+            self._look_again_if_it_stands(self._maker)
+        if not self._pacing.paced:
+            self._maker.hold(self._flow.is_full(time.monotonic_ns()))
+        held_back = self._maker.held_back
         scan = self._maker.on_reading(reading)
+        for _ in range(self._maker.held_back - held_back):
+            self._health.happened(HELD_BACK)
         self._health.happened("odometry" if isinstance(reading, OdometryReading) else "scans")
         if self._maker.dropped != self._refused:
             self._count_refused(self._maker.dropped, reading.stamp_ns)
@@ -122,6 +156,10 @@ class BridgeLoop:
             self._put_odometry(self._maker)
         if scan is not None:
             self._send(scan)
+
+    def _look_again_if_it_stands(self, maker: StepMaker) -> None:
+        if maker.stands and self._standing.wants_step(time.monotonic_ns()):
+            maker.force_next()
 
     def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
         """Count, and say once a minute, what the step maker could not use."""
@@ -156,23 +194,54 @@ class BridgeLoop:
         self._scans.put(scan)
         self._health.happened("steps")
         self._pacing.step_sent(scan.step, time.monotonic_ns())
+        self._standing.step_sent(scan.step, time.monotonic_ns())
+        self._flow.step_sent(scan.step)
         self._extension.on_step(scan)
 
-    def _new_maker(self) -> StepMaker:
+    def _new_maker(self, first_map: MapMessage) -> StepMaker:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
         first_step = 0
         try:
-            first_step = ask(self._session, keys.STATUS, Status, timeout_s=1.0).step + 1
+            status = ask(self._session, keys.STATUS, Status, timeout_s=1.0)
+            first_step = max(status.step, status.newest_step) + 1
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
         return StepMaker(
             self._settings,
-            self._map_message.digest,
+            first_map.digest,
             self._name,
             first_step=first_step,
             paced=self._pacing.paced,
             live=self._live,
         )
+
+    # --- the map
+
+    def _ask_for_map(self) -> None:
+        """Ask whoever has published a map before this process was there."""
+        now_s = time.monotonic()
+        if now_s >= self._ask_map_at_s:
+            self._ask_map_at_s = now_s + ASK_MAP_EVERY_S
+            ask_later(
+                self._session,
+                keys.MAP_READING,
+                lambda answer: self._inbox.put_newest("map", answer),
+                lambda _refused: None,
+                timeout_s=ASK_MAP_EVERY_S,
+            )
+
+    def _follow_map(self, grid_map: GridMap) -> None:
+        """The robot has a map, or another one: steps are of it from now on."""
+        if self._map is not None and self._map.digest == grid_map.digest:
+            return
+        self._map = to_message(grid_map, self._name)
+        self._health.happened("maps")
+        rows, cols = grid_map.cells.shape
+        _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
+        if self._maker is not None:
+            self._maker.change_map(grid_map.digest)
+            self._history = StepHistory(self._settings.history_steps)
+            self._standing.new_map()
 
     # --- what arrives
 
@@ -186,16 +255,27 @@ class BridgeLoop:
                 case Received(key=keys.BELIEF):
                     belief = decode(event.payload, Belief)
                     self._pacing.believed(belief.step, belief.term)
+                    searching = belief.state == "searching"
+                    self._standing.believed(belief.step, belief.term, searching=searching)
+                    self._flow.believed(belief.step, time.monotonic_ns())
                 case Received(key=keys.ODOMETRY_READING):
                     self._take(decode(event.payload, OdometryReading))
                 case Received(key=keys.LASER_READING):
                     self._take(decode(event.payload, LaserReading))
+                case Received(key=keys.MAP_READING):
+                    self._follow_map(from_reading(decode(event.payload, MapReading)))
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
 
     def _answer(self, asked: Asked) -> None:
         if asked.key == keys.MAP:
-            asked.answer(self._map_message)
+            if self._map is None:
+                asked.refuse("no map has come yet")
+            else:
+                asked.answer(self._map)
+            return
+        if asked.key == keys.UPDATE:
+            self._on_update(asked)
             return
         if asked.key in self._extension.serves:
             self._extension.serves[asked.key](asked)
@@ -212,3 +292,16 @@ class BridgeLoop:
             return
         scans = tuple(self._history.between(first, last))
         asked.answer(ScanHistory(sender=self._name, scans=scans))
+
+    def _on_update(self, asked: Asked) -> None:
+        """Make a step of the next scan; the very first becomes one anyway."""
+        try:
+            command = decode(asked.payload, Update)
+        except MalformedMessageError as error:
+            asked.refuse(str(error))
+            raise
+        if command.command_id not in self._updates:
+            self._updates.append(command.command_id)
+            if self._maker is not None:
+                self._maker.force_next()
+        asked.answer(CommandDone(sender=self._name))

@@ -1,10 +1,24 @@
 """The motion gate: a scan becomes a step only after the robot has moved."""
 
 import math
+from enum import Enum
 
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
+
+STANDS = 0.25
+"""A robot that has moved by less than this share of the gate stands."""
+
+
+class Passage(Enum):
+    """What the gate does with a scan."""
+
+    HELD_BACK = "held back"
+    MOVED = "moved"
+    """It is the first, or the robot has moved since the last that passed."""
+    STANDING = "standing"
+    """The robot has hardly moved, but somebody wants a step all the same."""
 
 
 class MotionGate:
@@ -17,17 +31,38 @@ class MotionGate:
     def __init__(self, settings: BridgeSettings) -> None:
         self._distance_m, self._turn_rad = settings.gate_distance_m, settings.gate_turn_rad
         self._last: PoseTuple | None = None
+        self._is_open = False
+        self.is_held = False
+        """Nothing passes; whoever has moved meanwhile passes as soon as it is released."""
+        self.held_back = 0
+        """Scans that would have passed."""
 
     def open_next(self) -> None:
         """Let the next scan through, however little the robot has moved."""
-        self._last = None
+        self._is_open = True
 
-    def passes(self, odom_from_robot: PoseTuple) -> bool:
+    def begin_anew(self) -> None:
+        """The next scan is the first."""
+        self._last, self._is_open = None, False
+
+    def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
+        """Whether a robot there still stands where it was at the last step."""
+        return self._last is not None and not self._has_moved(odom_from_robot, STANDS)
+
+    def on_scan(self, odom_from_robot: PoseTuple) -> Passage:
         """Whether a scan at this pose becomes a step; if so, the next is measured from here."""
-        if self._last is not None:
-            driven_m = math.dist(odom_from_robot[:2], self._last[:2])
-            turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
-            if driven_m < self._distance_m and turned_rad < self._turn_rad:
-                return False
-        self._last = odom_from_robot
-        return True
+        moved = self._has_moved(odom_from_robot)
+        if not (moved or self._is_open):
+            return Passage.HELD_BACK
+        if self.is_held:
+            self.held_back += 1
+            return Passage.HELD_BACK
+        self._last, self._is_open = odom_from_robot, False
+        return Passage.MOVED if moved else Passage.STANDING
+
+    def _has_moved(self, odom_from_robot: PoseTuple, share: float = 1.0) -> bool:
+        if self._last is None:
+            return True
+        driven_m = math.dist(odom_from_robot[:2], self._last[:2])
+        turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
+        return driven_m >= share * self._distance_m or turned_rad >= share * self._turn_rad

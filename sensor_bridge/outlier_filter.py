@@ -52,6 +52,10 @@ class OutlierFilter:
         self.held.append(reading)
         return (self.released() if len(self.held) >= CONFIRMED_BY else []), outliers
 
+    def jumps(self, reading: Reading) -> bool:
+        """Whether a reading brings odometry that is far from that before."""
+        return self._jumps_from(self._last_pose, reading)
+
     def released(self) -> list[Reading]:
         """What waits, for nothing follows that could tell more."""
         released, self.held = self.held, []

@@ -11,7 +11,7 @@ from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map, map_file_of
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
 from sensor_bridge.extension import Extension
@@ -67,6 +67,10 @@ def run_bridge(invocation: Invocation) -> None:
     settings, arguments = invocation.settings.bridge, invocation.arguments
     source = arguments.source or settings.source
     map_file = map_file_of(arguments.map or settings.map, source)
+    if is_published(map_file, source):
+        _log.info("waits for a map on %s", keys.MAP_READING)
+        serve_robot(invocation, None, None)
+        return
     if not map_file:
         raise SettingsError(
             key="bridge.map", problem="bridge.map is empty: name the map file there, or by --map"
@@ -98,7 +102,7 @@ def source_of(named: str, settings: BridgeSettings) -> Source | None:
 
 def serve_robot(
     invocation: Invocation,
-    grid_map: GridMap,
+    grid_map: GridMap | None,
     source: Source | None,
     extend: Callable[[zenoh.Session], Extension] = lambda _session: Extension(),
 ) -> None:
@@ -106,7 +110,7 @@ def serve_robot(
 
     Args:
         invocation: of the process.
-        grid_map: the map to localize in.
+        grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
         extend: what the source adds to the bridge, given the open session.
 

@@ -176,4 +176,5 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
         range_max_m=min(limit_m, entry.range_limit_m or limit_m),
         robot_from_laser=entry.robot_from_laser or mount,
         odom_from_robot=entry.odom_from_robot,
+        laser=entry.laser,
     )

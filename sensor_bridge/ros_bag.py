@@ -18,14 +18,12 @@ from process_runtime.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
-from sensor_bridge.laser_mount import MAX_MOUNT_M
+from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
 from sensor_bridge.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from sensor_bridge.transforms import Placements, Transform, TransformTree
 
 ODOM_FRAME = "odom"
 """ROS's name for the frame of odometry (REP 105), and AMCL's default."""
-MAX_TILT_RAD = 0.1
-"""A laser may look so far above or below the horizon; at 10 m that is an error of 5 cm."""
 
 
 @dataclass(frozen=True)
@@ -263,19 +261,11 @@ def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) ->
         if not places.known[index]:
             raise ValueError(f"no transform from {base!r} to {fan.frame!r} at the scan's time")
         up = float(places.rotations[index].as_matrix()[2, 2])
-        tilt_rad = math.acos(min(abs(up), 1.0))
-        if tilt_rad > MAX_TILT_RAD:
-            tilt_deg = math.degrees(tilt_rad)
-            raise ValueError(f"the laser {fan.frame!r} is tilted by {tilt_deg:.0f} degrees")
-        upside_down = up < 0.0
         mount = _planar(places)[index]
-        if math.hypot(*mount[:2]) > MAX_MOUNT_M:
-            raise ValueError(f"the laser {fan.frame!r} is {math.hypot(*mount[:2]):.0f} m away")
-    start, step, ranges = fan.angle_min_rad, fan.angle_step_rad, fan.ranges
-    if upside_down:
-        start, step = -start, -step
-    if step < 0.0:  # clockwise: the last beam becomes the first
-        start, step, ranges = start + step * (len(ranges) - 1), -step, ranges[::-1]
+        upside_down = hangs_upside_down(fan.frame, up, math.hypot(*mount[:2]))
+    start, step, ranges = counter_clockwise(
+        fan.angle_min_rad, fan.angle_step_rad, fan.ranges, upside_down=upside_down
+    )
     return LaserEntry(
         line_number=fan.number,
         stamp_ns=fan.stamp_ns,
@@ -285,6 +275,7 @@ def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) ->
         robot_from_laser=mount,
         odom_from_robot=None,
         range_limit_m=fan.range_limit_m,
+        laser=fan.frame,
     )
 
 

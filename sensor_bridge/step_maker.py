@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from process_runtime.settings import BridgeSettings
-from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.motion_gate import MotionGate
+from sensor_bridge.laser_inputs import LaserInputs, beams_of
+from sensor_bridge.motion_gate import MotionGate, Passage
 from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
@@ -21,9 +21,11 @@ CLOCK_RESTARTED = "clock_restarted"
 NO_ODOMETRY = "no_odometry"
 ODOMETRY_JUMPED = "odometry_jumped"
 OUTLIER = "strayed_in_time_or_place"
+TOO_MANY_LASERS = "too_many_lasers"
 
 MAX_WAITING_SCANS = 8
-"""Scans that wait for later odometry; one more, and the first makes do with what there is."""
+"""Scans of a laser that wait for later odometry; one more, and the first makes do with what there
+is."""
 RESTART_AFTER = 20
 """So many readings in a row from the past are no late ones: the clock was set back."""
 
@@ -35,6 +37,11 @@ class StepMaker:
     `take` may answer an odometry reading with a scan taken before.
 
     Odometry is handed on in a frame that does not jump, see `OdometryContinuity`.
+
+    Of several lasers, the first scan that the gate lets through makes a step, and the newest scans
+    of the others join it. Only odometry and one laser, the first that is heard, can show that the
+    robot's clock was set or its odometry began anew; what another laser sends that does not fit is
+    an outlier, and disturbs nobody. When the first falls silent, another comes in its place.
 
     Args:
         settings: the motion gate.
@@ -64,7 +71,9 @@ class StepMaker:
         self._next_step = first_step
         self._gate = MotionGate(settings)
         self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
-        self._waiting: deque[tuple[LaserReading, PoseTuple | None]] = deque()
+        self._lasers = LaserInputs()
+        self._first_laser: str | None = None
+        self._strayed_in_a_row = 0
         self._ready: deque[Scan] = deque()
         self._newest_ns: int | None = None
         self._late_in_a_row = 0
@@ -78,8 +87,10 @@ class StepMaker:
 
     def on_reading(self, reading: Reading) -> Scan | None:
         """Take the next reading; the next step, if there is one."""
-        if problem := _problem(reading):
+        if problem := _problem(reading) or self._problem_of_other_laser(reading):
             self.dropped[problem] += 1
+        elif self._is_of_other_laser(reading):
+            self._use([reading])
         else:
             usual, outliers = self._outliers.sifted(reading, self._newest_ns)
             self.dropped.update({OUTLIER: len(outliers)} if outliers else {})
@@ -92,9 +103,53 @@ class StepMaker:
         self._release(at_most_waiting=0)
         return self._ready.popleft() if self._ready else None
 
+    @property
+    def held_back(self) -> int:
+        """Scans that were no steps because of `hold`."""
+        return self._gate.held_back
+
+    def hold(self, is_held: bool) -> None:
+        """Make no steps for the time being: those that are made already are too many."""
+        self._gate.is_held = is_held
+
     def force_next(self) -> None:
         """Let the next usable scan become a step, however little the robot has moved."""
         self._gate.open_next()
+
+    @property
+    def stands(self) -> bool:
+        """Whether the robot still is where it was at the last step."""
+        return self._odometry is not None and self._gate.has_hardly_moved(self._odometry[1])
+
+    def change_map(self, map_digest: str) -> None:
+        """Steps are of another map from now on; the next scan becomes the first of them."""
+        self._map_digest = map_digest
+        self._gate.begin_anew()
+
+    def _is_of_other_laser(self, reading: Reading) -> bool:
+        if isinstance(reading, OdometryReading):
+            return False
+        if self._first_laser is None:
+            self._first_laser = reading.laser
+        return reading.laser != self._first_laser
+
+    def _problem_of_other_laser(self, reading: Reading) -> str | None:
+        """Why a scan of a laser other than the first cannot be used."""
+        if isinstance(reading, LaserReading) and self._lasers.is_full_for(reading.laser):
+            return TOO_MANY_LASERS
+        if not self._is_of_other_laser(reading):
+            self._strayed_in_a_row = 0
+            return None
+        newest_ns = reading.stamp_ns if self._newest_ns is None else self._newest_ns
+        in_time = abs(reading.stamp_ns - newest_ns) <= MAX_STEP_BACK_NS
+        if in_time and not self._outliers.jumps(reading):
+            return None
+        self._strayed_in_a_row += 1
+        if self._strayed_in_a_row < RESTART_AFTER:
+            return OUTLIER
+        assert isinstance(reading, LaserReading)
+        self._first_laser, self._strayed_in_a_row = reading.laser, 0
+        return None
 
     def _use(self, readings: Iterable[Reading]) -> None:
         for reading in readings:
@@ -115,7 +170,7 @@ class StepMaker:
         if reading.odom_from_robot is not None:
             pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
         if self._in_time(reading.stamp_ns):
-            self._waiting.append((reading, pose))
+            self._lasers.of(reading.laser).waiting.append((reading, pose))
             if pose is not None:
                 self._note_odometry(reading.stamp_ns, pose)
             self._release()
@@ -149,36 +204,45 @@ class StepMaker:
 
     def _release(self, at_most_waiting: int = MAX_WAITING_SCANS) -> None:
         """Make steps of the scans whose odometry is known, in the order of their arrival."""
-        while self._waiting:
-            reading, pose = self._waiting[0]
-            known = pose is not None or self._buffer.reaches(reading.stamp_ns)
-            if not known and len(self._waiting) <= at_most_waiting:
-                return
-            self._waiting.popleft()
-            pose = pose or self._buffer.at(reading.stamp_ns)
-            if pose is None:
-                self.dropped[NO_ODOMETRY] += 1
-            elif self._gate.passes(pose):
-                self._ready.append(self._step(reading, pose))
+        for laser in self._lasers:
+            while laser.waiting:
+                reading, pose = laser.waiting[0]
+                known = pose is not None or self._buffer.reaches(reading.stamp_ns)
+                if not known and len(laser.waiting) <= at_most_waiting:
+                    break
+                laser.waiting.popleft()
+                pose = pose or self._buffer.at(reading.stamp_ns)
+                if pose is None:
+                    self.dropped[NO_ODOMETRY] += 1
+                else:
+                    self._take_scan(reading, pose)
 
-    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Scan:
-        ranges = reading.ranges
-        if ranges.dtype != "float32":
-            ranges = ArrayBlob.of(ranges.array(), "float32")
+    def _take_scan(self, reading: LaserReading, odom_from_robot: PoseTuple) -> None:
+        passage = self._gate.on_scan(odom_from_robot)
+        if passage is Passage.HELD_BACK:
+            self._lasers.hold(reading, odom_from_robot)
+        else:
+            standing = passage is Passage.STANDING
+            self._ready.append(self._step(reading, odom_from_robot, standing=standing))
+
+    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple, *, standing: bool) -> Scan:
+        beams = beams_of(reading)
         self._next_step += 1
         return Scan(
             sender=self._sender,
             step=self._next_step - 1,
             stamp_ns=reading.stamp_ns,
             odom_from_robot=odom_from_robot,
-            robot_from_laser=reading.robot_from_laser,
-            angle_min_rad=reading.angle_min_rad,
-            angle_step_rad=reading.angle_step_rad,
-            range_max_m=reading.range_max_m,
-            ranges=ranges,
+            robot_from_laser=beams.robot_from_laser,
+            angle_min_rad=beams.angle_min_rad,
+            angle_step_rad=beams.angle_step_rad,
+            range_max_m=beams.range_max_m,
+            ranges=beams.ranges,
             map_digest=self._map_digest,
             paced=self._paced,
             live=self._live,
+            standing=standing,
+            others=self._lasers.used_for(reading, odom_from_robot),
         )
 
 

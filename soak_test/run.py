@@ -1,6 +1,7 @@
 """A soak from its first process to its last verdict."""
 
 from pathlib import Path
+from urllib.parse import quote
 
 import msgspec
 
@@ -9,6 +10,7 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import SettingsError
 from soak_test.fleet import Fleet, robots_settings
+from soak_test.history import history_verdicts
 from soak_test.leftovers import (
     ended_verdict,
     exits_verdict,
@@ -22,6 +24,9 @@ from soak_test.options import SoakOptions
 from soak_test.progress import Progress
 from soak_test.report import SoakResult
 from soak_test.rooms import PLACES
+
+RECORDED_MB = 2_000.0
+"""Of each robot's history; an hour of ten steps a second is a tenth of it."""
 
 
 def run_soak(
@@ -44,6 +49,7 @@ def run_soak(
         )
     with temporary_folder() as folder, temporary_files_in(folder) as left:
         robots = robots_settings(_kept_in(folder, settings), options.robots)
+        recordings = [Path(robots[0].recorder.folder) / quote(one.robot.name) for one in robots]
         fleet = Fleet(
             robots, folder, world=options.world, rate_hz=options.rate_hz,
             coordinators=options.coordinators,
@@ -66,6 +72,7 @@ def run_soak(
                 left_files(left),
                 stop_s,
             ),
+            *history_verdicts(recordings),
         ]
     return soak.result(verdicts)
 
@@ -73,4 +80,8 @@ def run_soak(
 def _kept_in(folder: Path, settings: Settings) -> Settings:
     """The same settings, but nothing is left anywhere else, nor found there."""
     coordinator = msgspec.structs.replace(settings.coordinator, state_folder=str(folder / "state"))
-    return meeting_in(folder, msgspec.structs.replace(settings, coordinator=coordinator))
+    recorder = msgspec.structs.replace(
+        settings.recorder, folder=str(folder / "flights"), max_mb=RECORDED_MB
+    )
+    kept = msgspec.structs.replace(settings, coordinator=coordinator, recorder=recorder)
+    return meeting_in(folder, kept)

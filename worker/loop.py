@@ -9,6 +9,7 @@ import zenoh
 
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
+from process_runtime.memory import AfterLargeMessages
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
@@ -40,11 +41,12 @@ from zenoh_link.wire import Asked, Publisher, Received, Unread, serve, subscribe
 KEPT_SCANS = 64
 KEPT_ANSWERS = 16
 POLL_S = 0.1
-QUIET_S = 0.01
-"""After a scan, what nobody waits for is left until so much later: the other workers of this
-machine, and the coordinator, need the cores for the step."""
+SOON_S = 0.01
 KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""
+SCANS_TO_A_LOOK = 2
+"""After the second one's report, or before anything else: waking up for them costs as much as
+reading them, and who asks for checkpoints gets all that have come."""
 
 _log = logging.getLogger(__name__)
 
@@ -62,6 +64,7 @@ class WorkerLoop:
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
         self._causes = CauseCounter()
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
+        self._memory = AfterLargeMessages()
         self._health_key = Publisher(session, keys.worker_health(name))
         self._outgoing = Outgoing(
             name, session, self._inbox, self._health, self._causes, cache_folder
@@ -78,13 +81,12 @@ class WorkerLoop:
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             unread_scans = 0
             while not stop.is_set():
-                soon = unread_scans or self._outgoing.asks_again
-                wait_s = 0.0 if self._worker.searches else QUIET_S if soon else POLL_S
-                event = self._inbox.get(wait_s)
+                wait_s = SOON_S if self._outgoing.asks_again else POLL_S
+                event = self._inbox.get(0.0 if self._worker.searches else wait_s)
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
                     unread_scans += 1
-                    if unread_scans < KEPT_CHECKPOINTS:
+                    if unread_scans < SCANS_TO_A_LOOK:
                         continue
                 unread_scans = 0
                 for payload in checkpoints.drain():
@@ -100,6 +102,8 @@ class WorkerLoop:
                         self._tell(event)
                 if self._worker.searches:
                     self._tell(TimeToSearch())
+                if event is None:
+                    self._memory.turn(time.monotonic())
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
 
@@ -155,6 +159,7 @@ class WorkerLoop:
             asked.refuse(str(error))
             return
         self._tell(StateAsked(self._outgoing.number(asked), take_over))
+        self._memory.passed(time.monotonic())
 
 
 def _with_term(payload: bytes, kind: type[T]) -> T:

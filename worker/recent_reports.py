@@ -9,8 +9,9 @@ from protocol.work import Report, TrackReport
 
 KEPT_STEPS = 300
 """As many as the bridge keeps scans of: older steps cannot be applied any more."""
-KEPT_SEARCH_STEPS = 16
-"""A search tells all anew each step, and its reports are large."""
+KEPT_SEARCH_STEPS = 4
+"""A search tells all anew each step, and its reports are large: half a megabyte with all places.
+Shards need one step in common, and are seldom further apart."""
 
 
 class RecentReports:

@@ -71,15 +71,16 @@ _VIEWER = Rights(
 
 _ROLES = {
     "robot": Rights(
-        publishes=(keys.ODOMETRY_READING, keys.LASER_READING),
+        publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
         reads=(keys.POSE, keys.EVENTS),
+        serves=(keys.MAP_READING,),
         asks=(keys.POSE, keys.EVENTS),
     ),
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
-        reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP),
-        asks=(keys.STATUS,),
+        reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING, keys.BELIEF),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE),
+        asks=(keys.STATUS, keys.MAP_READING),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
     ),
@@ -100,10 +101,23 @@ _ROLES = {
         announces=(keys.COORDINATOR_ALIVE,),
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
     ),
+    "recorder": Rights(
+        reads=(keys.SCAN, keys.ODOMETRY, keys.BELIEF),
+        asks=(keys.MAP, keys.SCAN_HISTORY),
+    ),
+    "ros2": Rights(
+        publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
+        reads=(keys.BELIEF, keys.ALL_REPORTS),
+        serves=(keys.MAP_READING,),
+        asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+    ),
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
-        asks=(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP),
+        asks=(
+            *(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+            *(keys.KIDNAP, keys.DRIVE),
+        ),
     ),
 }
 

@@ -37,8 +37,8 @@ _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([
 Configuration = dict[str, Any]
 
 
-def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Configuration:
-    """Zenoh's configuration of a process that serves one robot.
+def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -> Configuration:
+    """Zenoh's configuration of a process that serves one robot; None: keys are as they are.
 
     Raises:
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
@@ -49,7 +49,7 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings) -> Confi
         transport["link"]["tls"] = {"verify_name_on_connect": True, **_tls(settings, "connect")}
     return {
         "mode": "client",
-        "namespace": robot.name,
+        **({"namespace": robot.name} if robot is not None else {}),
         "connect": {
             "endpoints": [settings.router],
             "timeout_ms": CONNECT_TRY_MS,

@@ -57,6 +57,7 @@ def _of_localization(status: Status) -> Iterator[Metric]:
     yield _counter("reports_missing", "Reports that came too late.", status.reports_missing)
     yield _gauge("clusters", "Places that are tracked.", status.clusters)
     yield _gauge("searching", "Whether a global search is under way.", float(status.searching))
+    yield _gauge("overloaded", "Whether steps wait to be decided.", float(status.overloaded))
     yield _gauge("workers", "Workers that are alive.", len(status.workers))
     jobs = GaugeMetricFamily("clustermcl_worker_jobs", "Jobs of a worker.", labels=["worker"])
     for worker, held in status.workers.items():

@@ -21,7 +21,7 @@ _PAUSE_S = 0.2
 @contextmanager
 def open_session(
     settings: ZenohSettings,
-    robot: RobotSettings,
+    robot: RobotSettings | None,
     stop: StopFlag,
     wait_s: float | None,
 ) -> Iterator[zenoh.Session]:
@@ -33,7 +33,7 @@ def open_session(
 
     Args:
         settings: the router's endpoint, certificates, time-outs.
-        robot: whose keys these are.
+        robot: whose keys these are; None: keys are not put below a name.
         stop: looked at while there is no router.
         wait_s: how long to look for a router [s]; None looks for ever, as services do.
 
@@ -48,7 +48,7 @@ def open_session(
 
 
 def _connect(
-    settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, wait_s: float | None
+    settings: ZenohSettings, robot: RobotSettings | None, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
     configuration = client_configuration(settings, robot)
     started_s = time.monotonic()

@@ -131,6 +131,10 @@ class Ensemble:
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
+    def postpone_search(self, step: int) -> None:
+        """Let no periodic search begin after this step; one for a robot that is lost may."""
+        self._next_search_step = max(self._next_search_step, step + 1)
+
     def set_pose(self, given: Place) -> Outcome:
         """Believe a person: a cluster at the given pose takes its share from the others."""
         step = given.sample.step
@@ -155,6 +159,22 @@ class Ensemble:
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
         self._start_search(step + 1, near)
+        return self._outcome(step, ())
+
+    def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
+        """Forget all clusters and track these places instead; their shares sum to one.
+
+        Args:
+            places: as they were after `step`.
+            step: after which they are tracked.
+            cause: why the clusters end.
+        """
+        self._events += self.clusters.clear(cause)
+        self._stop_search(step, "search stopped")
+        self._prior_pose = None
+        self._begin |= self.standing_jobs(step + 1)
+        self.clusters.explain(1.0)
+        self._admit([(place, "prior pose") for place in places], step)
         return self._outcome(step, ())
 
     # --- handed on

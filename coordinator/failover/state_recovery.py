@@ -127,6 +127,10 @@ class StateRecovery:
         self._heard.clear()
         self._kept.clear()
 
+    def forget_told(self) -> None:
+        """This coordinator has a belief of its own: nobody carries on from theirs any more."""
+        self._told.clear()
+
     def ask_all_again(self) -> None:
         """All must be asked anew: the term was too low."""
         for worker in (*self._asked_ns, *self._told):

@@ -6,19 +6,27 @@ longer acts: workers refuse its orders, clients its beliefs.
 
 from protocol.work import Checkpoint
 
+APART_US = 1_000_000
+"""So far above all terms that it hears of a coordinator begins. The epochs of a term's jobs are
+counted from the term on, and none may come again in the next one."""
+
 
 class Term:
     """Told of the terms that others know of; says whether this coordinator acts.
 
     Args:
-        number: proposed by a clock.
+        number: proposed by a clock [us].
         known: a checkpoint of another's term, which this one stands above.
     """
 
     def __init__(self, number: int, known: Checkpoint | None) -> None:
-        self._number = max(number, known.term + 1 if known else 0)
+        self._number = number
+        self._own_us = number % APART_US
+        """Two that hear of the same term at once must not be raised to the same one."""
         self._begun = False
         self._outranked_by: int | None = None
+        if known is not None:
+            self.hear(known.term)
 
     @property
     def number(self) -> int:
@@ -41,10 +49,11 @@ class Term:
 
     def hear(self, number: int) -> bool:
         """Somebody knows of a term; returns whether this one was raised above it."""
-        if number <= self._number:
-            return False
         if self._begun:
-            self._outranked_by = max(number, self._outranked_by or 0)
-        else:
-            self._number = number + 1
-        return not self._begun
+            if number > self._number:
+                self._outranked_by = max(number, self._outranked_by or 0)
+            return False
+        if number == self._number or number + APART_US <= self._number:
+            return False
+        self._number = (number // APART_US + 2) * APART_US + self._own_us
+        return True

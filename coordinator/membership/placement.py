@@ -47,13 +47,12 @@ class Placement:
 
     def waited_for(self, job_ids: Iterable[str]) -> list[str]:
         """Those jobs whose reports hold a step up: of silent workers only the first time."""
-        return [
-            job_id
-            for job_id in job_ids
-            if (job := self.jobs.get(job_id)) is None
-            or job.worker is None
-            or self._stragglers.waits_for(job.worker)
-        ]
+        return list(filter(self.waits_for, job_ids))
+
+    def waits_for(self, job_id: str) -> bool:
+        """Whether a job's report holds a step up."""
+        job = self.jobs.get(job_id)
+        return job is None or job.worker is None or self._stragglers.waits_for(job.worker)
 
     def reported(self, report: Report, *, in_time: bool) -> None:
         """A job's worker reported."""
@@ -62,10 +61,18 @@ class Placement:
         if job is not None and job.worker is not None:
             self._stragglers.heard(job.worker, in_time=in_time)
 
-    def step_decided(self, expected: Iterable[str], missing: Iterable[str], now_ns: int) -> None:
+    def step_decided(
+        self,
+        expected: Iterable[str],
+        missing: Iterable[str],
+        now_ns: int,
+        *,
+        patient: bool = False,
+    ) -> None:
         """A step was decided; workers that again have not reported in time lose their jobs.
 
-        A search has steps that take longer than a deadline, so its workers are spared.
+        A search has steps that take longer than a deadline, so its workers are spared. Where all
+        are slow, it helps nobody to move jobs about: then patience is longer.
         """
         owed = {job_id: job for job_id in expected if (job := self.jobs.get(job_id)) is not None}
         late = {
@@ -77,7 +84,7 @@ class Placement:
         }
         reported = {job.worker for job in owed.values() if job.worker}
         blamed = late - self.jobs.searching()
-        for worker in self._stragglers.step_decided(reported, blamed, now_ns):
+        for worker in self._stragglers.step_decided(reported, blamed, now_ns, patient=patient):
             self.jobs.take_from(worker)
 
     # --- what comes of it

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 GIVEN_UP_AFTER = 3
 """So many steps in a row without a report in time, and a worker loses its jobs."""
+GIVEN_UP_LATER = 10
+"""The same where everybody is slow."""
 FIRST_PAUSE_NS = 2_000_000_000
 LONGEST_PAUSE_NS = 60_000_000_000
 FORGOTTEN_AFTER_NS = 120_000_000_000
@@ -42,13 +44,16 @@ class StragglerPolicy:
             record.silent = False
             record.missed = 0 if in_time else record.missed
 
-    def step_decided(self, reported: Set[str], missing: Set[str], now_ns: int) -> list[str]:
+    def step_decided(
+        self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
+    ) -> list[str]:
         """A step was decided without some reports; who is given up for it.
 
         Args:
             reported: workers that reported the step with one of their jobs.
             missing: workers that owed a report and did not send it in time.
             now_ns: by the clock of the process.
+            patient: everybody is slow.
         """
         if not reported:  # not one worker is slow then, but the way to all of them
             return []
@@ -57,7 +62,7 @@ class StragglerPolicy:
             record = self._records.setdefault(worker, _Record())
             record.missed += 1
             record.silent = True
-            if record.missed >= GIVEN_UP_AFTER:
+            if record.missed >= (GIVEN_UP_LATER if patient else GIVEN_UP_AFTER):
                 given_up.append(worker)
                 self._pause(record, now_ns)
         return given_up

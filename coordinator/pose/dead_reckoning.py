@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
-from particle_filter.poses import between, wrap_angle
+from particle_filter.poses import between, compose, wrap_angle
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix, covariance_tuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 NO_NOISE: Covariance = (0.0,) * 9
 LEAST_GATE_M, LEAST_GATE_RAD = 0.05, 0.05
@@ -26,6 +26,30 @@ def gates_between(before: PoseTuple, after: PoseTuple, bridge: BridgeSettings) -
         driven_m / max(bridge.gate_distance_m, LEAST_GATE_M),
         turned_rad / max(bridge.gate_turn_rad, LEAST_GATE_RAD),
     )
+
+
+def carried(
+    mean: PoseTuple,
+    covariance: Covariance,
+    then: PoseTuple,
+    now: PoseTuple,
+    motion: MotionSettings | None,
+) -> tuple[PoseTuple, Covariance]:
+    """A place as it is now, by odometry alone.
+
+    Args:
+        mean: in the map, then.
+        covariance: of it.
+        then: odometry when it held.
+        now: odometry now.
+        motion: how far odometry errs; None: not at all.
+    """
+    if then == now:
+        return mean, covariance
+    place, moved = np.array(mean), between(np.array(then), np.array(now))
+    noise = np.zeros((3, 3)) if motion is None else motion_covariance(moved, motion)
+    grown = composed_covariance(place, covariance_matrix(covariance), moved, noise)
+    return pose_tuple(compose(place, moved)), covariance_tuple(grown)
 
 
 class DeadReckoning:
@@ -62,6 +86,8 @@ class DeadReckoning:
         """(3,) how the robot moved since the step, in its frame then, and (3, 3) covariance."""
         step, piece, now = np.array(self._step), np.array(self._piece), np.array(self._now)
         last = between(piece, now)
+        if self._piece == self._step:  # most often: nothing to compose
+            return last, motion_covariance(last, self._motion)
         before, noise = covariance_matrix(self._covariance), motion_covariance(last, self._motion)
         covariance = composed_covariance(between(step, piece), before, last, noise)
         return between(step, now), covariance

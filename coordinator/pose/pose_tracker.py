@@ -6,6 +6,7 @@ from msgspec.structs import replace
 from coordinator.belief.outcome import Outcome
 from coordinator.pose.dead_reckoning import BlindDrive, DeadReckoning
 from coordinator.pose.lateness import Lateness
+from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.motion_covariance import composed_covariance
 from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
@@ -37,12 +38,16 @@ class PoseTracker:
     ) -> None:
         self._sender = sender
         self._stale_after_s = settings.stale_after_s
+        self._stale_ns = int(settings.stale_after_s * 1e9) + 1
         self._blind_after_gates = settings.blind_after_gates
         self._outcome: Outcome | None = None
         self._since_step, self._blind = DeadReckoning(motion, bridge), BlindDrive(bridge)
+        self.history = OdometryHistory()
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
+        self._has_heard = False
+        """Whether anything has come by itself: only then is it known how old the rest is."""
         self._waiting_ns: dict[int, int] = {}
         """When scans that were not applied yet have arrived, by their stamps."""
         self._scan_ns: int | None = None
@@ -59,22 +64,35 @@ class PoseTracker:
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
         """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
-        if self._arrived_ns is not None and stamp_ns == self._stamp_ns:
+        if self._has_heard and stamp_ns == self._stamp_ns:
             return
+        self._has_heard = True
         late_ns = self._lateness.of(stamp_ns, now_ns) if self._lateness else 0
         self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+        self.history.add(stamp_ns, odom_from_robot)
         self._arrived_ns = now_ns - late_ns
         self._by_scan = False
         self._since_step.on_odometry(odom_from_robot)
         self._blind.on_odometry(odom_from_robot)
 
     def scan(
-        self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int, *, live: bool = False
+        self,
+        stamp_ns: int,
+        odom_from_robot: PoseTuple,
+        now_ns: int,
+        *,
+        live: bool = False,
+        fetched: bool = False,
     ) -> None:
-        """A step's scan arrived; it was taken before the newest odometry, where there is any."""
+        """A step's scan arrived; it was taken before the newest odometry, where there is any.
+
+        One that was fetched may be of long ago: before anything else was heard it is stale.
+        """
         if live != self.live:
             self._lateness = Lateness() if live else None
-        if self._by_scan or stamp_ns > self._stamp_ns:
+        if fetched and not self._has_heard:
+            self._heard_of(stamp_ns, odom_from_robot, now_ns - self._stale_ns)
+        elif self._by_scan or stamp_ns > self._stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
             self._by_scan = True
         self._waiting_ns[stamp_ns] = self._taken_ns(stamp_ns, now_ns)
@@ -108,13 +126,20 @@ class PoseTracker:
         """Another coordinator has heard this, and nobody knows how long ago: it is stale."""
         if live and not self.live:
             self._lateness = Lateness()
-        stale_ns = now_ns - int((max(age_s, 0.0) + self._stale_after_s) * 1e9) - 1
+        stale_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
         if self._arrived_ns is None:
-            self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
-            self._arrived_ns = stale_ns
+            self._heard_of(stamp_ns, odom_from_robot, stale_ns)
         self._scan_ns = stale_ns
         self._blind.begin_at(odom_from_robot)
         self._blind.on_odometry(self._odom_now)
+
+    def _heard_of(self, stamp_ns: int, odom_from_robot: PoseTuple, stale_ns: int) -> None:
+        """Others tell of data; what they told before is not forgotten for what is older."""
+        if self._arrived_ns is None or stamp_ns > self._stamp_ns:
+            self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+            self._since_step.on_odometry(odom_from_robot)
+            self._blind.on_odometry(odom_from_robot)
+        self._arrived_ns = stale_ns if self._arrived_ns is None else self._arrived_ns
 
     def age_s(self, now_ns: int) -> float:
         """Since the newest data arrived, or would have in time [s]; -1 before any did."""

@@ -125,7 +125,7 @@ def no_particles(particles: Particles) -> Particles:
 
 def without_beams(scan: Scan) -> Scan:
     """The scan without its ranges."""
-    return replace(scan, ranges=NO_BEAMS)
+    return replace(scan, ranges=NO_BEAMS, others=())
 
 
 def _report(report: Report) -> Report:

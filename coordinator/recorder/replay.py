@@ -29,10 +29,11 @@ from coordinator.recorder.blocks import Contents, UnreadableError, read
 from coordinator.recorder.records import EventTold, Head, Record
 from coordinator.recorder.ring import files_in, series_of
 from coordinator.recorder.snapshot import thaw
+from process_runtime.settings import BridgeSettings
 from protocol.answers import Belief
 from protocol.codec import encode
 from protocol.errors import InputFileError
-from protocol.job_events import Began, event_text
+from protocol.job_events import Began, NumberedEvent, event_text
 
 
 class FlightRecordingError(InputFileError):
@@ -45,6 +46,8 @@ class Happened:
 
     kind: str
     about: str
+    numbered: NumberedEvent | None = None
+    """As it was published, where it is a job that began or ended."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +175,18 @@ class SeriesReplay:
             raise FlightRecordingError(path, problem)
 
 
+def recorded_bridge(folder: Path, version: str) -> BridgeSettings | None:
+    """The settings of the bridge that the first coordinator was started with: they name the map.
+
+    Raises:
+        FlightRecordingError: there is no recording, or one that cannot be read.
+    """
+    for path in (path for files in _by_term(folder, version) for path in files):
+        if (head := contents_of(path, version).head) is not None:
+            return head.started.bridge
+    return None
+
+
 def contents_of(path: Path, version: str) -> Contents:
     """What a file holds.
 
@@ -254,4 +269,4 @@ def _after(instructions: list[Instruction]) -> Iterator[Happened]:
             case PublishEvents(told):
                 for one in told.events:
                     what = "began" if isinstance(one.event, Began) else "ended"
-                    yield Happened(what, event_text(one.event))
+                    yield Happened(what, event_text(one.event), one)

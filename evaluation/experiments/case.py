@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from coordinator.belief.outcome import Outcome
-from evaluation import in_process, ordinary_mcl
+from evaluation import in_process, ordinary_mcl, paper_letter
 from evaluation.experiments.figures import Figure
 from evaluation.ordinary_mcl import Variant
 from evaluation.recovery import RecoveryGains
@@ -18,6 +18,7 @@ from protocol.steps import Scan
 
 Algorithm = Literal[
     "cluster-mcl",
+    "paper-letter",
     "mcl",
     "mcl-visibility",
     "amcl",
@@ -32,6 +33,7 @@ TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
 ALGORITHMS: dict[Algorithm, Outcomes] = {
     "cluster-mcl": in_process.outcomes,
+    "paper-letter": paper_letter.outcomes,
     "mcl": ordinary_mcl.outcomes,
     "mcl-visibility": partial(ordinary_mcl.outcomes, variant=Variant(visibility=True)),
     "amcl": partial(ordinary_mcl.outcomes, variant=Variant(recovery=AMCL_GAINS)),
@@ -45,13 +47,18 @@ ALGORITHMS: dict[Algorithm, Outcomes] = {
         ordinary_mcl.outcomes, variant=Variant(visibility=True, recovery=AMCL_GAINS, kld=True)
     ),
 }
-"""Cluster-MCL; ordinary MCL, plain and with visibility; the same two with augmented recovery; that
-with gains of our own, and with KLD-sampling, both with visibility."""
+"""Cluster-MCL; the same by the paper's letter; ordinary MCL, plain and with visibility; the same
+two with augmented recovery; that with gains of our own, and with KLD-sampling, both with
+visibility."""
 
-BASELINES: tuple[Algorithm, ...] = ("mcl", "amcl-visibility")
-"""What runs beside Cluster-MCL: the filter of the textbooks, and one with all the same pieces."""
+BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl-visibility")
+"""What runs beside Cluster-MCL: the paper's own, the filter of the textbooks, and one with all the
+same pieces."""
+ALIKE_BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl")
+"""In worlds that are symmetric to the last cell, where rays see no more than the field does."""
 NAMES: dict[Algorithm, str] = {
     "cluster-mcl": "Cluster-MCL",
+    "paper-letter": "the paper's letter",
     "mcl": "ordinary MCL",
     "mcl-visibility": "MCL with visibility",
     "amcl": "augmented MCL",
@@ -68,6 +75,8 @@ _SETUP_MS = 400.0
 """Time to read a map and to set a robot up."""
 _RAYS_MS = 20.0
 """Time of an update that visibility adds to ordinary MCL."""
+_LETTER_SHARE = 0.4
+"""Of the time of an update, with the few particles of the paper."""
 
 
 class AfterStep(msgspec.Struct, frozen=True):
@@ -149,9 +158,15 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
 
     def run_ms(self, algorithm: Algorithm) -> float:
         """Estimated time of one run on one core [ms]."""
-        update_ms = self.update_ms if algorithm == "cluster-mcl" else self.ordinary_update_ms
-        if algorithm not in ("cluster-mcl", "mcl", "amcl"):
-            update_ms += _RAYS_MS
+        match algorithm:
+            case "cluster-mcl":
+                update_ms = self.update_ms
+            case "paper-letter":
+                update_ms = _LETTER_SHARE * self.update_ms
+            case "mcl" | "amcl":
+                update_ms = self.ordinary_update_ms
+            case _:
+                update_ms = self.ordinary_update_ms + _RAYS_MS
         return _SETUP_MS + self.typical_updates * update_ms
 
 

@@ -34,7 +34,7 @@ def can_plot() -> bool:
 
 def plot_probabilities(name: str, traces: dict[Algorithm, Trace], folder: Path) -> Path:
     """Probabilities over time: a colour for each cluster; the right places' is dashed."""
-    figure, axes = _panels(len(traces), (10.0, 2.6 * len(traces)), rows=True)
+    figure, axes = _panels(len(traces), (10.0, 2.8 * len(traces)), rows=True)
     for axis, (algorithm, trace) in zip(axes, traces.items(), strict=True):
         updates = [step.update for step in trace.steps]
         if algorithm == "cluster-mcl":
@@ -44,7 +44,8 @@ def plot_probabilities(name: str, traces: dict[Algorithm, Trace], folder: Path) 
             axis.plot(updates, best, color=_OTHER, linewidth=0.8, label="most probable place")
         right = [step.truth_probability for step in trace.steps]
         axis.plot(updates, right, "--", color=_TRUTH, linewidth=0.9, label="right places together")
-        axis.set(ylim=(-0.03, 1.03), ylabel="probability", title=_title(name, algorithm, trace))
+        axis.set(ylim=(-0.03, 1.03), ylabel="probability")
+        axis.set_title(_title(name, algorithm, trace), fontsize="medium")
         axis.legend(loc="upper left", fontsize="small")
     axes[-1].set_xlabel("update")
     return _saved(figure, folder / f"{name}-probabilities.png")
@@ -104,7 +105,8 @@ def _panels(
 
 
 def _title(name: str, algorithm: Algorithm, trace: Trace) -> str:
-    return f"{name}: {NAMES[algorithm]}, seed {trace.seed}"
+    """Which run it is, and below, what was found."""
+    return f"{name}: {NAMES[algorithm]}, seed {trace.seed}\n{trace.finding}"
 
 
 def _draw_clusters(axis: "Axes", trace: Trace) -> None:

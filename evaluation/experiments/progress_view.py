@@ -18,6 +18,7 @@ from evaluation.experiments.report_tables import figure_rows
 from evaluation.experiments.results import ExperimentResult
 from evaluation.experiments.suite import Ended, GotOn
 from evaluation.experiments.task import Task
+from process_runtime.logs import is_quiet
 
 
 class ProgressView:
@@ -38,7 +39,7 @@ class ProgressView:
             TextColumn("left"),
             TimeRemainingColumn(),
             console=console,
-            disable=not console.is_terminal,
+            disable=is_quiet() or not console.is_terminal,
         )
         work_ms = sum(task.case.run_ms(task.algorithm) for task in tasks)
         self._work = self._progress.add_task("estimated work [s]", total=round(work_ms / 1e3))

@@ -13,6 +13,8 @@ DATA_VARIABLE = "CLUSTERMCL_DATA"
 """Environment variable that names the folder of recordings."""
 
 WEAN_NAMES = ("wean-1", "wean-2", "wean-3")
+_TRAINING = ("intel", "fr101")
+"""Recordings, beside those of Wean Hall, on which the evidence model was fitted."""
 
 _FINE_CELL_M = 0.05
 _LASER_BASED_RMSE_M = 0.15
@@ -48,7 +50,8 @@ def _wean(folder: Path, number: int) -> Case | None:
         f"Wean Hall, recording {number}",
         (log, folder / "map.yaml", reference),
         role="training",
-        seeds=20,
+        seeds=10,
+        asked_seeds=20,
     )
 
 
@@ -57,7 +60,8 @@ def _other(folder: Path) -> Case | None:
     if log is None or not reference.is_file():
         return None
     files = (log, folder / "map.yaml", reference)
-    return _case(folder.name, f"Recording {folder.name}", files, role="validation", seeds=3)
+    role: Role = "training" if folder.name in _TRAINING else "validation"
+    return _case(folder.name, f"Recording {folder.name}", files, role=role, seeds=3)
 
 
 def _case(
@@ -67,6 +71,7 @@ def _case(
     *,
     role: Role,
     seeds: int,
+    asked_seeds: int | None = None,
 ) -> Case:
     recording, map_file, reference = files
     fine = _has_fine_cells(map_file)
@@ -76,6 +81,7 @@ def _case(
         robot=RecordedRobot(recording=recording, map=map_file, reference=reference),
         role=role,
         seeds=seeds,
+        asked_seeds=asked_seeds,
         typical_updates=_TYPICAL.get(name, 350),
         update_ms=13.0,
         ordinary_update_ms=11.0,

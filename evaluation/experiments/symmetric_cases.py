@@ -2,7 +2,7 @@
 
 import msgspec
 
-from evaluation.experiments.case import Case, SimulatedRobot
+from evaluation.experiments.case import ALIKE_BASELINES, Case, SimulatedRobot
 from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.usual_figures import CONFIDENTLY_WRONG, RIGHT_FOR_GOOD, RMSE
 
@@ -19,8 +19,10 @@ def symmetric_cases() -> tuple[Case, ...]:
         updates=3000,
         typical_updates=3000,
         symmetry=4,
-        seeds=10,
+        role="training",
+        seeds=6,
         asked_seeds=20,
+        baselines=ALIKE_BASELINES,
         update_ms=8.0,
         ordinary_update_ms=11.0,
         figures=(
@@ -39,8 +41,10 @@ def symmetric_cases() -> tuple[Case, ...]:
         updates=3000,
         typical_updates=3000,
         symmetry=2,
-        seeds=16,
+        role="training",
+        seeds=6,
         asked_seeds=20,
+        baselines=ALIKE_BASELINES,
         update_ms=5.5,
         ordinary_update_ms=12.0,
         figures=(
@@ -75,6 +79,7 @@ def _without_transition(case: Case, places: int) -> Case:
         baselines=(),
         update_ms=case.update_ms,
         ordinary_update_ms=case.ordinary_update_ms,
+        role=case.role,
         settings=(_NO_TRANSITION,),
         figures=(
             *_all_tracked(places),
@@ -121,8 +126,9 @@ def _gates() -> Case:
         typical_updates=325,
         symmetry=2,
         has_feature=True,
-        seeds=40,
-        baselines=("mcl", "mcl-visibility", "amcl-visibility"),
+        seeds=16,
+        asked_seeds=40,
+        baselines=("paper-letter", "mcl", "mcl-visibility", "amcl-visibility"),
         update_ms=7.0,
         ordinary_update_ms=12.0,
         figures=(

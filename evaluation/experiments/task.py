@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
+from sensor_bridge.run_recorder import RunRecorder
 from worker.map_model import sensor_model
 
 PROGRESS_EVERY = 10
@@ -39,6 +41,8 @@ class Task:
     start_step: int = 0
     """The run begins with this step of a recording, as if the robot had been switched on there."""
     with_trace: bool = False
+    record: Path | None = None
+    """Where the run is recorded as a bag; None: nowhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,13 +95,20 @@ class Run:
         self._model = _model(self.course, self._settings, task.cache_folder)
         self._follow = ALGORITHMS[task.algorithm]
         self.observer = Observer(case, task.seed, self.course.map, with_trace=task.with_trace)
+        self._record = task.record
 
     def outcomes(self) -> Iterator[Outcome]:
         """What the algorithm makes of every step; the next step is taken when it is asked for."""
+        with _recorder(self._record) as recorder:
+            yield from self._followed(recorder)
+
+    def _followed(self, recorder: RunRecorder | None) -> Iterator[Outcome]:
         truths: dict[int, PoseTuple | None] = {}
         observer = self.observer
         for scan, outcome in self._follow(self._scans(truths), self._model, self._settings):
             observer.on_step(scan, outcome, truths.pop(scan.step))
+            if recorder is not None:
+                self._tell(recorder, scan, outcome)
             yield outcome
             if observer.over:
                 return
@@ -105,11 +116,21 @@ class Run:
                 self.course.kidnap()
                 observer.kidnapped()
 
+    def _tell(self, recorder: RunRecorder, scan: Scan, outcome: Outcome) -> None:
+        if recorder.wants_map(scan):
+            recorder.on_map(self.course.map, scan.stamp_ns)
+        recorder.on_scan(scan)
+        recorder.on_belief(scan.stamp_ns, scan.odom_from_robot, outcome.hypotheses)
+
     def _scans(self, truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:
         """The scans alone, while the truth at each is put aside."""
         for scan, truth in self.course.steps:
             truths[scan.step] = truth
             yield scan
+
+
+def _recorder(file: Path | None) -> AbstractContextManager[RunRecorder | None]:
+    return nullcontext() if file is None else RunRecorder.to(file)
 
 
 def _model(course: Course, settings: Settings, cache_folder: Path) -> SensorModel:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from evaluation.experiments.symmetry import Point
+from evaluation.judge import CONFIDENT_PROBABILITY
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
 
@@ -30,6 +31,12 @@ class TraceStep:
     places: tuple[TracePlace, ...]
     """The most probable ones, best first."""
 
+    @property
+    def confidently_wrong(self) -> bool:
+        """The estimate is wrong and has a probability of 0.9 or more."""
+        sure = bool(self.places) and self.places[0].probability >= CONFIDENT_PROBABILITY
+        return sure and not self.right
+
 
 @dataclass
 class Trace:
@@ -37,6 +44,14 @@ class Trace:
 
     seed: int
     steps: list[TraceStep] = field(default_factory=list)
+
+    @property
+    def finding(self) -> str:
+        """What the run came to, in a few words; of a run with steps."""
+        held = sum(step.truth_probability for step in self.steps) / len(self.steps)
+        wrong = sum(step.confidently_wrong for step in self.steps) / len(self.steps)
+        given = f"the right place was given {held:.0%}"
+        return f"{given}, sure of a wrong one on {wrong:.0%} of all updates"
 
 
 def places_of(hypotheses: tuple[Hypothesis, ...]) -> tuple[TracePlace, ...]:

@@ -1,235 +1,220 @@
-// Hears the server, fills what stands beside the map, and takes what a person does.
+// What the server tells goes where it is shown; what a person does goes to the server.
+import { Connection } from "./connection.js";
+import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { colourOf, isDashed, percent } from "./palette.js";
-import { drawPlot } from "./plot.js";
+import { hint, showAge, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
+import { drawPlot, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
+import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const MAX_HISTORY = 1000, SHOWN_CLUSTERS = 16, CONFIRMED_MS = 4000;
+const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200;
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
-let socket = null, history = [], events = [], pose = null, poseAt = 0, system = {}, connected = false, pause = 250;
+const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
+let rows = [], system = {};
 
-// --- the server -----------------------------------------------------------------------------
+const maxRows = () => system.kept_steps ?? USUAL_ROWS;
+const connection = new Connection(take, () => {
+  travel.onLost();
+  showLink();
+});
+const travel = new TimeTravel(
+  (step) => connection.send({ type: "past", step }),
+  () => rows,
+  (frames) => frames ? showPast(frames) : showNow(),
+);
+const steering = steer(view, {
+  send: (message) => connection.send(message),
+  mayCommand: () => Boolean(system.commands),
+  isSimulated: () => Boolean(now.step?.truth),
+  travel,
+});
 
-function connect() {
-  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
-  socket.onopen = () => {
-    connected = true;
-    pause = 250;
-  };
-  socket.onmessage = async ({ data }) => {
-    const frames = JSON.parse(data);
-    for (const topic of Object.keys(TAKE)) {
-      if (topic in frames) await TAKE[topic](frames[topic]);
-    }
-    send({ type: "drawn" });
-  };
-  socket.onclose = () => {
-    connected = false;
-    showLink();
-    setTimeout(connect, pause);
-    pause = Math.min(2 * pause, 4000);
-  };
+async function take(frames) {
+  for (const topic of Object.keys(frames).sort((a, b) => ORDER.indexOf(a) - ORDER.indexOf(b))) {
+    if (topic in TAKE) await TAKE[topic](frames[topic]);
+    else if (topic.startsWith("cloud ")) takeCloud(topic, frames[topic]);
+  }
 }
 
-function send(message) {
-  if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
-}
-
-// In this order: what comes first is drawn with by those after it.
 const TAKE = {
   system(frame) {
     system = frame;
-    $("robot").textContent = frame.robot;
+    $("robot").textContent = [frame.robot, frame.saved_at].filter(Boolean).join(" · ");
+    travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
+    showRobots(frame.robots ?? [], frame.robot);
     document.title = `${frame.robot} · Cluster-MCL`;
+    if (frame.by_hand) steering.driveAtFirst();
     showLink();
   },
   async map(frame) {
     if (view.map?.frame.digest === frame.digest) return;
-    const answer = await fetch(`map/${frame.digest}`);
-    const cells = new Uint8Array(await answer.arrayBuffer());
-    if (answer.ok && cells.length === frame.rows * frame.cols) view.setMap(frame, cells);
+    const cells = await fetchedCells(frame);
+    if (cells) view.setMap(frame, cells);
   },
-  history(rows) {
-    history = rows;
-    slots.clear();
-    for (const [, places] of rows) for (const [cluster, slot] of places) slots.set(cluster, slot);
-    if (!rows.length) view.setStep(null, history);
-    drawPlot($("plot"), history);
+  history(frame) {
+    rows = frame;
+    if (!rows.length) {
+      [now.step, now.events] = [null, []];
+      travel.toNow();
+    }
+    for (const row of rows) learnSlots(row[1]);
+    showRows();
+    if (rows.length >= AT_ONCE_ROWS) askForRowsBefore(rows[0][0]);
   },
+  earlier(frame) {
+    if (!frame.length) return;
+    const first = frame[0][0], last = frame[frame.length - 1][0], known = rows[0]?.[0] <= first;
+    rows = [...rows.filter((row) => row[0] < first), ...frame, ...rows.filter((row) => row[0] > last)].slice(-maxRows());
+    for (const row of frame) learnSlots(row[1]);
+    showRows();
+    if (!known && first > 0 && frame.length >= AT_ONCE_ROWS && rows.length < maxRows()) askForRowsBefore(first);
+  },
+  past: (frames) => travel.onPast(frames),
   step(frame) {
-    const row = [frame.step, frame.places.map((p) => [p.cluster, p.slot, p.p, p.pose[0], p.pose[1]]), frame.truth];
-    while (history.length && history[history.length - 1][0] >= frame.step) history.pop();
-    history.push(row);
-    if (history.length > MAX_HISTORY) history.shift();
-    const known = slots.size;
-    for (const place of frame.places) slots.set(place.cluster, place.slot);
-    if (slots.size > known) showEvents(events); // which are told before the step they belong to
-    view.setStep(frame, history);
-    drawPlot($("plot"), history);
-    showStep(frame);
-    showClusters(frame.places);
+    now.step = frame;
+    while (rows.length && rows[rows.length - 1][0] >= frame.step) rows.pop();
+    if (frame.step > (rows[rows.length - 1]?.[0] ?? -1) + 1) askForRowsBefore(frame.step); // some were skipped
+    rows.push([frame.step, frame.places.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
+    if (rows.length > maxRows()) rows.shift();
+    const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
+    steering.onStep();
+    if (travel.at !== null) {
+      travel.onRows();
+      return;
+    }
+    showMap(now);
+    now.elsewhere = frame.elsewhere;
+    if (isNews) now.eventsDue = true; // which are told before the step they belong to
+    showBesidesSoon();
   },
   pose(frame) {
-    [pose, poseAt] = [frame, performance.now()];
-    showPose();
+    [now.pose, now.poseAt] = [frame, performance.now()];
+    now.elsewhere = frame.elsewhere ?? now.elsewhere;
+    if (travel.at === null) showBesidesSoon();
   },
   status(frame) {
-    if (pose && frame.step === pose.step) {
-      Object.assign(pose, { age_s: frame.age_s, freshness: frame.freshness, state: frame.state });
-      poseAt = performance.now();
-      showPose();
+    now.status = frame;
+    if (now.pose && frame.step === now.pose.step) {
+      const { age_s, freshness, state } = frame;
+      Object.assign(now.pose, { age_s, freshness, state });
+      now.poseAt = performance.now();
     }
+    if (travel.at !== null) return;
+    if (now.pose) showPose(now.pose, now.poseAt);
     showWorkers(frame);
   },
   events(frame) {
-    events = frame;
-    showEvents(events);
+    [now.events, now.eventsDue] = [frame, true];
+    if (travel.at === null) showBesidesSoon();
   },
-  done({ problem }) {
-    hint(problem || "done", Boolean(problem), CONFIRMED_MS);
-  },
+  done: ({ problem }) => hint(problem || "done", Boolean(problem), CONFIRMED_MS),
 };
+const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "events", "done"];
 
-// --- beside the map ---------------------------------------------------------------------------
+/** What stands beside the map is read, not watched: it follows the map, five times a second. */
+let soon = 0;
+function showBesidesSoon() {
+  soon ||= setTimeout(showBesides, BESIDES_EVERY_MS);
+}
+
+function showBesides() {
+  soon = 0;
+  if (travel.at !== null) return;
+  if (now.step) {
+    showStep(now.step);
+    showClusters(now.step.places, view.pointed, now.elsewhere);
+  }
+  if (now.pose) showPose(now.pose, now.poseAt);
+  if (now.eventsDue) showEvents(now.events ?? [], slots);
+  now.eventsDue = false;
+  showRows();
+}
+
+function takeCloud(topic, frame) {
+  const cluster = Number(topic.slice("cloud ".length));
+  if (frame) now.clouds.set(cluster, frame);
+  else now.clouds.delete(cluster);
+  if (travel.at === null) view.redraw();
+}
+
+function learnSlots(places) {
+  const known = slots.size;
+  for (const [cluster, slot] of places) slots.set(cluster, slot);
+  return slots.size > known;
+}
+
+/** Steps that are missing, by haste or because they are old, come afterwards, and piece by piece. */
+let asking = 0;
+function askForRowsBefore(before) {
+  clearTimeout(asking);
+  asking = setTimeout(() => connection.send({ type: "earlier", before }), ASKED_FOR_ROWS_MS);
+}
+
+// --- what is shown: of now, or of a step that is looked back at ---------------------------------
+
+function showNow() {
+  showMap(now);
+  if (now.status) showWorkers(now.status);
+  now.eventsDue = true;
+  showBesides();
+}
+
+function showPast(frames) {
+  if (!frames.step) {
+    hint("That step is not kept any more.", true, CONFIRMED_MS);
+    return;
+  }
+  const clouds = Object.entries(frames).filter(([topic]) => topic.startsWith("cloud "));
+  showMap({ step: frames.step, clouds: new Map(clouds.map(([, cloud]) => [cloud.cluster, cloud])) });
+  showStep(frames.step);
+  showClusters(frames.step.places, view.pointed, frames.step.elsewhere);
+  if (frames.pose) showPose(frames.pose, null);
+  if (frames.status) showWorkers(frames.status);
+  showEvents(frames.events ?? [], slots);
+  showRows();
+}
+
+function showMap({ step, clouds }) {
+  view.clouds = clouds;
+  view.setStep(step ?? null, rowsShown());
+}
+
+function showRows() {
+  view.rows = rowsShown();
+  view.redraw();
+  drawPlot($("plot"), rows, travel.at);
+  travel.onRows();
+}
+
+/** Up to the step that is shown. */
+function rowsShown() {
+  if (travel.at === null) return rows;
+  const next = rows.findIndex((row) => row[0] > travel.at);
+  return next < 0 ? rows : rows.slice(0, next);
+}
 
 function showLink() {
-  const running = connected && system.link === "running";
+  const isLive = connection.isOpen && system.link === "running";
+  const isPast = connection.isOpen && ["replaying", "finished", "saved"].includes(system.link);
   let text = "";
-  if (!connected) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
+  if (!connection.isOpen) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
   else if (system.link === "no system") text = `The router is there, but nobody localizes ${system.robot} yet: waiting.`;
-  $("banner").hidden = running;
+  else if (system.link === "replaying") text = "Computing the recorded steps again: more of them come.";
+  $("banner").hidden = !text;
   $("banner-text").textContent = text;
-  $("link").className = running ? "dot up" : "dot";
-  $("link").title = running ? `connected to ${system.router}` : text;
-  document.documentElement.dataset.link = connected ? (system.link ?? "") : "no server";
-  view.faded = !running;
+  $("link").className = isLive || isPast ? "dot up" : "dot";
+  $("link").title = text || (isPast ? "not live" : `connected to ${system.router}`);
+  document.documentElement.dataset.link = connection.isOpen ? (system.link ?? "") : "no server";
+  view.faded = !isLive && !isPast;
   view.redraw();
 }
 
-function showStep(frame) {
-  $("now").dataset.state = frame.state;
-  $("state").textContent = frame.state;
-  $("searching").hidden = !frame.searching || frame.state === "searching";
-  $("step").textContent = frame.step;
-  const best = frame.places[0];
-  $("off-box").hidden = $("legend-truth").hidden = !frame.truth;
-  $("off").textContent = frame.truth && best
-    ? `${Math.hypot(best.pose[0] - frame.truth[0], best.pose[1] - frame.truth[1]).toFixed(2)} m` : "–";
-}
-
-function showPose() {
-  const [x, y, heading] = pose.pose ?? [];
-  const sigma = pose.sigma ?? [];
-  const told = (value, error, unit) => value === undefined ? ["–"]
-    : [value, element("small", error === undefined ? ` ${unit}` : ` ± ${error} ${unit}`)];
-  $("x").replaceChildren(...told(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
-  $("y").replaceChildren(...told(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
-  const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
-  $("heading").replaceChildren(...told(degrees(heading), degrees(sigma[2]), "°"));
-  $("probability").textContent = pose.pose ? percent(pose.p) : "–";
-  showAge();
-}
-
-function showAge() {
-  if (!pose) return;
-  const age = pose.age_s + (performance.now() - poseAt) / 1000;
-  const stale = pose.freshness === "stale" || age > 3;
-  $("freshness").className = stale ? "stale" : "";
-  $("freshness").textContent = pose.freshness === "none" ? "no scan yet"
-    : `${stale ? "stale, " : ""}${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`;
-}
-
-function showClusters(places) {
-  $("cluster-count").textContent = places.length || "";
-  const rows = places.slice(0, SHOWN_CLUSTERS).map((place) => {
-    const bar = element("span", "", "bar"), filled = element("i");
-    filled.style.width = `${100 * place.p}%`;
-    bar.append(filled);
-    const row = element("li");
-    row.style.setProperty("--chip", colourOf(place.slot));
-    row.classList.toggle("pointed", place.cluster === view.pointed);
-    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there`;
-    row.dataset.cluster = place.cluster;
-    row.append(chip(place.slot), `c${place.cluster}`, bar, element("b", percent(place.p)));
-    return row;
-  });
-  if (places.length > SHOWN_CLUSTERS) rows.push(element("li", `and ${places.length - SHOWN_CLUSTERS} less probable`, "more"));
-  if (!places.length) rows.push(element("li", "no place is held possible yet", "more"));
-  $("clusters").replaceChildren(...rows);
-}
-
-function showEvents(events) {
-  const rows = grouped(events).reverse().map((event) => {
-    const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
-    const row = element("li", "", event.kind);
-    row.append(slot == null ? element("span") : chip(slot), element("span", event.step, "step"), element("span", event.text));
-    return row;
-  });
-  $("events").replaceChildren(...(rows.length ? rows : [element("li", "nothing has begun or ended yet", "empty")]));
-}
-
-/** Searches that ended together are one line: there are as many as workers. */
-function grouped(events) {
-  const lines = [];
-  for (const event of events) {
-    const before = lines[lines.length - 1];
-    const alike = before && before.step === event.step && before.cause === event.cause;
-    if (alike && event.cause.startsWith("search ")) {
-      before.count += 1;
-      before.text = event.cause.replace("search", `a search by ${before.count} jobs is`).replace("is stopped", "was stopped");
-    } else {
-      lines.push({ ...event, count: 1 });
-    }
-  }
-  return lines;
-}
-
-function showWorkers(status) {
-  $("worker-count").textContent = status.workers.length || "none is alive";
-  $("workers").replaceChildren(...status.workers.map((worker) => {
-    const jobs = element("span", "", "jobs"), row = element("li");
-    for (const job of worker.jobs) jobs.append(element("span", job, "job"));
-    if (!worker.jobs.length) jobs.append(element("span", "idle", "idle"));
-    row.append(element("span", worker.name), jobs);
-    const rates = Object.entries(worker.rates ?? {}).map(([what, rate]) => `${rate} ${what}/s`);
-    if (worker.mb) rates.push(`${worker.mb} MB`);
-    if (rates.length) row.append(element("span", rates.join(" · "), "rates"));
-    return row;
-  }));
-  const dropped = Object.entries(status.dropped).map(([cause, count]) => `${cause}: ${count}`);
-  if (status.lost) dropped.unshift(`${status.lost} steps lost`);
-  if (status.reports_missing) dropped.unshift(`${status.reports_missing} reports missing`);
-  $("health").textContent = `${status.applied} steps applied${dropped.length ? "; " + dropped.join(", ") : ""}`;
-}
-
-function chip(slot) {
-  const made = element("span", "", isDashed(slot) ? "chip dashed" : "chip");
-  made.style.setProperty("--chip", colourOf(slot));
-  return made;
-}
-
-function element(tag, text = "", className = "") {
-  const made = document.createElement(tag);
-  made.textContent = text;
-  made.className = className;
-  return made;
-}
-
-let hintEnds = 0;
-function hint(text, bad = false, forMs = 0) {
-  clearTimeout(hintEnds);
-  $("hint").textContent = text;
-  $("hint").className = bad ? "bad" : "";
-  $("hint").hidden = !text;
-  if (forMs) hintEnds = setTimeout(() => hint(""), forMs);
-}
-
-// --- what a person does -----------------------------------------------------------------------
+// --- what a person does beside the map ----------------------------------------------------------
 
 $("clusters").addEventListener("click", ({ target }) => {
   const cluster = Number(target.closest("li")?.dataset.cluster);
@@ -245,6 +230,10 @@ $("clusters").addEventListener("pointerleave", () => {
   view.pointed = null;
   view.redraw();
 });
+$("plot").addEventListener("click", (event) => {
+  const step = stepAt($("plot"), rows, travel.at, event.offsetX);
+  if (step !== null) travel.goTo(step);
+});
 
 view.onDrawn = () => {
   const length = view.roundLength(110);
@@ -252,13 +241,13 @@ view.onDrawn = () => {
   $("scale").lastElementChild.textContent = `${length} m`;
 };
 
-steer(view, { send, hint, mayCommand: () => Boolean(system.commands) });
+const plotAgain = () => drawPlot($("plot"), rows, travel.at);
 setInterval(showAge, 200);
-new ResizeObserver(() => drawPlot($("plot"), history)).observe($("plot"));
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawPlot($("plot"), history));
-showClusters([]);
-showEvents([]);
-connect();
+new ResizeObserver(plotAgain).observe($("plot"));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plotAgain);
+showClusters([], null);
+showEvents([], slots);
+connection.open();
 
 /** For tests, and for whoever is curious on the console. */
-window.liveView = { view, history: () => history };
+window.liveView = { view, take, travel, history: () => rows };

@@ -7,8 +7,16 @@ export const PALETTE = [
 export const colourOf = (slot) => PALETTE[slot % PALETTE.length];
 export const isDashed = (slot) => slot >= PALETTE.length;
 
+const values = new Map(); // of colour variables, until the theme changes
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => values.clear());
+
 /** The value of a colour variable of style.css in the theme of now. */
-export const themed = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+export function themed(name) {
+  if (!values.has(name)) {
+    values.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  }
+  return values.get(name);
+}
 
 /** Fit a canvas to its box in device pixels; its drawing context, in CSS pixels. */
 export function prepared(canvas) {

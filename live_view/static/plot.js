@@ -4,11 +4,27 @@ import { colourOf, isDashed, prepared, themed } from "./palette.js";
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
 const SHOWN_STEPS = 300;
 
-export function drawPlot(canvas, history) {
+/** The first and last step of the plot: of the newest, or around the one that is looked back at. */
+function span(rows, at) {
+  if (!rows.length) return [0, 0];
+  const oldest = rows[0][0], newest = rows[rows.length - 1][0];
+  const last = Math.min(at === null ? newest : Math.max(at + SHOWN_STEPS / 2, oldest + SHOWN_STEPS), newest);
+  return [Math.max(oldest, last - SHOWN_STEPS), last];
+}
+
+/** The step at a place of the plot [px from its left]; null: there are no steps. */
+export function stepAt(canvas, rows, at, left) {
+  const [first, last] = span(rows, at), right = canvas.clientWidth - RIGHT;
+  if (!rows.length) return null;
+  const step = first + ((left - LEFT) / (right - LEFT)) * Math.max(last - first, 20);
+  return Math.round(Math.min(Math.max(step, first), last));
+}
+
+/** @param at the step that is looked back at; null: none */
+export function drawPlot(canvas, rows, at) {
   const { context, width, height } = prepared(canvas);
   const right = width - RIGHT, bottom = height - BOTTOM;
-  const last = history.length ? history[history.length - 1][0] : 0;
-  const first = Math.max(history.length ? history[0][0] : 0, last - SHOWN_STEPS);
+  const [first, last] = span(rows, at);
   const xOf = (step) => LEFT + ((step - first) / Math.max(last - first, 20)) * (right - LEFT);
   const yOf = (p) => bottom - p * (bottom - TOP);
   context.font = "11px system-ui, sans-serif";
@@ -24,7 +40,7 @@ export function drawPlot(canvas, history) {
     context.stroke();
     context.fillText(`${100 * p}%`, LEFT - 6, yOf(p));
   }
-  if (!history.length) return;
+  if (!rows.length) return;
   context.textBaseline = "alphabetic";
   context.fillText(`step ${last}`, Math.max(xOf(last), LEFT + 60), height - 4);
   if (xOf(last) > LEFT + 120) {
@@ -33,7 +49,7 @@ export function drawPlot(canvas, history) {
   }
   context.lineWidth = 2;
   context.lineJoin = "round";
-  for (const line of linesOf(history.filter((row) => row[0] >= first))) {
+  for (const line of linesOf(rowsBetween(rows, first, last))) {
     context.strokeStyle = context.fillStyle = colourOf(line.slot);
     context.setLineDash(isDashed(line.slot) ? [4, 3] : []);
     context.beginPath();
@@ -45,6 +61,18 @@ export function drawPlot(canvas, history) {
     context.fill();
   }
   context.setLineDash([]);
+  if (at === null) return;
+  context.strokeStyle = themed("--ink");
+  context.lineWidth = 1;
+  context.beginPath();
+  context.moveTo(xOf(at), TOP);
+  context.lineTo(xOf(at), bottom);
+  context.stroke();
+}
+
+function rowsBetween(rows, first, last) {
+  const from = rows.findIndex((row) => row[0] >= first), to = rows.findLastIndex((row) => row[0] <= last);
+  return rows.slice(from, to + 1);
 }
 
 /** One line for each cluster, in the order in which they began. */

@@ -1,19 +1,41 @@
-// Pointer, wheel, keys and buttons: where one looks, and the two commands.
+// Pointer, wheel, keys and buttons: where one looks, and the commands.
+import { Driving } from "./driving.js";
+import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
 const KEY_PAN = 60, KEY_ZOOM = 1.3;
+const PLACING = { // what an arrow that is dragged on the map says
+  "set_pose": ["set-pose", "Press where the robot is, drag to where it looks. Esc: no."],
+  "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
+};
 
-export function steer(view, { send, hint, mayCommand }) {
+export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const canvas = view.canvas, pointers = new Map();
-  let placing = false;
+  const driving = new Driving(send);
+  let placing = null; // one of PLACING
+  let drivesAtFirst = null; // whether driving has yet to be switched on; null: nobody has asked for it
 
-  const setPlacing = (on) => {
-    placing = on && mayCommand();
+  const setPlacing = (what) => {
+    placing = what && mayCommand() ? what : null;
+    if (placing) travel.toNow();
     view.placing = null;
-    canvas.classList.toggle("placing", placing);
-    $("set-pose").setAttribute("aria-pressed", String(placing));
-    hint(placing ? "Press where the robot is, drag to where it looks. Esc: no." : "");
+    canvas.classList.toggle("placing", placing !== null);
+    for (const [one, [button]] of Object.entries(PLACING)) $(button).setAttribute("aria-pressed", String(one === placing));
+    hint(placing ? PLACING[placing][1] : "");
     view.redraw();
+  };
+  const kidnap = () => {
+    if (!mayCommand() || !isSimulated()) return;
+    if (placing === "kidnap") {
+      send({ type: "kidnap" });
+      setPlacing(null);
+    } else {
+      setPlacing("kidnap");
+    }
+  };
+  const drive = (on) => {
+    driving.set(on && mayCommand() && isSimulated());
+    if (driving.isOn) travel.toNow();
   };
   const askToRelocalize = () => {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
@@ -49,11 +71,11 @@ export function steer(view, { send, hint, mayCommand }) {
     pointers.delete(event.pointerId);
     canvas.classList.remove("dragging");
     if (!view.placing) return;
-    const { from, to } = view.placing;
-    setPlacing(false);
+    const { from, to } = view.placing, type = placing;
+    setPlacing(null);
     if (event.type !== "pointerup") return;
     const heading = Math.atan2(to[1] - from[1], to[0] - from[0]);
-    send({ type: "set_pose", pose: [from[0], from[1], heading] });
+    send({ type, pose: [from[0], from[1], heading] });
   };
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);
@@ -72,17 +94,31 @@ export function steer(view, { send, hint, mayCommand }) {
     ArrowDown: () => view.pan(0, -KEY_PAN),
     f: () => view.fit(),
     l: () => view.setFollow(!view.follow),
-    p: () => setPlacing(!placing),
+    p: () => setPlacing(placing === "set_pose" ? null : "set_pose"),
     r: askToRelocalize,
-    Escape: () => setPlacing(false),
+    k: kidnap,
+    d: () => drive(!driving.isOn),
+    Escape: () => (placing ? setPlacing(null) : drive(false)),
+    " ": () => travel.play(!travel.timer),
+    ",": () => travel.next(-1),
+    ".": () => travel.next(1),
+    n: () => travel.toNow(),
   };
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || $("confirm").open) return;
+    if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses it
+    if (driving.onKey(event.key, true)) {
+      event.preventDefault();
+      return;
+    }
+    if (event.target === $("slider") && event.key.startsWith("Arrow")) return;
     const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!act) return;
     event.preventDefault();
     act();
   });
+  document.addEventListener("keyup", (event) => driving.onKey(event.key, false));
+  addEventListener("blur", () => driving.letGo());
 
   $("zoom-in").onclick = keys["+"];
   $("zoom-out").onclick = keys["-"];
@@ -90,10 +126,26 @@ export function steer(view, { send, hint, mayCommand }) {
   $("follow").onclick = keys.l;
   $("set-pose").onclick = keys.p;
   $("relocalize").onclick = askToRelocalize;
+  $("kidnap").onclick = kidnap;
+  $("drive").onclick = keys.d;
   $("confirm-no").onclick = () => $("confirm").close();
   $("confirm-yes").onclick = () => {
     $("confirm").close();
     send({ type: "relocalize" });
   };
   view.onChange = () => $("follow").setAttribute("aria-pressed", String(view.follow));
+  return {
+    /** The demo was started to be driven. */
+    driveAtFirst() {
+      drivesAtFirst ??= true;
+    },
+    /** Whether the robot is simulated is known by its true pose. */
+    onStep() {
+      $("kidnap").hidden = $("drive").hidden = !isSimulated();
+      if (drivesAtFirst && isSimulated()) {
+        drivesAtFirst = false;
+        drive(true);
+      }
+    },
+  };
 }

@@ -1,7 +1,7 @@
 """All worlds by name."""
 
 from robot_simulator.worlds.cross import cross, cross_feature
-from robot_simulator.worlds.halls import hall, hall_moved, hall_symmetric
+from robot_simulator.worlds.halls import hall, hall_last_year, hall_moved, hall_symmetric
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.rooms import gates, rectangle
 from robot_simulator.worlds.world import UnknownWorldError, World
@@ -10,6 +10,7 @@ _WORLDS = {
     draw.__name__: draw
     for draw in (
         cross, cross_feature, rectangle, gates, office, hall, hall_symmetric, hall_moved,
+        hall_last_year,
     )
 }  # fmt: skip
 

@@ -1,4 +1,6 @@
-"""Halls of 450 m2: one unlike itself everywhere, one symmetric, one where furniture was moved."""
+"""Halls of 450 m2: one unlike itself everywhere, one symmetric, and two with an outdated map."""
+
+from collections.abc import Sequence
 
 from robot_simulator.worlds.canvas import Canvas
 from robot_simulator.worlds.world import World
@@ -24,6 +26,13 @@ _MOVED_FURNITURE = (
     (-8.6, -2.8, -7.4, -2.0), (-2.9, -7.0, -2.1, -6.2),
 )  # fmt: skip
 """What really stands there."""
+_REBUILT = {
+    (-4.5, 1.0, 0.6): (-6.6, 2.4, 0.6),
+    (6.0, -0.5, 0.6): (4.0, -1.6, 0.6),
+    (3.0, 8.5, 6.5, 9.2): (-1.5, 8.5, 1.5, 9.2),
+    (12.5, -6.0, 13.3, -2.0): (12.5, -6.0, 13.3, -4.0),
+}
+"""Pillars and niches as they are, and where they were last year."""
 
 
 def hall() -> World:
@@ -52,6 +61,21 @@ def hall_moved() -> World:
     )
 
 
+def hall_last_year() -> World:
+    """The hall with a map of last year: a tenth of the walls is elsewhere by now."""
+    old = _hall_plan(
+        tuple(_REBUILT.get(pillar, pillar) for pillar in _PILLARS),
+        tuple(_REBUILT.get(niche, niche) for niche in _NICHES),
+    )
+    _furnish(old, _FURNITURE)
+    return World(
+        name="hall_last_year",
+        summary="the hall, but a tenth of the walls has been moved since the map was made",
+        map=old.grid_map(),
+        truth=hall().truth,
+    )
+
+
 def hall_symmetric() -> World:
     """A hall of the same size that looks the same after half a turn."""
     plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
@@ -74,17 +98,19 @@ def hall_symmetric() -> World:
     )
 
 
-def _hall_plan() -> Canvas:
+def _hall_plan(
+    pillars: Sequence[tuple[float, ...]] = _PILLARS, niches: Sequence[tuple[float, ...]] = _NICHES
+) -> Canvas:
     plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
     plan.floor(-12.5, -8.5, 12.5, 8.5)
-    for niche in _NICHES:
+    for niche in niches:
         plan.floor(*niche)
     plan.add_walls()
-    for x, y, side in _PILLARS:
+    for x, y, side in pillars:
         plan.block(x, y, x + side, y + side)
     return plan
 
 
-def _furnish(plan: Canvas, pieces: tuple[tuple[float, float, float, float], ...]) -> None:
+def _furnish(plan: Canvas, pieces: Sequence[tuple[float, ...]]) -> None:
     for piece in pieces:
         plan.block(*piece)

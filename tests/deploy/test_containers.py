@@ -20,6 +20,7 @@ from zenoh_link.threads import ROUTER, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
+ROS2 = DEPLOY / "compose.ros2.yaml"
 
 
 class _Compose(yaml.SafeLoader):
@@ -46,6 +47,20 @@ def test_every_container_runs_a_process_of_ours_with_settings_that_are_there(fil
         assert (DEPLOY / Path(words[words.index("--settings") + 1]).name).is_file()
         assignments = [words[at + 1] for at, word in enumerate(words) if word == "--set"]
         load_settings(DEPLOY / "settings.toml", assignments)
+
+
+def test_on_a_robot_of_ros_the_bridge_is_there_and_the_router_has_rmw_zenohds_own_file() -> None:
+    assert set(processes(ROS2)) == {"ros2"}
+    module, *words = processes(ROS2)["ros2"]
+    assert importlib.util.find_spec(f"{module}.__main__") is not None
+    load_settings(DEPLOY / "settings.toml", [words[words.index("--set") + 1]])
+    router = services(ROS2)["router"]
+    (mounted,) = router["volumes"]
+    assert mounted.split(":")[-2] == router["command"][1]
+    assert "rmw_zenoh_cpp/config/DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5" in mounted
+    plain = services(PLAIN)["worker"]
+    for rule in ("image", "cap_drop", "read_only", "security_opt", "restart"):
+        assert services(ROS2)["ros2"][rule] == plain[rule]
 
 
 def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:

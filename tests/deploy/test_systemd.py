@@ -60,8 +60,8 @@ def test_every_process_knows_its_arguments(command: list[str]) -> None:
         assert not argument.startswith("--") or argument in known
 
 
-def test_all_four_processes_have_a_unit() -> None:
-    processes = {"zenoh_link.router", "sensor_bridge", "coordinator", "worker"}
+def test_all_processes_have_a_unit() -> None:
+    processes = {"zenoh_link.router", "sensor_bridge", "coordinator", "worker", "ros2_bridge"}
     assert {command[0] for command in starts()} == processes
 
 

@@ -1,6 +1,7 @@
 """A robot's system, the page's process, and a browser that looks at it."""
 
 import importlib.util
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -42,6 +43,9 @@ class System:
         self._stack: Stack | None = None
 
     def start(self) -> None:
+        """Start it, unless it runs."""
+        if self._stack is not None:
+            return
         self._stack = Stack(self.settings, self._folder, logs_in_folder=True)
         self._stack.start_all()
 
@@ -85,22 +89,40 @@ def link(folder: Path, system: System) -> Iterator[str]:
 
 
 @pytest.fixture(scope="module")
-def page(link: str) -> Iterator[Page]:
+def page(link: str, driver: Any) -> Page:
     """The page, open in a browser without a screen."""
+    return Page(driver, link)
+
+
+@pytest.fixture
+def pictures(tmp_path: Path) -> Path:
+    """Where pictures of the page are kept for a person to look at: BROWSER_PICTURES."""
+    folder = Path(os.environ.get("BROWSER_PICTURES", tmp_path))
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def driver() -> Iterator[Any]:
+    """A browser without a screen."""
     with ExitStack() as ended:
-        driver = _driver()
-        ended.callback(driver.quit)
-        yield Page(driver, link)
+        made = started_browser()
+        ended.callback(made.quit)
+        yield made
 
 
-def _driver() -> Any:
-    """A browser and what drives it; skips where one of them is not installed."""
+def started_browser() -> Any:
+    """A browser and what drives it; skips where one of them is not installed.
+
+    With BROWSER_TESTS=required it fails instead.
+    """
+    leave_out = pytest.fail if os.environ.get("BROWSER_TESTS") == "required" else pytest.skip
     if importlib.util.find_spec("selenium") is None:
-        pytest.skip("selenium is not installed: pip install 'clustermcl[browser]'")
+        leave_out("selenium is not installed: pip install 'clustermcl[browser]'")
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     driver = next(filter(None, map(shutil.which, DRIVERS)), None)
     if browser is None or driver is None:
-        pytest.skip("no Chromium with its driver: apt-get install chromium chromium-driver")
+        leave_out("no Chromium with its driver: apt-get install chromium chromium-driver")
     from selenium import webdriver  # noqa: PLC0415 - an extra
     from selenium.webdriver.chrome.service import Service  # noqa: PLC0415 - an extra
 

@@ -3,6 +3,8 @@
 import base64
 import io
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,6 +65,10 @@ class Page:
         said: str = self.run("return document.documentElement.dataset.link ?? ''")
         return said
 
+    def run_async(self, script: str) -> Any:
+        """What a script gives to ``done``."""
+        return self.driver.execute_async_script(f"const done = arguments[0]; {script}")
+
     def text(self, element: str) -> str:
         """Visible text of an element by its id."""
         said: str = self.run(f"return document.getElementById('{element}').innerText")
@@ -87,6 +93,24 @@ class Page:
         chain = ActionChains(self.driver).move_to_element_with_offset(canvas, x, y)
         chain.click_and_hold().move_by_offset(round(end[0] - start[0]), round(end[1] - start[1]))
         chain.release().perform()
+
+    def hover_on_map(self, where: tuple[float, float]) -> None:
+        """Point at a place of the map's canvas [px from its corner]."""
+        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
+
+        canvas = self.driver.find_element("id", "map")
+        width, height = self.snapshot().size
+        x, y = round(where[0] - width / 2), round(where[1] - height / 2)
+        ActionChains(self.driver).move_to_element_with_offset(canvas, x, y).perform()
+
+    @contextmanager
+    def holding(self, key: str) -> Iterator[None]:
+        """Hold a key down."""
+        from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
+
+        ActionChains(self.driver).key_down(key).perform()
+        yield
+        ActionChains(self.driver).key_up(key).perform()
 
     def history(self) -> list[Any]:
         """Steps that the page knows: step, places, truth."""
@@ -117,3 +141,10 @@ class Page:
     def save(self, file: Path) -> None:
         """Keep a picture of the window."""
         self.driver.save_screenshot(str(file))
+
+
+def press(page: Page, keys: str) -> None:
+    """Type keys, as a person does."""
+    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+
+    ActionChains(page.driver).send_keys(keys).perform()

@@ -3,6 +3,8 @@
 import http.client
 import json
 import re
+import ssl
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -57,10 +59,12 @@ def got(port: int, path: str, host: str = "") -> tuple[int, dict[str, str], str]
     return said
 
 
-def opened(port: int, *, origin: str = "", cookie: str = "") -> ClientConnection:
+def opened(
+    port: int, *, origin: str = "", cookie: str = "", path: str = "/live"
+) -> ClientConnection:
     headers = {"Cookie": cookie} if cookie else {}
     return connect(
-        f"ws://127.0.0.1:{port}/live",
+        f"ws://127.0.0.1:{port}{path}",
         origin=origin or f"http://127.0.0.1:{port}",  # type: ignore[arg-type]  # a NewType of str
         additional_headers=headers,
         proxy=None,
@@ -147,6 +151,74 @@ def test_a_browser_that_talks_rubbish_is_shown_out_and_harms_nobody(
             page.recv(5)
     with opened(port) as page:
         assert "system" in json.loads(page.recv(5))
+
+
+def test_each_robot_has_a_page_of_its_own(start_process: StartProcess, nobody: str) -> None:
+    port = free_port()
+    names = ("--robot", "r1", "--robot", "r2")
+    served(start_process, nobody, "--listen", f"127.0.0.1:{port}", *names)
+    assert got(port, "/robot/r2/")[0] == 200
+    assert got(port, "/robot/r2/app.js")[0] == 200
+    assert got(port, "/robot/r3/")[0] == 404
+    for name, path in (("r1", "/live"), ("r1", "/robot/r1/live"), ("r2", "/robot/r2/live")):
+        with opened(port, path=path) as page:
+            system = json.loads(page.recv(5))["system"]
+            assert (system["robot"], system["robots"]) == (name, ["r1", "r2"])
+    with pytest.raises(InvalidStatus):
+        opened(port, path="/robot/r3/live")
+
+
+def test_with_a_certificate_the_page_is_served_by_https(
+    start_process: StartProcess, nobody: str, tmp_path: Path
+) -> None:
+    certificate, key = self_signed(tmp_path)
+    port = free_port()
+    tls = ("--certificate", str(certificate), "--private-key", str(key))
+    process = served(start_process, nobody, "--listen", f"0.0.0.0:{port}", *tls)
+    link = re.search(r"https://0\.0\.0\.0:\d+/(\?token=[\w-]+)", process.err)
+    assert link is not None
+    context = ssl.create_default_context(cafile=str(certificate))
+    connection = http.client.HTTPSConnection("localhost", port, timeout=10, context=context)
+    connection.request("GET", f"/{link[1]}")
+    answer = connection.getresponse()
+    assert answer.status == 200
+    assert "; Secure" in (answer.getheader("set-cookie") or "")
+    connection.close()
+
+
+@pytest.mark.parametrize("given", [["--certificate"], ["--private-key"]])
+def test_half_a_certificate_is_refused_in_one_line(
+    start_process: StartProcess, nobody: str, tmp_path: Path, given: list[str]
+) -> None:
+    files = dict(zip(("--certificate", "--private-key"), self_signed(tmp_path), strict=True))
+    command = python_module("live_view", "--set", nobody, *given, str(files[given[0]]))
+    process = start_process(command)
+    assert process.wait() == 2
+    assert "HTTPS needs both" in process.err
+    assert process.err.count("\n") == 1
+
+
+def test_a_file_that_is_no_certificate_is_refused_in_one_line(
+    start_process: StartProcess, nobody: str, tmp_path: Path
+) -> None:
+    rubbish = tmp_path / "rubbish.pem"
+    rubbish.write_text("rubbish")
+    files = ("--certificate", str(rubbish), "--private-key", str(rubbish))
+    process = start_process(python_module("live_view", "--set", nobody, *files))
+    assert process.wait() == 2
+    assert "rubbish.pem" in process.err
+    assert process.err.count("\n") == 1
+
+
+def self_signed(folder: Path) -> tuple[Path, Path]:
+    certificate, key = folder / "page.pem", folder / "page.key"
+    subprocess.run(
+        ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256",
+         "-nodes", "-days", "2", "-subj", "/CN=localhost", "-addext",
+         "subjectAltName=DNS:localhost", "-keyout", str(key), "-out", str(certificate)],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return certificate, key
 
 
 def test_a_port_that_is_taken_is_said_in_one_line(

@@ -1,19 +1,25 @@
 """The page in a real browser, on a real system. The tests follow one another, as a person would."""
 
+import itertools
 import math
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from particle_filter.arrays import FREE, OCCUPIED
 from robot_simulator.worlds.catalogue import world
 from tests.integration.live_view.conftest import System
-from tests.integration.live_view.page import Page, Snapshot
+from tests.integration.live_view.page import Page, Snapshot, press
 from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.browser
 
 STATIC = Path(__file__).parents[3] / "live_view" / "static"
 NEAR_M = 0.6
@@ -76,7 +82,7 @@ def test_the_map_is_drawn_where_it_lies(running: Page) -> None:
     assert right > 0.85 * looked_at  # clusters, ways and scan hide the others
 
 
-def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, tmp_path: Path) -> None:
+def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictures: Path) -> None:
     running.wait_for_places(4)
     taken: list[Snapshot] = []
 
@@ -85,7 +91,7 @@ def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, tmp_p
         return in_four_arms(taken[-1])
 
     wait_until(stand_in_four_arms, 60.0)
-    running.save(tmp_path / "four.png")
+    running.save(pictures / "four.png")
     places = probable(taken[-1])
     assert len({place["slot"] for place in places}) == 4
     for place in places:
@@ -156,20 +162,95 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     wait_until(lambda: "was forgotten by command" in running.text("events"))
 
 
-def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+MEAN_OF_CLOUD = """
+const {view} = liveView;
+import("./particles.js").then(({carried}) => {
+  const place = view.step.places.find((one) => view.clouds.has(one.cluster));
+  if (!place) return done(null);
+  const points = carried(view.clouds.get(place.cluster), view.step.odom);
+  const mean = [0, 0];
+  points.forEach((value, i) => { mean[i % 2] += value / (points.length / 2); });
+  done([...place.pose.slice(0, 2), ...mean]);
+});
+"""
 
-    def press(keys: str) -> dict[str, float]:
-        ActionChains(running.driver).send_keys(keys).perform()
+
+def test_particles_are_drawn_where_their_cluster_is(running: Page) -> None:
+    def apart_m() -> float:
+        x, y, mean_x, mean_y = running.run_async(MEAN_OF_CLOUD) or (0.0, 0.0, 99.0, 0.0)
+        return math.hypot(mean_x - x, mean_y - y)
+
+    wait_until(lambda: apart_m() < NEAR_M, 60.0)
+
+
+def test_one_may_look_back_at_a_running_system(running: Page) -> None:
+    wait_until(lambda: len(running.history()) > 5, 60.0)
+    first = running.history()[0][0]
+    running.run(f"liveView.travel.goTo({first})")
+    wait_until(lambda: running.snapshot().step["step"] == first)
+    assert running.snapshot().step["scan"]
+    running.click("to-now")
+    wait_until(lambda: running.snapshot().step["step"] > first)
+
+
+def truth(page: Page) -> list[float]:
+    where: list[float] = page.snapshot().step["truth"]
+    return where
+
+
+def test_a_kidnapped_robot_is_somewhere_else(running: Page) -> None:
+    wait_until(lambda: truth(running))
+    before = truth(running)
+    press(running, "kk")
+    wait_until(lambda: math.dist(truth(running)[:2], before[:2]) > 3.0, 60.0)
+
+
+def test_a_person_drives_the_robot(running: Page) -> None:
+    press(running, "d")
+    wait_until(lambda: running.text("hint").startswith("Drive with"))
+    with running.holding("\ue014"):  # the right arrow: it turns on the spot, clockwise
+        wait_until(lambda: len(turns(running)) >= 4 and max(turns(running)[-4:]) < -0.05, 60.0)
+    press(running, "d")
+    last = running.history()[-1][0]
+    wait_until(lambda: running.history()[-1][0] > last + 3, 60.0)  # it goes on by itself
+
+
+def turns(page: Page) -> list[float]:
+    """From step to step, of the true pose [rad]."""
+    headings = [row[2][2] for row in page.history() if row[2] is not None]
+    return [math.remainder(b - a, math.tau) for a, b in itertools.pairwise(headings)]
+
+
+@pytest.mark.parametrize("kind", ["png", "html"])
+def test_a_snapshot_of_a_running_system(
+    running: Page, system: System, tmp_path: Path, kind: str
+) -> None:
+    assert running.system == "running"
+    file = tmp_path / f"now.{kind}"
+    router = f"zenoh.router={system.settings.zenoh.router}"
+    subprocess.run(
+        [sys.executable, "-I", "-m", "clustermcl", "snapshot", str(file), "--set", router],
+        check=True, timeout=60,
+    )  # fmt: skip
+    if kind == "png":
+        with Image.open(file) as image:
+            assert max(image.size) > 1000
+    else:
+        assert '"link":"saved"' in file.read_text()
+
+
+def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
+    def pressed(keys: str) -> dict[str, float]:
+        press(running, keys)
         return running.snapshot().view
 
-    fitted = press("f")
-    assert press("++")["scale"] == pytest.approx(fitted["scale"] * 1.3**2)
-    assert press("\ue014")["x"] > fitted["x"]  # the right arrow
-    assert press("f") == fitted
-    press("l")
+    fitted = pressed("f")
+    assert pressed("++")["scale"] == pytest.approx(fitted["scale"] * 1.3**2)
+    assert pressed("\ue014")["x"] > fitted["x"]  # the right arrow
+    assert pressed("f") == fitted
+    pressed("l")
     assert running.run("return liveView.view.follow")
-    press("f")
+    pressed("f")
     assert not running.run("return liveView.view.follow")
 
 

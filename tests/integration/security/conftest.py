@@ -15,7 +15,7 @@ from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import secure_router_configuration
 from zenoh_link.session import open_session
 
-NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "viewer", "operator")
+NAMES = ("robot", "bridge", "worker-a", "worker-b", "coordinator", "recorder", "viewer", "operator")
 """Every role, with two workers' machines; of the role ``router`` there is one besides."""
 
 OpenAs = Callable[[str], zenoh.Session]

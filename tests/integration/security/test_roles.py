@@ -28,6 +28,7 @@ STATE_A = keys.worker_state("worker-a-0")
 PUBLISHED = {  # key: who may publish it, who reads it
     keys.ODOMETRY_READING: ("robot", "bridge"),
     keys.LASER_READING: ("robot", "bridge"),
+    keys.MAP_READING: ("robot", "bridge"),
     keys.SCAN: ("bridge", "worker-a"),
     keys.ODOMETRY: ("bridge", "coordinator"),
     keys.TRUTH: ("bridge", "viewer"),
@@ -42,9 +43,12 @@ PUBLISHED = {  # key: who may publish it, who reads it
 }
 
 SERVED = {  # key: who serves it, who may ask for it
-    keys.MAP: ("bridge", {"worker-a", "worker-b", "viewer", "operator"}),
-    keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator"}),
+    keys.MAP: ("bridge", {"worker-a", "worker-b", "recorder", "viewer", "operator"}),
+    keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator", "recorder"}),
     keys.KIDNAP: ("bridge", {"operator"}),
+    keys.UPDATE: ("bridge", {"operator"}),
+    keys.MAP_READING: ("robot", {"bridge"}),
+    keys.DRIVE: ("bridge", {"operator"}),
     keys.POSE: ("coordinator", {"viewer", "operator", "robot"}),
     keys.HYPOTHESES: ("coordinator", {"viewer", "operator"}),
     keys.EVENTS: ("coordinator", {"viewer", "operator", "robot"}),

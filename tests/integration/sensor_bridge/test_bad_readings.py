@@ -6,25 +6,21 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import zenoh
-from PIL import Image
 
 from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings, ZenohSettings
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
-from protocol.health import Health
-from protocol.steps import LaserReading, Scan, ScanHistory
+from protocol.codec import encode
+from protocol.steps import Scan
 from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.sensor_bridge.robot import Robot, walled_map
 from tests.integration.system.rubbish import NO_MESSAGES
 from tests.integration.waiting import wait_until
 from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
-from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Events, Received, ask, subscribe
 
 NAN, INF = math.nan, math.inf
 ROUNDS = 40
@@ -74,51 +70,12 @@ def ranges(values: list[float]) -> ArrayBlob:
     return ArrayBlob.of(np.array(values), "float32")
 
 
-def walled_map(folder: Path) -> Path:
-    cells = np.full((100, 100), 254, np.uint8)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 0
-    Image.fromarray(cells).save(folder / "map.png")
-    header = {"image": "map.png", "resolution": 0.1, "origin": [0, 0, 0], "negate": 0}
-    header |= {"occupied_thresh": 0.65, "free_thresh": 0.196}
-    (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
-    return folder / "map.yaml"
-
-
-class Robot:
-    """Publishes readings, and asks what the bridge makes of them."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
-        self._inbox: Events = Inbox({"health": 10})
-        self._health: Health | None = None
-        subscribe(session, keys.BRIDGE_HEALTH, self._inbox, "health")
-
-    def publish(self, reading: Reading) -> None:
-        is_laser = isinstance(reading, LaserReading)
-        key = keys.LASER_READING if is_laser else keys.ODOMETRY_READING
-        self._put(key, encode(reading))
-
-    def spoil(self, at_s: float) -> None:
-        """In portions, for the bridge's inbox keeps sixteen scans at most."""
-        for number, (key, data) in enumerate(rubbish(at_s)):
-            self._put(key, data)
-            if number % 8 == 7:
-                self.steps()
-
-    def steps(self) -> list[Scan]:
-        """What the bridge has made so far; it answers in its loop, after what came before."""
-        history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=60.0)
-        return list(history.scans)
-
-    def _put(self, key: str, data: bytes) -> None:
-        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
-
-    def dropped(self) -> dict[str, int] | None:
-        """What the bridge said last that it dropped; None before its first word."""
-        while (event := self._inbox.get(0.0)) is not None:
-            assert isinstance(event, Received)
-            self._health = decode(event.payload, Health)
-        return self._health.dropped if self._health else None
+def spoil(robot: Robot, at_s: float) -> None:
+    """In portions, for the bridge's inbox keeps sixteen scans at most."""
+    for number, (key, data) in enumerate(rubbish(at_s)):
+        robot.put(key, data)
+        if number % 8 == 7:
+            robot.steps()
 
 
 def test_rubbish_among_readings_changes_no_step(
@@ -136,7 +93,7 @@ def test_rubbish_among_readings_changes_no_step(
         robot.publish(reading)
         robot.steps()  # each key has a thread of its own: scans and odometry might change places
         if number % 10 == 5:
-            robot.spoil(reading.stamp_ns / 1e9)
+            spoil(robot, reading.stamp_ns / 1e9)
             robot.steps()
     wait_until(lambda: (robot.dropped() or {}).keys() >= CAUSES)
     dropped = robot.dropped() or {}

@@ -10,7 +10,7 @@ import numpy as np
 import zenoh
 
 from protocol import keys
-from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.answers import Kidnap, Relocalize, SetPose, Update
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
 from protocol.health import Health
@@ -27,12 +27,12 @@ NAN = math.nan
 
 PUBLISHED = (
     keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.POSE, keys.CHECKPOINT, keys.TRUTH,
-    keys.BRIDGE_HEALTH, keys.ODOMETRY_READING, keys.LASER_READING,
+    keys.BRIDGE_HEALTH, keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING,
     keys.worker_report(WORKER), keys.worker_health(WORKER),
 )  # fmt: skip
 SERVED = (
     keys.MAP, keys.SCAN_HISTORY, keys.POSE, keys.HYPOTHESES, keys.STATUS, keys.SET_POSE,
-    keys.RELOCALIZE, keys.KIDNAP, keys.worker_order(WORKER), keys.worker_state(WORKER),
+    keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP, keys.worker_order(WORKER), keys.worker_state(WORKER),
 )  # fmt: skip
 
 NO_MESSAGES = {
@@ -75,7 +75,10 @@ class Stranger:
 
     def ask(self) -> None:
         """Everything once; answers are of no interest."""
-        commands = (keys.SET_POSE, keys.RELOCALIZE, keys.KIDNAP, keys.worker_order(WORKER))
+        commands = (
+            *(keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.KIDNAP),
+            keys.worker_order(WORKER),
+        )
         for key in SERVED:
             for data in NO_MESSAGES.values():
                 if data or key != keys.RELOCALIZE:
@@ -146,6 +149,7 @@ class Stranger:
         yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, position_sigma_m=-1.0)
         yield SetPose(sender="x", command_id="y" * 1000, map_from_robot=ORIGIN)
         yield Relocalize(sender="x", command_id="")
+        yield Update(sender="x", command_id="")
         yield Kidnap(sender="x", command_id="3", map_from_robot=(math.inf, 0.0, 0.0))
         cloud = cloud_at(ORIGIN, 0)
         poisoned = msgspec.structs.replace(

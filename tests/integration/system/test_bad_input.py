@@ -76,6 +76,16 @@ def test_a_map_without_obstacles(tmp_path: Path) -> None:
     assert_refused(done, "map.yaml", "occupied")
 
 
+def test_a_demo_in_a_map_that_no_robot_can_drive_in(tmp_path: Path) -> None:
+    assert_refused(typed("demo", "--map", str(tmp_path / "no.yaml")), "no.yaml")
+    for cells, fact in (
+        (np.full((60, 60), 205, np.uint8), "no free space"),
+        (np.full((60, 60), 254, np.uint8), "no obstacle"),
+        (np.pad(np.full((4, 60), 254, np.uint8), 8), "needs 0.6 m"),
+    ):
+        assert_refused(typed("demo", "--map", str(written_map(tmp_path, cells))), fact)
+
+
 def test_a_missing_recording(map_file: Path) -> None:
     assert_refused(typed("evaluate", "nowhere.log", "--map", str(map_file)), "nowhere.log")
 

@@ -8,7 +8,9 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
 from tests.unit.recordings import recording_or_skip
@@ -47,6 +49,24 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     assert math.fsum(place["probability"] for place in answer["hypotheses"]) == pytest.approx(1.0)
     assert answer["final_error_m"] >= 0.0, "the simulator tells where the robot was"
     assert 0.0 <= answer["final_error_rad"] <= math.pi
+
+
+def test_a_robot_in_a_map_of_ones_own_is_found(environment: dict[str, str], tmp_path: Path) -> None:
+    """A room with one cabinet: looked at once, it tells where the robot is."""
+    cells = np.full((120, 160), 254, np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    cells[20:50, 100:130] = 0
+    Image.fromarray(cells).save(tmp_path / "hall.png")
+    (tmp_path / "hall").write_text(  # a world of ours has that name: the file is meant
+        "image: hall.png\nresolution: 0.05\norigin: [-3, 7, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    options = ["--map", str(tmp_path / "hall"), "--steps", "40", "--workers", "4"]
+    answer = as_json("demo", *options, *SMALL_FILTER, environment=environment)
+    assert answer["state"] == "localized"
+    assert answer["final_error_m"] < 0.5
+    assert -3.0 < answer["pose"]["x_m"] < 5.0
+    assert 7.0 < answer["pose"]["y_m"] < 13.0
 
 
 def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:

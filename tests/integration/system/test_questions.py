@@ -152,6 +152,25 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
     assert answer.state == "localized"
 
 
+def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
+    with Client(system) as client:
+        stamp_ns = client.pose().stamp_ns
+    numbers = ("0.5", "0.1", "0", "0.3", "0", "0.02")
+    words = ("--covariance", *numbers, "--stamp-ns", str(stamp_ns))
+    done = typed(system, "set-pose", "5.0", "6.0", "1.5", *words)
+    assert (done.returncode, done.stderr) == (0, "")
+    with Client(system) as client:
+        answer = client.pose()
+    assert answer.map_from_robot == pytest.approx((5.0, 6.0, 1.5))
+    assert answer.covariance == pytest.approx((0.5, 0.1, 0, 0.1, 0.3, 0, 0, 0, 0.02))
+    long_ago = typed(system, "set-pose", "5.0", "6.0", "1.5", "--stamp-ns", "-99999999999999")
+    assert (long_ago.returncode, long_ago.stderr.count("\n")) == (2, 1)
+    assert "before the oldest odometry that is known" in long_ago.stderr
+    none = typed(system, "set-pose", "5.0", "6.0", "1.5", "--covariance", *"120101")
+    assert none.returncode == 2
+    assert "a covariance that is none" in none.stderr
+
+
 def test_relocalize_forgets_all_places(system: Settings) -> None:
     assert typed(system, "relocalize").returncode == 0
     with Client(system) as client:

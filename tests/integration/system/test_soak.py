@@ -20,9 +20,12 @@ WHATEVER_THE_LOAD = {
     "in the end no process, zombie or file is left",
     "no belief is sure of a wrong place",
     "no process ends unless it is killed",
+    "a coordinator begins with what was decided before",
     "no step is believed twice",
+    "one coordinator rules at a time",
     "probabilities sum to 1",
     "the router's keys do not grow",
+    "told the same once more, a coordinator decides the same",
 }
 """What must hold however slow the machine is; the others say how fast something must be."""
 

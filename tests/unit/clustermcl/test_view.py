@@ -1,12 +1,18 @@
 """What `clustermcl view` and `demo --view` refuse before anything is started."""
 
+from pathlib import Path
+
 import pytest
 
 from clustermcl import view
 from clustermcl.demo import DemoOptions, run_demo
+from clustermcl.snapshot import save_snapshot
+from coordinator.recorder.replay import FlightRecordingError
 from live_view.admission import Address
-from process_runtime.settings import Settings
+from process_runtime.output_files import OutputError
+from process_runtime.settings import BridgeSettings, Settings
 from protocol.errors import SettingsError
+from robot_simulator.worlds.catalogue import world
 
 
 def test_without_the_extra_a_person_is_told_what_to_install(
@@ -25,3 +31,36 @@ def test_with_it_the_address_is_read() -> None:
 def test_a_demo_is_shown_on_this_machine_at_a_port_that_is_named(listen: str) -> None:
     with pytest.raises(SettingsError, match="this machine alone"):
         run_demo(DemoOptions(view_at=listen), Settings())
+
+
+def test_only_on_the_page_and_only_a_simulated_robot_can_be_driven() -> None:
+    with pytest.raises(SettingsError, match="give --view"):
+        run_demo(DemoOptions(by_hand=True), Settings())
+    driven = DemoOptions(by_hand=True, recording="robot.log", view_at="127.0.0.1:8350")
+    with pytest.raises(SettingsError, match="only a simulated robot"):
+        run_demo(driven, Settings())
+
+
+def test_a_finished_run_that_is_not_there_is_said_before_anything_is_served(
+    tmp_path: Path,
+) -> None:
+    options = view.ViewOptions(listen="127.0.0.1:0", recording=tmp_path / "none")
+    with pytest.raises(FlightRecordingError, match="no such folder"):
+        view.run_view(Settings(), options)
+
+
+def test_the_map_of_a_finished_run_is_the_one_that_its_bridge_named() -> None:
+    simulated = BridgeSettings(source="sim:cross")
+    drawn = view.map_of_bridge(simulated)
+    assert drawn.digest == world("cross").map.digest
+
+
+@pytest.mark.parametrize("name", ["now", "now.jpg"])
+def test_a_snapshot_is_a_picture_or_a_page(tmp_path: Path, name: str) -> None:
+    with pytest.raises(SettingsError, match=r"\.png or a \.html"):
+        save_snapshot(tmp_path / name, Settings())
+
+
+def test_where_a_snapshot_cannot_be_written_is_said_before_it_is_taken(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="folder does not exist"):
+        save_snapshot(tmp_path / "none" / "now.png", Settings())

@@ -90,7 +90,7 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
     assert made.begun
     done = made.handle(ScanArrived(scan(0)), 2)
     (handed_on,) = (i for i in done if isinstance(i, PublishCheckpoint))
-    assert handed_on.checkpoint.term == 6
+    assert handed_on.checkpoint.term > broken.term
     assert made.status(3, {}).counters == {"checkpoint that cannot be read": 1}
 
 

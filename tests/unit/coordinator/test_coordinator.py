@@ -1,5 +1,8 @@
 """Whole stories of the coordinator: events in, instructions out, no network."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import msgspec
 import pytest
 
@@ -8,6 +11,7 @@ from coordinator.events import (
     CommandArrived,
     LinkBack,
     LinkLost,
+    OdometryArrived,
     OrderAnswered,
     ReportArrived,
     ScanArrived,
@@ -22,16 +26,19 @@ from coordinator.instructions import (
     AskState,
     Instruction,
     PublishBelief,
+    PublishCheckpoint,
     PublishEvents,
     SendOrder,
 )
+from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
+from protocol.steps import OdometryReading
 from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
-from tests.unit.coordinator.reports import literal_bayes, scan, searched, tracked
+from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, scan, searched, tracked
 
 SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
@@ -40,12 +47,20 @@ NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
 class Story:
     """A coordinator and obedient workers that report what the story says."""
 
-    def __init__(self, *workers: str, **belief: object) -> None:
+    def __init__(
+        self,
+        *workers: str,
+        rules: CoordinatorSettings = CoordinatorSettings(),  # noqa: B008 - frozen
+        last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+        **belief: object,
+    ) -> None:
         settings = FilterSettings(
             search=SearchSettings(shards=1),
             belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
-        self.coordinator = Coordinator("coordinator", settings, CoordinatorSettings(), "test", 0)
+        self.coordinator = Coordinator(
+            "coordinator", settings, rules, "test", 0, last_poses=last_poses
+        )
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
@@ -213,8 +228,8 @@ def test_where_the_bridge_counts_anew_clusters_end_for_that_reason() -> None:
     assert causes == ["steps restarted", "steps restarted"]
 
 
-def tracking_story() -> Story:
-    story = Story("a").bootstrapped()
+def tracking_story(rules: CoordinatorSettings = CoordinatorSettings()) -> Story:  # noqa: B008 - frozen
+    story = Story("a", rules=rules).bootstrapped()
     for step in range(1, 5):
         story.tracks(step, at_s=float(step), north=0.1, south=0.1)
     return story
@@ -262,6 +277,38 @@ def test_stray_scans_of_another_map_change_nothing() -> None:
     assert "map changed" not in status.counters
 
 
+def in_a_new_map(story: Story, *steps: int) -> None:
+    for step in steps:
+        told = scan(step, x_m=1.0 + 0.1 * step, digest="new map")
+        story.follow(story.coordinator.handle(ScanArrived(told), step * SECOND))
+
+
+def test_places_are_kept_in_a_new_map_where_the_settings_say_so() -> None:
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    in_a_new_map(story, 5, 6, 7)
+    status = story.coordinator.status(7 * SECOND, {})
+    assert (status.map_digest, status.clusters, status.searching) == ("new map", 2, False)
+    for job_id, place in (("c2", NORTH), ("c3", SOUTH)):
+        story.report(tracked(job_id, 7, 0.1, place, epoch=story.epochs[job_id]), at_s=7.1)
+    after = story.beliefs[-1]
+    assert (after.step, after.state) == (7, "ambiguous")
+    assert [place.probability for place in after.hypotheses] == pytest.approx([0.5, 0.5])
+    causes = [e.event.cause for e in story.coordinator.events().events]
+    assert (causes.count("new map"), causes.count("prior pose")) == (2, 2)
+
+
+def test_kept_places_begin_where_odometry_has_brought_them() -> None:
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    in_a_new_map(story, 5, 6, 7)
+    pose = story.coordinator.hypotheses(7 * SECOND)
+    north, south = sorted((place.mean for place in pose.hypotheses), key=lambda mean: -mean[1])
+    # The robot has driven on since the last step in the old map.
+    assert north == pytest.approx((1.7, 5.0, 0.0))
+    assert south == pytest.approx((1.7, -5.0, 0.0))
+    wider = [place.covariance[0] for place in pose.hypotheses]
+    assert min(wider) > NO_SPREAD[0]
+
+
 def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
     story = tracking_story()
     for step in range(5, 12):
@@ -275,12 +322,141 @@ def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
     assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
 
 
-def test_commands_before_the_first_scan_are_refused_with_the_reason() -> None:
-    command = Relocalize(sender="client", command_id="1")
-    instructions = Story("a").coordinator.handle(CommandArrived(command), 0)
+def commanded(coordinator: Coordinator, command: SetPose | Relocalize, now_ns: int = 0) -> str:
+    """Why a command was refused; empty: it was not."""
+    instructions = coordinator.handle(CommandArrived(command), now_ns)
     (answer,) = (one for one in instructions if isinstance(one, AnswerCommand))
-    assert "no scan has arrived" in answer.done.problem
-    assert not any(isinstance(one, PublishBelief) for one in instructions)
+    return answer.done.problem
+
+
+def given(command_id: str, **fields: object) -> SetPose:
+    return msgspec.convert(
+        {"schema": "set_pose/1", "sender": "client", "command_id": command_id, **fields}, SetPose
+    )
+
+
+def odometry(stamp_ns: int, x_m: float) -> OdometryArrived:
+    pose = (x_m, 0.0, 0.0)
+    return OdometryArrived(
+        OdometryReading(sender="bridge", stamp_ns=stamp_ns, odom_from_robot=pose)
+    )
+
+
+def searched_everywhere(story: Story) -> None:
+    story.scan(0, at_s=0.0)
+    places = {NORTH: 0.5, SOUTH: 0.5}
+    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+
+
+def test_a_pose_that_is_given_before_the_first_scan_is_believed_after_it() -> None:
+    story = Story("a")
+    early = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    assert commanded(story.coordinator, early) == ""
+    assert story.beliefs == []
+    searched_everywhere(story)
+    best = story.beliefs[0].hypotheses[0]
+    assert (best.mean, best.covariance[0]) == ((1.0, 2.0, 0.5), 0.25)
+    assert best.probability == pytest.approx(0.95)
+    assert not story.beliefs[0].searching
+    assert commanded(story.coordinator, early) == ""
+    assert len(story.beliefs) == 1
+
+
+def test_odometry_since_a_pose_that_was_given_before_the_first_scan_is_added() -> None:
+    story = Story("a")
+    story.coordinator.handle(odometry(-40 * SECOND, -8.0), 0)
+    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.0)))
+    for second in range(40, 0, -1):
+        story.coordinator.handle(odometry(-second * SECOND, -second / 5), 0)
+    searched_everywhere(story)  # at odometry 0
+    best = story.beliefs[0].hypotheses[0]
+    assert best.mean == pytest.approx((9.0, 2.0, 0.0))
+    assert best.covariance[0] > 0.25, "and it errs"
+
+
+def test_of_commands_before_the_first_scan_the_last_counts() -> None:
+    story = Story("a")
+    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
+    commanded(story.coordinator, given("2", map_from_robot=(3.0, 2.0, 0.5)))
+    assert commanded(story.coordinator, Relocalize(sender="client", command_id="3")) == ""
+    searched_everywhere(story)
+    assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
+
+
+def test_to_relocalize_in_the_first_step_begins_another_search_after_it() -> None:
+    story = Story("a")
+    story.scan(0, at_s=0.0)
+    assert commanded(story.coordinator, Relocalize(sender="client", command_id="1")) == ""
+    places = {NORTH: 0.5, SOUTH: 0.5}
+    story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+    assert (story.beliefs[0].hypotheses, story.beliefs[0].searching) == ((), True)
+    assert "s1.0" in story.epochs
+
+
+def test_a_last_pose_counts_nothing_after_relocalize() -> None:
+    last = LastPose(
+        map_digest="map", stamp_ns=0, odom_from_robot=(5.0, 0.0, 0.0),
+        map_from_robot=(9.0, 9.0, 0.0), covariance=NO_SPREAD, probability=0.99,
+    )  # fmt: skip
+    for commands, causes in (
+        ((), {"first search", "prior pose"}),
+        ((Relocalize(sender="client", command_id="1"),), {"first search"}),
+    ):
+        story = Story(last_poses={"map": last})
+        for command in commands:
+            commanded(story.coordinator, command)
+        story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
+        story.follow(story.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
+        places = {NORTH: 0.5, SOUTH: 0.5}
+        story.report(searched("s0.0", 0, places, epoch=story.epochs["s0.0"]), at_s=0.1)
+        began = [e.event for e in story.coordinator.events().events if isinstance(e.event, Began)]
+        assert {event.cause for event in began} == causes
+
+
+def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> None:
+    story = Story("a")
+    command = given("1", map_from_robot=(1.0, 2.0, 0.5))
+    instructions = story.coordinator.handle(CommandArrived(command), 0)
+    (published,) = [one for one in instructions if isinstance(one, PublishCheckpoint)]
+    heir = Story()
+    heir.coordinator.handle(WorkerJoined("a"), 0)
+    told = Told(term=0, holds=(), checkpoint=published.checkpoint, reports=())
+    heir.follow(heir.coordinator.handle(WorkerToldState("a", told), 0))
+    searched_everywhere(heir)
+    assert heir.beliefs[0].hypotheses[0].mean == (1.0, 2.0, 0.5)
+
+
+def test_a_pose_with_a_covariance_is_believed_with_just_that() -> None:
+    story = Story("a", "b").bootstrapped()
+    covariance = (0.5, 0.1, 0.0, 0.1, 0.3, 0.0, 0.0, 0.0, 0.02)
+    command = given("1", map_from_robot=(1.0, 2.0, 0.5), covariance=covariance)
+    story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
+    best = story.beliefs[-1].hypotheses[0]
+    assert (best.mean, best.covariance) == ((1.0, 2.0, 0.5), covariance)
+
+
+def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:
+    story = Story("a", "b").bootstrapped()
+    for tenth in range(1, 21):  # a metre a second since the step, which was at 0
+        story.coordinator.handle(odometry(tenth * SECOND // 10, tenth / 10), tenth)
+    then = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=5 * SECOND // 10)
+    story.follow(story.coordinator.handle(CommandArrived(then), SECOND))
+    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((2.5, 2.0, 0.0))
+    now = given("2", map_from_robot=(1.0, 2.0, 0.0))
+    story.follow(story.coordinator.handle(CommandArrived(now), SECOND))
+    assert story.coordinator.pose(SECOND).map_from_robot == pytest.approx((1.0, 2.0, 0.0))
+
+
+def test_a_pose_of_long_ago_is_refused_with_the_reason() -> None:
+    story = Story("a", "b").bootstrapped()
+    for second in range(1, 21):
+        story.coordinator.handle(odometry(second * SECOND, 0.1 * second), second)
+    command = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
+    before = len(story.beliefs)
+    for _ in range(2):
+        problem = commanded(story.coordinator, command)
+        assert problem.startswith("the pose is of 13.0 s before the oldest odometry")
+    assert len(story.beliefs) == before
 
 
 def test_while_our_own_link_is_lost_no_step_is_decided_and_its_deadline_begins_anew() -> None:

@@ -20,7 +20,9 @@ from tests.unit.particle_filter.rooms import model_of, plain_room
 SMALL = ["belief.max_clusters=3", "belief.particles=0"]
 ROOM = model_of(plain_room())
 SETTINGS = FilterSettings(belief=BeliefSettings(max_clusters=2, particles=0))
-WITH_VISIBILITY = [name for name in ALGORITHMS if name not in ("cluster-mcl", "mcl", "amcl")]
+WITH_VISIBILITY = [
+    name for name in ALGORITHMS if name not in ("cluster-mcl", "paper-letter", "mcl", "amcl")
+]
 
 
 def task(algorithm: Algorithm, cache: Path, *more: str, **changed: Any) -> Task:

@@ -6,6 +6,7 @@ from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.arrays import ArrayBlob
 from protocol.job_events import Began, JobEvents, NumberedEvent
 from protocol.steps import MapMessage, Scan
+from protocol.work import Particles, TrackReport
 
 
 def hypothesis(cluster: int, probability: float) -> Hypothesis:
@@ -31,6 +32,29 @@ def belief(step: int, *clusters: int, term: int = 1) -> Belief:
         elsewhere_probability=0.1,
         searching=False,
         term=term,
+    )
+
+
+def report(step: int, cluster: int, *, job: str = "", particles: int = 100) -> TrackReport:
+    poses = np.tile((float(cluster), 2.0, 0.5), (particles, 1))
+    snapshot = Particles(
+        step=step,
+        odom_from_robot=(0.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(poses, "float64"),
+        log_weights=ArrayBlob.of(np.zeros(particles), "float64"),
+    )
+    return TrackReport(
+        sender="w",
+        job_id=job or f"c{cluster}",
+        epoch=1,
+        step=step,
+        log_weight_sum=0.0,
+        particles=particles,
+        log_likelihood_per_beam=0.0,
+        effective_sample_size=1.0,
+        mean=(0.0, 0.0, 0.0),
+        covariance=(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        snapshot=snapshot if particles else None,
     )
 
 

@@ -1,10 +1,23 @@
 """What the page is told, message by message."""
 
+import json
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
 import pytest
 
-from live_view.picture import MAX_HISTORY_STEPS, Picture
+from live_view.picture import NEWEST_ROWS, Picture
 from protocol.steps import TruePose
-from tests.unit.live_view.messages import belief, events, map_message, pose, scan, status
+from tests.unit.live_view.messages import (
+    belief,
+    events,
+    map_message,
+    pose,
+    report,
+    scan,
+    status,
+)
 
 
 @pytest.fixture
@@ -12,6 +25,11 @@ def picture() -> Picture:
     made = Picture({"robot": "r", "router": "tcp/x:1", "commands": True})
     made.changes()
     return made
+
+
+def rows(encoded: list[Any]) -> list[Any]:
+    """As the page reads them."""
+    return [json.loads(bytes(row)) for row in encoded]
 
 
 def test_a_new_page_gets_everything_there_is(picture: Picture) -> None:
@@ -25,7 +43,7 @@ def test_a_new_page_gets_everything_there_is(picture: Picture) -> None:
     assert shown["system"] == {
         "robot": "r", "router": "tcp/x:1", "commands": True, "link": "running",
     }  # fmt: skip
-    assert [row[0] for row in shown["history"]] == [5]
+    assert [row[0] for row in rows(shown["history"])] == [5]
 
 
 def test_only_what_has_changed_is_sent_again(picture: Picture) -> None:
@@ -51,7 +69,7 @@ def test_a_true_pose_that_comes_late_is_drawn_all_the_same(picture: Picture) -> 
 def test_a_true_pose_that_comes_late_stands_in_the_way_so_far(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
-    assert picture.everything()["history"][-1][2] == (1.0, 1.0, 0.0)
+    assert rows(picture.everything()["history"])[-1][2] == [1.0, 1.0, 0.0]
 
 
 def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> None:
@@ -66,7 +84,7 @@ def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> 
 def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_belief(belief(5, 1, 2))
-    history = picture.everything()["history"]
+    history = rows(picture.everything()["history"])
     assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
 
 
@@ -74,13 +92,59 @@ def test_steps_that_begin_anew_begin_the_history_anew(picture: Picture) -> None:
     picture.on_belief(belief(500, 1))
     picture.changes()
     picture.on_belief(belief(0, 1))
-    assert [row[0] for row in picture.changes()["history"]] == [0]
+    assert [row[0] for row in rows(picture.changes()["history"])] == [0]
 
 
-def test_the_history_has_an_end(picture: Picture) -> None:
-    for step in range(MAX_HISTORY_STEPS + 5):
+def test_a_page_is_given_the_newest_steps_and_asks_for_those_before() -> None:
+    picture = Picture({})
+    for step in range(NEWEST_ROWS + 5):
         picture.on_belief(belief(step, 1))
-    assert len(picture.everything()["history"]) == MAX_HISTORY_STEPS
+    newest = rows(picture.everything()["history"])
+    assert [newest[0][0], newest[-1][0], len(newest)] == [5, NEWEST_ROWS + 4, NEWEST_ROWS]
+    assert [row[0] for row in rows(picture.rows_before(5))] == [0, 1, 2, 3, 4]
+    assert picture.rows_before(0) == []
+
+
+def test_a_step_of_the_past_is_shown_with_all_that_was_known_then(picture: Picture) -> None:
+    picture.on_events(events(3))
+    picture.on_scan(scan(5, [2.0]))
+    picture.on_report(report(5, 1))
+    picture.on_belief(belief(5, 1, 2))
+    picture.on_pose(pose(5))
+    picture.on_status(status())
+    picture.on_belief(belief(6, 1))
+    picture.on_events(events(6))
+    past = picture.past(5)
+    shown = {topic: json.loads(bytes(past[topic])) for topic in past if topic != "events"}
+    assert shown["step"]["step"] == 5
+    assert shown["step"]["scan"] == [300, 0]
+    assert [place["cluster"] for place in shown["step"]["places"]] == [1, 2]
+    assert shown["pose"]["pose"] == [1.0, 2.0, 0.5]
+    assert shown["status"]["applied"] == 6
+    assert shown["cloud 1"]["cluster"] == 1
+    assert [event["number"] for event in past["events"]] == [3]
+
+
+def test_a_step_that_is_not_kept_has_nothing_to_show(picture: Picture) -> None:
+    picture.on_belief(belief(50, 1))
+    assert picture.past(3) == {"events": []}
+
+
+def test_steps_that_begin_anew_forget_the_past(picture: Picture) -> None:
+    picture.on_belief(belief(50, 1))
+    picture.on_belief(belief(2, 1))
+    assert json.loads(bytes(picture.past(50)["step"]))["step"] == 2
+
+
+def test_particles_come_with_their_cluster_and_go_with_it(picture: Picture) -> None:
+    picture.on_report(report(5, 1, particles=20))
+    picture.on_belief(belief(5, 1))
+    cloud = picture.changes()["cloud 1"]
+    assert (cloud["step"], len(cloud["points"])) == (5, 60)
+    assert "cloud 1" in picture.everything()
+    picture.on_belief(belief(6, 2))
+    assert picture.changes()["cloud 1"] is None
+    assert "cloud 1" not in picture.everything()
 
 
 def test_a_coordinator_of_the_past_is_not_heard(picture: Picture) -> None:
@@ -134,3 +198,12 @@ def test_a_status_says_who_works_on_what_and_what_was_dropped(picture: Picture) 
 def test_the_pose_is_shown_with_its_standard_deviations(picture: Picture) -> None:
     picture.on_pose(pose(5))
     assert picture.changes()["pose"]["sigma"] == pytest.approx([0.2, 0.3, 0.1])
+
+
+def test_how_probable_elsewhere_is_is_shown_where_the_belief_says_so(picture: Picture) -> None:
+    for elsewhere, shown in (({}, None), ({"elsewhere_probability": 0.25}, 0.25)):
+        fields = msgspec.structs.asdict(belief(6, 1))
+        fields.pop("elsewhere_probability", None)
+        told = SimpleNamespace(**fields, **elsewhere)
+        picture.on_belief(told)  # type: ignore[arg-type]  # as of one version, or another
+        assert picture.changes()["step"]["elsewhere"] == shown

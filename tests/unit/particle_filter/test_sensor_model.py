@@ -1,13 +1,17 @@
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 import pytest
 
+from particle_filter.arrays import Cells, Pose
 from particle_filter.beam_model import BeamModel
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.poses import compose
 from particle_filter.sensor_model import Beams, Grid, LaserScan, SensorModel
 from particle_filter.sensor_models import computed_model, model_class
 from particle_filter.settings import SensorModelName, SensorSettings
+from tests.unit.particle_filter.naive_rays import cast_rays
 from tests.unit.particle_filter.rooms import (
     CELL_M,
     NO_OFFSET,
@@ -86,3 +90,68 @@ def test_arrays_of_another_map_are_refused(name: SensorModelName) -> None:
     other = Grid(plain_room()[1:], CELL_M, NO_OFFSET)
     with pytest.raises(ValueError, match="expected"):
         kind.from_arrays(other, arrays, settings)
+
+
+# --- several lasers -----------------------------------------------------------------------------
+
+FRONT, REAR = np.array([0.4, 0.1, 0.0]), np.array([-0.5, 0.0, np.pi])
+TRUTH = np.array([1.6, 2.5, 0.3])
+
+
+def half(mount: Pose, room: Cells) -> LaserScan:
+    """What a laser with a field of half a turn sees from the truth."""
+    angles = np.linspace(-np.pi / 2, np.pi / 2, 90)
+    seen = compose(TRUTH, mount)
+    ranges = cast_rays(room, CELL_M, seen, angles, 20.0)
+    return LaserScan(ranges, 20.0, float(angles[0]), float(angles[1] - angles[0]), mount)
+
+
+def both(room: Cells) -> tuple[LaserScan, LaserScan, LaserScan]:
+    front, rear = half(FRONT, room), half(REAR, room)
+    return front, rear, replace(front, others=(rear,))
+
+
+@every_model
+def test_two_lasers_weigh_as_much_as_each_alone_together(name: SensorModelName) -> None:
+    room = plain_room()
+    sensor = computed_model(
+        Grid(room, CELL_M, NO_OFFSET), SensorSettings(model=name, max_beams=200)
+    )
+    poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
+    first, second, merged = (sensor.beams(scan) for scan in both(room))
+    assert merged.count == first.count + second.count
+    alone = sensor.log_likelihood(poses, first) + sensor.log_likelihood(poses, second)
+    np.testing.assert_allclose(sensor.log_likelihood(poses, merged), alone, rtol=1e-12)
+
+
+def test_each_lasers_rays_begin_where_it_is() -> None:
+    room = plain_room()
+    field = model_of(room, SensorSettings(max_beams=200, visibility_beam_stride=1))
+    poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
+    first, second, merged = (field.beams(scan) for scan in both(room))
+    alone = field.hidden(poses, first) + field.hidden(poses, second)
+    np.testing.assert_array_equal(field.hidden(poses, merged), alone)
+    assert alone.max() > 0.0
+    # Rays of the rear laser that began at the front one would pass through the robot's place.
+    wrong = replace(second, robot_from_laser=first.robot_from_laser)
+    assert field.hidden(TRUTH[None], wrong)[0] >= field.hidden(TRUTH[None], second)[0]
+
+
+def test_lasers_share_the_beams_that_are_scored() -> None:
+    room = plain_room()
+    merged = model_of(room, SensorSettings(max_beams=60)).beams(both(room)[2])
+    assert [len(laser.ranges) for laser in merged.lasers] == [30, 30]
+
+
+@every_model
+def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is(name: SensorModelName) -> None:
+    room = plain_room()
+    sensor = computed_model(
+        Grid(room, CELL_M, NO_OFFSET), SensorSettings(model=name, max_beams=200)
+    )
+    front, rear, _ = both(room)
+    blind = replace(rear, ranges=np.full(90, np.nan))
+    first, merged = sensor.beams(front), sensor.beams(replace(front, others=(blind,)))
+    np.testing.assert_array_equal(
+        sensor.log_likelihood(TRUTH[None], merged), sensor.log_likelihood(TRUTH[None], first)
+    )

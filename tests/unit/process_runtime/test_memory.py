@@ -4,6 +4,8 @@ import sys
 
 import pytest
 
+from process_runtime.memory import ARENAS, SETTLED_S, AfterLargeMessages
+
 if platform.libc_ver()[0] != "glibc":
     pytest.skip("only glibc keeps freed memory and can be told not to", allow_module_level=True)
 
@@ -17,6 +19,47 @@ before = size()
 give_back_freed_memory()
 print(before, size())
 """
+
+
+ARENAS_PROGRAM = """
+import ctypes, sys, threading
+from process_runtime.memory import share_arenas
+if sys.argv[1] == "shared":
+    share_arenas()
+everybody = threading.Barrier(12)
+def use():
+    everybody.wait()
+    kept = [ctypes.CDLL(None).malloc(5_000) for _ in range(200)]
+    everybody.wait()
+threads = [threading.Thread(target=use) for _ in range(12)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+libc = ctypes.CDLL(None)
+libc.fdopen.restype = ctypes.c_void_p
+stream = libc.fdopen(1, b"w")
+libc.malloc_info(0, ctypes.c_void_p(stream))
+libc.fflush(ctypes.c_void_p(stream))
+"""
+
+
+def arenas(word: str) -> int:
+    command = [sys.executable, "-I", "-c", ARENAS_PROGRAM, word]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return said.count("<heap nr=")
+
+
+def test_threads_share_a_few_arenas() -> None:
+    assert arenas("shared") <= ARENAS < arenas("by itself")
+
+
+def test_memory_is_given_back_once_after_large_messages() -> None:
+    after = AfterLargeMessages()
+    assert not after.turn(100.0)
+    after.passed(100.0)
+    after.passed(101.0)
+    assert not after.turn(100.0 + SETTLED_S)
+    assert after.turn(101.0 + SETTLED_S)
+    assert not after.turn(200.0)
 
 
 def test_what_is_free_but_lies_before_what_is_used_is_given_back() -> None:

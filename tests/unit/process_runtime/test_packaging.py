@@ -4,7 +4,9 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
+BROWSER_LOCK = (REPOSITORY / "requirements-browser.lock").read_text()
 RUN_LOCK = (REPOSITORY / "requirements-run.lock").read_text()
+DOCS_LOCK = (REPOSITORY / "requirements-docs.lock").read_text()
 PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
 
 
@@ -39,6 +41,17 @@ def test_every_package_in_the_lock_has_one_exact_version_and_hashes() -> None:
         assert re.match(r"[a-z0-9-]+==[\w.]+ \\\n    --hash=sha256:[0-9a-f]{64}", package), package
 
 
+def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() -> None:
+    browser, development = pinned(BROWSER_LOCK), pinned(LOCK)
+    assert {normal(one) for one in PROJECT["project"]["optional-dependencies"]["browser"]} <= set(
+        browser
+    )
+    assert len(browser) == BROWSER_LOCK.count("==")
+    assert all(hashes for _, hashes in browser.values())
+    for name in browser.keys() & development.keys():
+        assert browser[name][0] == development[name][0], name
+
+
 def test_the_lock_names_no_place_to_fetch_from() -> None:
     assert not re.search(r"http|file:|^-|/", LOCK, re.MULTILINE)
 
@@ -61,8 +74,21 @@ def test_what_runs_is_pinned_exactly_as_what_was_tested() -> None:
 
 def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development() -> None:
     project = PROJECT["project"]
-    metrics = project["optional-dependencies"]["metrics"]
-    needed = {normal(requirement) for requirement in [*project["dependencies"], *metrics]}
+    extras = project["optional-dependencies"]
+    run = [*project["dependencies"], *extras["metrics"], *extras["ros2"]]
+    needed = {normal(requirement) for requirement in run}
     tools = {normal(requirement) for requirement in project["optional-dependencies"]["dev"]}
     assert needed <= pinned(RUN_LOCK).keys()
     assert not (tools - needed) & pinned(RUN_LOCK).keys()
+
+
+def test_the_site_is_made_with_what_was_tested_and_packages_of_its_own() -> None:
+    docs, tested = pinned(DOCS_LOCK), pinned(LOCK)
+    assert {name: tested[name] for name in docs.keys() & tested.keys()} == {
+        name: docs[name] for name in docs.keys() & tested.keys()
+    }
+    project = PROJECT["project"]
+    asked = [*project["dependencies"], *project["optional-dependencies"]["docs"]]
+    assert {normal(requirement) for requirement in asked} <= docs.keys()
+    assert "--hash" in DOCS_LOCK
+    assert not re.search(r"http|file:", DOCS_LOCK)

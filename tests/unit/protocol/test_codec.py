@@ -1,6 +1,8 @@
 import contextlib
+import math
 
 import msgpack
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,9 +11,10 @@ from hypothesis import strategies as st
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
+from protocol.message import Message
 from protocol.steps import OdometryReading, Scan
 from protocol.work import Report, WorkOrder
-from tests.unit.coordinator.reports import scan, searched, tracked
+from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0, 3.0))
 
@@ -93,3 +96,18 @@ def test_an_array_comes_back_read_only_and_little_endian() -> None:
     array = ArrayBlob.of(np.arange(6, dtype=">f8").reshape(2, 3), "float64").array()
     np.testing.assert_array_equal(array, np.arange(6.0).reshape(2, 3))
     assert not array.flags.writeable
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        READING,
+        scan(3, live=True),
+        tracked("c1", 4, 0.1, (1.0, 2.0, 3.0), snapshot=cloud_at((0.0, 0.0, 0.0), 4)),
+        tracked("c1", 4, 0.1, (1.0, 2.0, 3.0), fit=math.nan),
+        searched("s0.0", 2**40, {(1.0, 2.0, 3.0): 0.5}),
+    ],
+)
+def test_any_reader_of_messagepack_reads_the_same_map(message: Message) -> None:
+    plain = msgspec.to_builtins(message, builtin_types=(bytes,))
+    assert msgpack.packb(plain, use_bin_type=True) == encode(message)

@@ -5,7 +5,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from protocol.answers import Kidnap, Relocalize, SetPose
+from protocol.answers import Drive, Kidnap, Relocalize, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
@@ -112,6 +112,8 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "no circle"),
         (Relocalize(sender="a", command_id="1", near=(math.nan, 0.0, 1.0)), "no circle"),
         (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
+        (Drive(sender="a", speed_m_s=math.nan), "speed_m_s is nan"),
+        (Drive(sender="a", turn_rate_rad_s=math.inf), "turn_rate_rad_s is inf"),
         (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),
         (changed(order(CLOUD), order=-5), "order -5"),
     ],

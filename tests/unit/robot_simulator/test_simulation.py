@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
+from robot_simulator import robot
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.lidar import Lidar, LidarModel
 from robot_simulator.people import RADIUS_M, People
@@ -111,6 +112,37 @@ def test_a_robot_is_put_where_somebody_says_and_drives_on_from_there() -> None:
 def test_a_robot_put_into_a_wall_stands_beside_it() -> None:
     simulation = Simulation(world_from_map(ROOM), 2)
     assert simulation.kidnap((-0.05, 2.0, 1.0)) == pytest.approx((0.4, 2.0, 1.0), abs=0.2)
+
+
+def test_a_robot_driven_by_hand_goes_where_it_is_told_and_then_stands_and_waits() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
+    simulation.drive_by_hand(0.6, 0.0)
+    x = [tick.map_from_robot[0] for tick in islice(simulation, 30)]
+    assert x[10] > x[0] + 0.1
+    assert x[-1] == x[-5]  # 3 s later it has stood still for long
+    simulation.drive_by_hand(-0.6, 1.0)
+    after = list(islice(simulation, 10))[-1].map_from_robot
+    assert after[0] < x[-1]
+    assert after[2] > 0.3
+
+
+def test_a_robot_driven_by_hand_hits_no_wall() -> None:
+    simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
+    free_space = FreeSpace(ROOM)
+    for _ in range(20):
+        simulation.drive_by_hand(9.0, 0.0)
+        for tick in islice(simulation, 10):
+            assert free_space.clearance_m(*tick.map_from_robot[:2]) >= robot.RADIUS_M - 0.01
+
+
+def test_a_robot_that_is_let_go_wanders_on() -> None:
+    simulation = Simulation(world("cross_feature"), 2)
+    simulation.drive_by_hand(0.0, 0.0)
+    stands = [tick.map_from_robot for tick in islice(simulation, 30)]
+    assert stands[0][:2] == stands[-1][:2]
+    simulation.wander()
+    path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
+    assert np.ptp(path[:, :2], axis=0).max() > 1.0
 
 
 def test_a_start_may_be_chosen() -> None:

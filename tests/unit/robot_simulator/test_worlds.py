@@ -4,9 +4,11 @@ from itertools import islice, pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M
 from robot_simulator.simulation import Simulation, Tick
@@ -19,6 +21,10 @@ from tests.unit.robot_simulator.looks import beams_that_touch, unlike_when_turne
 def driven_m(ticks: list[Tick]) -> float:
     poses = [tick.map_from_robot for tick in ticks]
     return float(sum(np.hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(poses)))
+
+
+def surface(cells: Cells) -> NDArray[np.bool_]:
+    return np.asarray((cells == OCCUPIED) & binary_dilation(cells == FREE))
 
 
 def ticks_until_feature(somewhere: World, times: int) -> list[Tick]:
@@ -99,7 +105,7 @@ def test_the_office_is_large_and_mostly_alike() -> None:
     assert 0.9 < alike < 0.995
 
 
-@pytest.mark.parametrize("name", ["hall", "hall_symmetric", "hall_moved"])
+@pytest.mark.parametrize("name", ["hall", "hall_symmetric", "hall_moved", "hall_last_year"])
 def test_halls_are_of_one_size(name: str) -> None:
     assert world(name).map.free_area_m2 == pytest.approx(450.0, rel=0.05)
 
@@ -116,6 +122,16 @@ def test_furniture_was_moved_only_round_the_start() -> None:
     x = hall.map.map_from_grid[0] + (cols + 0.5) * hall.map.cell_m
     y = hall.map.map_from_grid[1] + (rows + 0.5) * hall.map.cell_m
     assert 0 < np.hypot(x - hall.start[0], y - hall.start[1]).max() < 7.0
+
+
+def test_since_last_year_a_tenth_of_the_walls_was_moved() -> None:
+    rebuilt = world("hall_last_year")
+    assert rebuilt.start is None
+    assert np.array_equal(rebuilt.truth.cells, world("hall").truth.cells)
+    now, then = (surface(each.cells) for each in (rebuilt.truth, rebuilt.map))
+    for one, other in ((now, then), (then, now)):
+        away_m = distance_transform_edt(~other)[one] * rebuilt.map.cell_m
+        assert 0.08 < np.mean(away_m > 0.3) < 0.12
 
 
 def test_an_unknown_world_is_refused_with_all_that_are_known() -> None:

@@ -9,7 +9,7 @@ from zenoh_link.metrics_of_status import StatusCollector
 STATUS = Status(
     sender="coordinator", version="1.2", state="localized", freshness="fresh", age_s=0.25,
     step=41, steps_applied=40, steps_lost=1, reports_missing=2, map_digest="abc", clusters=3,
-    searching=True, workers={"worker-0": ("c1", "c2"), "worker-1": ()},
+    searching=True, overloaded=True, workers={"worker-0": ("c1", "c2"), "worker-1": ()},
     counters={"scan of another map": 7}, uptime_s=99.0, scan_age_s=3.5,
     processes=(
         Health(sender="coordinator", role="coordinator", version="1.2", uptime_s=99.0,
@@ -56,6 +56,7 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
         ("clustermcl_reports_missing_total", ()): 2.0,
         ("clustermcl_clusters", ()): 3.0,
         ("clustermcl_searching", ()): 1.0,
+        ("clustermcl_overloaded", ()): 1.0,
         ("clustermcl_workers", ()): 2.0,
         ("clustermcl_worker_jobs", (("worker", "worker-0"),)): 2.0,
         ("clustermcl_process_uptime_seconds", worker): 9.0,

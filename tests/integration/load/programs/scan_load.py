@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -119,8 +120,19 @@ class Listener:
         return measured
 
 
-def run_load(duration_s: float, folder: Path, rate_hz: float = RATE_HZ) -> tuple[Measured, Status]:
+def run_load(
+    duration_s: float,
+    folder: Path,
+    rate_hz: float = RATE_HZ,
+    beside: Callable[[], AbstractContextManager[None]] = nullcontext,
+) -> tuple[Measured, Status]:
     """Run the whole stack under load and measure.
+
+    Args:
+        duration_s: of the measurement.
+        folder: for everything.
+        rate_hz: scans a second.
+        beside: what else the machine does while it is measured.
 
     Raises:
         TimeoutError: the clusters were not found and tracked without misses in time.
@@ -135,7 +147,8 @@ def run_load(duration_s: float, folder: Path, rate_hz: float = RATE_HZ) -> tuple
             listener = Listener(session)
             _wait(listener.settled, START_WITHIN_S, fleet)
             first = max(listener.beliefs) + 1
-            _wait(lambda: False, duration_s, fleet, raises=False)
+            with beside():
+                _wait(lambda: False, duration_s, fleet, raises=False)
             last = max(listener.beliefs)
             return listener.between(first, last), ask(session, keys.STATUS, Status, timeout_s=5.0)
     finally:

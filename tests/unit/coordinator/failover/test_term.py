@@ -1,5 +1,5 @@
 from coordinator.failover.checkpoint_series import SIGN_OF_LIFE_NS, CheckpointSeries
-from coordinator.failover.term import Term
+from coordinator.failover.term import APART_US, Term
 from protocol.work import Checkpoint
 
 KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")
@@ -7,10 +7,30 @@ KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"
 
 def test_before_it_begins_a_term_is_raised_above_all_that_are_heard_of() -> None:
     term = Term(5, KNOWN)
-    assert term.number == 9
-    assert not term.hear(9)
-    assert term.hear(20)
-    assert (term.number, term.outranked_by) == (21, None)
+    raised = term.number
+    assert raised > KNOWN.term
+    assert not term.hear(raised), "that is its own"
+    assert term.hear(raised + 20)
+    assert term.number > raised + 20
+    assert term.outranked_by is None
+
+
+def test_the_epochs_of_one_term_are_over_where_the_next_one_begins() -> None:
+    term = Term(KNOWN.term + 3, None)
+    assert term.hear(KNOWN.term), "it began a moment before, and may have given jobs since"
+    assert term.number >= KNOWN.term + APART_US
+
+
+def test_two_that_hear_of_the_same_term_are_raised_to_two() -> None:
+    far_ahead = 3 * APART_US
+    terms = [Term(clock_us, None) for clock_us in (5, 6)]
+    for _ in range(3):
+        assert all(term.hear(far_ahead) for term in terms)
+        raised = [term.number for term in terms]
+        assert raised[0] != raised[1]
+        assert all(term.hear(other) for term, other in zip(terms, reversed(raised), strict=True))
+        assert terms[0].number != terms[1].number, "nor by hearing of each other"
+        far_ahead = 3 * max(term.number for term in terms)
 
 
 def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:

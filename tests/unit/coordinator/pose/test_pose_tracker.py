@@ -250,3 +250,13 @@ def test_who_takes_over_calls_the_last_scan_no_younger_than_the_data() -> None:
     tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), age_s=0.5, now_ns=0)
     answer = tracker.answer(0, workers=1)
     assert answer.scan_age_s == answer.age_s
+
+
+def test_a_scan_that_was_fetched_is_of_nobody_knows_when() -> None:
+    tracker = new_tracker()
+    tracker.resume(1 * SECOND, (0.0, 0.0, 0.0), 0.1, now_ns=0, live=True)
+    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND, live=True, fetched=True)
+    assert tracker.answer(1 * SECOND, workers=1).freshness == "stale"
+    assert tracker.answer(1 * SECOND, workers=1).stamp_ns == 2 * SECOND, "but it is the newest"
+    tracker.odometry(9 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND)
+    assert tracker.answer(1 * SECOND, workers=1).freshness == "fresh"

@@ -66,16 +66,18 @@ def test_of_every_map_there_is_a_test_with_a_simulated_robot(tmp_path: Path) -> 
     assert (a.name, depot.name) == ("map-a", "map-big-depot")
     assert depot.robot == SimulatedRobot(world=str(tmp_path / "ros-maps/big_depot.yaml"))
     assert a.role == depot.role == "test"
+    touched(tmp_path, "carmen-maps/thickwean.yaml", "carmen-maps/wean5300.yaml")
+    assert map_cases(tmp_path) == (a, depot)  # those two show a training building
     assert map_cases(None) == map_cases(tmp_path / "nowhere") == ()
     assert {a.name, depot.name} <= {case.name for case in available(tmp_path)[0]}
 
 
 def test_buildings_that_constants_were_chosen_on_are_named_so() -> None:
-    training = [case.name for case in simulated_cases() if case.role == "training"]
-    assert training == ["gates", "gates-no-visibility"]
+    others = [case.name for case in simulated_cases() if case.role != "training"]
+    assert others == ["cross-feature", "hall-last-year"]
     if data_folder().is_dir():
         recorded = [case.name for case in recorded_cases(data_folder()) if case.role == "training"]
-        assert recorded == ["wean-1", "wean-2", "wean-3"]
+        assert recorded == ["wean-1", "wean-2", "wean-3", "fr101", "intel"]
 
 
 def test_with_and_without_visibility_are_the_same_experiment_but_for_that() -> None:

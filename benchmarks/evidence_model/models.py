@@ -1,0 +1,65 @@
+"""Families of evidence models: how much of a difference in log evidence counts, and when."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.evidence_model.records import Floats
+
+BEST_FIT = 0.69
+"""Log-likelihood a beam of a perfect scan, nearly; misfit is what lacks to it [nat/beam]."""
+
+
+@dataclass(frozen=True)
+class Sloped:
+    """A share of small differences at each step, however near the last one; large ones whole."""
+
+    slope: float
+    knee_nat: float
+    most_nat: float = np.inf
+
+    def __call__(self, worse: Floats, *_: Floats) -> Floats:
+        """As `Counted`."""
+        beyond = np.maximum(worse - self.knee_nat, 0.0)
+        counted = self.slope * np.minimum(worse, self.knee_nat) + beyond
+        return np.asarray(np.minimum(counted, self.most_nat))
+
+
+@dataclass(frozen=True)
+class Tempered:
+    """Differences count once a view, and the less, the less of a scan the best place explains.
+
+    What is drawn wrongly errs alike until the robot has driven on: the errors of scans are
+    correlated over `view_m`, so a scan on the way counts for the share of a view that is new.
+    Beams that nothing explains, as before people, add to the fit of any place at random: the
+    error of a difference grows with them, and what it tells falls by its square.
+    """
+
+    view_m: float
+    view_rad: float
+    doubling_misfit: float = np.inf
+    """Misfit at which the variance of a difference has doubled [nat/beam]."""
+    alike_nat: float = 0.0
+    """Differences well under this are as likely Monte Carlo error of places that look alike."""
+
+    def __call__(self, worse: Floats, fit: Floats, distance_m: Floats, turn_rad: Floats) -> Floats:
+        """As `Counted`."""
+        new = -np.expm1(-(distance_m / self.view_m + turn_rad / self.view_rad))
+        misfit = np.maximum(BEST_FIT - np.nan_to_num(fit, nan=BEST_FIT), 0.0)
+        variance = 1.0 + (misfit / self.doubling_misfit) ** 2
+        unlike = worse / np.maximum(worse + self.alike_nat, 1e-12)
+        return np.asarray(new / variance * unlike * worse)
+
+
+def families() -> list[Sloped | Tempered]:
+    """All that are compared."""
+    return [
+        *(Sloped(1.0, 0.0, most) for most in (0.2, 1.0, np.inf)),
+        *(Sloped(slope, knee) for slope in (0.1, 0.2, 0.3) for knee in (3.0, 5.0)),
+        *(
+            Tempered(view, 2.0 * view, misfit, alike)
+            for view in (0.4, 0.6, 0.8, 1.0)
+            for misfit in (0.15, 0.25, 0.4, np.inf)
+            for alike in (0.0, 0.3)
+        ),
+    ]

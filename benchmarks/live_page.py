@@ -1,0 +1,269 @@
+"""What the page costs: its server's share of a core and its memory, and from a scan to a frame.
+
+A system is imitated at ten steps a second, as many as any robot has: scans, reports with
+particles now and then, beliefs, poses, answers. Run ``python -m benchmarks.live_page``;
+with ``--browser``, the time until a real browser has drawn the step is measured, too.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import msgspec
+import numpy as np
+import psutil
+import zenoh
+from websockets.sync.client import connect
+
+from grid_maps.map_message import to_message
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from process_runtime.supervisor import python_module
+from protocol import keys
+from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
+from protocol.arrays import ArrayBlob
+from protocol.job_events import JobEvents
+from protocol.steps import Scan, TruePose
+from protocol.work import Particles, TrackReport
+from robot_simulator.worlds.catalogue import world
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Asked, Publisher, serve
+
+STEPS_PER_S, SNAPSHOT_EVERY, PARTICLES, BEAMS = 10.0, 10, 2000, 180
+COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
+
+
+class Imitation:
+    """A system of so many clusters, which are where the last step says."""
+
+    def __init__(self, session: zenoh.Session, clusters: int) -> None:
+        self._clusters, self._step = clusters, 0
+        self._map = to_message(world("cross").map, "bridge")
+        self._put = {
+            key: Publisher(session, key)
+            for key in (keys.SCAN, keys.TRUTH, keys.BELIEF, keys.POSE, keys.worker_report("w-0"))
+        }
+        self._inbox: Inbox[Any] = Inbox({})
+        for key in (keys.STATUS, keys.MAP, keys.EVENTS, keys.POSE):
+            serve(session, key, self._inbox)
+        self._ranges = ArrayBlob.of(np.random.default_rng(0).uniform(1, 8, BEAMS), "float32")
+        self.sent_ns: dict[int, int] = {}
+
+    def step(self) -> None:
+        """One step: the scan first, the belief of it at once."""
+        step, pose = self._step, (0.01 * self._step % 4.0, 0.0, 0.0)
+        self.sent_ns[step] = time.monotonic_ns()
+        self._put[keys.SCAN].put(
+            Scan(
+                sender="bridge", step=step, stamp_ns=step, odom_from_robot=pose,
+                robot_from_laser=(0.0, 0.0, 0.0), angle_min_rad=-1.57,
+                angle_step_rad=3.14 / BEAMS, range_max_m=10.0, ranges=self._ranges,
+                map_digest=self._map.digest,
+            )
+        )  # fmt: skip
+        self._put[keys.TRUTH].put(TruePose(sender="s", step=step, map_from_robot=pose))
+        for cluster in range(self._clusters):
+            self._put[keys.worker_report("w-0")].put(self._report(step, cluster))
+        self._put[keys.BELIEF].put(self._belief(step, pose))
+        self._put[keys.POSE].put(self._pose(step, pose))
+        self._step += 1
+
+    def answer(self) -> None:
+        """Whoever has asked meanwhile."""
+        while (asked := self._inbox.get(0.0)) is not None:
+            match asked:
+                case Asked(key=keys.STATUS):
+                    asked.answer(self._status())
+                case Asked(key=keys.MAP):
+                    asked.answer(self._map)
+                case Asked(key=keys.EVENTS):
+                    asked.answer(JobEvents(sender="c", events=(), term=1))
+                case Asked():
+                    asked.answer(self._pose(self._step, (0.0, 0.0, 0.0)))
+
+    def _hypothesis(self, cluster: int, pose: tuple[float, float, float]) -> Hypothesis:
+        share = 1.0 / self._clusters
+        return Hypothesis(
+            cluster=cluster, probability=share, log_probability=float(np.log(share)),
+            mean=(pose[0] + 0.1 * cluster, pose[1], pose[2]), covariance=COVARIANCE,
+            effective_sample_size=100.0, age_steps=self._step,
+        )  # fmt: skip
+
+    def _belief(self, step: int, pose: tuple[float, float, float]) -> Belief:
+        return Belief(
+            sender="c", step=step, stamp_ns=step, odom_from_robot=pose, state="ambiguous",
+            hypotheses=tuple(self._hypothesis(one, pose) for one in range(self._clusters)),
+            searching=False, term=1,
+        )  # fmt: skip
+
+    def _pose(self, step: int, pose: tuple[float, float, float]) -> PoseAnswer:
+        return PoseAnswer(
+            sender="c", state="ambiguous", freshness="fresh", stamp_ns=step, age_s=0.0, step=step,
+            probability=0.25, map_from_robot=pose, covariance=COVARIANCE, workers=1, term=1,
+        )  # fmt: skip
+
+    def _report(self, step: int, cluster: int) -> TrackReport:
+        snapshot = None
+        if (step - cluster) % SNAPSHOT_EVERY == 0:
+            poses = np.random.default_rng(step).normal(0.0, 0.1, (PARTICLES, 3))
+            snapshot = Particles(
+                step=step, odom_from_robot=(0.0, 0.0, 0.0),
+                map_from_robot=ArrayBlob.of(poses, "float64"),
+                log_weights=ArrayBlob.of(np.zeros(PARTICLES), "float64"),
+            )  # fmt: skip
+        return TrackReport(
+            sender="w-0", job_id=f"c{cluster}", epoch=1, step=step, log_weight_sum=0.0,
+            particles=PARTICLES, log_likelihood_per_beam=0.0, effective_sample_size=1.0,
+            mean=(0.0, 0.0, 0.0), covariance=COVARIANCE, snapshot=snapshot,
+        )  # fmt: skip
+
+    def _status(self) -> Status:
+        return Status(
+            sender="c", version="1", state="ambiguous", freshness="fresh", age_s=0.0,
+            step=self._step, steps_applied=self._step, steps_lost=0, reports_missing=0,
+            map_digest=self._map.digest, clusters=self._clusters, searching=False,
+            workers={"w-0": tuple(f"c{i}" for i in range(self._clusters))}, counters={},
+            uptime_s=1.0, term=1,
+        )  # fmt: skip
+
+
+class Page:
+    """An open page that draws in no time; notes when each step came."""
+
+    def __init__(self, link: str) -> None:
+        self.came_ns: dict[int, int] = {}
+        self._socket = connect(f"ws{link.removeprefix('http')}live", origin=link.rstrip("/"),
+                               proxy=None, max_size=None)  # fmt: skip
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for data in self._socket:
+            came_ns = time.monotonic_ns()
+            self._socket.send('{"type": "drawn"}')
+            if b'"step":{' in (data if isinstance(data, bytes) else data.encode()):
+                self.came_ns.setdefault(json.loads(data)["step"]["step"], came_ns)
+
+
+@contextmanager
+def running(*command: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--clusters", type=int, default=4)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--pages", type=int, nargs="*", default=[0, 1, 20])
+    parser.add_argument("--browser", action="store_true")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as resources:
+        router = f"zenoh.router=unixsock-stream/{folder}/r.sock"
+        resources.enter_context(running(*python_module("zenoh_link.router", "--set", router)))
+        view = resources.enter_context(
+            running(*python_module("live_view", "--set", router, "--listen", "127.0.0.1:0"))
+        )
+        assert view.stderr is not None
+        link = next(m[1] for line in view.stderr if (m := re.search(r"look at (\S+)", line)))
+        settings = Settings()
+        zenoh_settings = msgspec.structs.replace(settings.zenoh, router=router.partition("=")[2])
+        session = resources.enter_context(
+            open_session(zenoh_settings, settings.robot, StopFlag(), wait_s=10.0)
+        )
+        system = Imitation(session, arguments.clusters)
+        for pages in arguments.pages:
+            opened = [Page(link) for _ in range(pages - len(OPENED))]
+            OPENED.extend(opened)
+            measure(system, psutil.Process(view.pid), arguments.seconds, pages)
+        if arguments.browser:
+            in_browser(system, link, arguments.seconds)
+
+
+OPENED: list[Page] = []
+
+
+def play(system: Imitation, seconds: float) -> None:
+    """Steps at their times."""
+    begun_s = time.monotonic()
+    for number in range(int(seconds * STEPS_PER_S)):
+        system.step()
+        while (left_s := begun_s + (number + 1) / STEPS_PER_S - time.monotonic()) > 0.0:
+            system.answer()
+            time.sleep(min(left_s, 0.02))
+
+
+def measure(system: Imitation, server: psutil.Process, seconds: float, pages: int) -> None:
+    play(system, 4.0)  # the map is fetched, everything has run once
+    used = server.cpu_times()
+    system.sent_ns.clear()
+    begun_s = time.monotonic()
+    play(system, seconds)
+    wall_s, now = time.monotonic() - begun_s, server.cpu_times()
+    cpu = (now.user + now.system - used.user - used.system) / wall_s
+    mb = server.memory_info().rss / 1e6
+    line = f"{pages:2} pages: {100 * cpu:.2f} % of a core, {mb:.0f} MB"
+    late_ms = [
+        (page.came_ns[step] - sent) / 1e6
+        for page in OPENED
+        for step, sent in system.sent_ns.items()
+        if step in page.came_ns
+    ]
+    print(f"{line}; scan to frame {quantiles(late_ms)}" if late_ms else line, flush=True)
+
+
+def quantiles(late_ms: list[float]) -> str:
+    middle, most = np.percentile(late_ms, [50, 95])
+    return f"p50 {middle:.1f} ms, p95 {most:.1f} ms of {len(late_ms)}"
+
+
+READY = """
+const done = arguments[0];
+const look = () => (window.liveView?.view.step && liveView.view.map)
+  ? requestAnimationFrame(() => done(performance.now())) : setTimeout(look, 5);
+look();
+"""
+NOTE_WHAT_IS_PAINTED = """
+window.painted = {};
+const view = liveView.view, draw = view.draw;
+view.draw = function () {
+  draw.call(view);
+  const step = view.step?.step;
+  if (step !== undefined) painted[step] ??= performance.timeOrigin + performance.now();
+};
+"""
+
+
+def in_browser(system: Imitation, link: str, seconds: float) -> None:
+    """From the scan to the step on the screen, by a frame that the browser has painted."""
+    from tests.integration.live_view.conftest import started_browser  # noqa: PLC0415 - an extra
+
+    driver = started_browser()
+    try:
+        player = threading.Thread(target=play, args=(system, seconds + 8.0))
+        player.start()
+        driver.get(link)
+        print(f"page ready after {driver.execute_async_script(READY):.0f} ms")
+        driver.execute_script(NOTE_WHAT_IS_PAINTED)
+        epoch_ms = time.time() * 1e3 - time.monotonic_ns() / 1e6
+        player.join()
+        painted = driver.execute_script("return painted")
+        late_ms = [at - epoch_ms - system.sent_ns[int(step)] / 1e6 for step, at in painted.items()]
+        print(f"scan to picture in a browser {quantiles(late_ms)}")
+    finally:
+        driver.quit()
+
+
+if __name__ == "__main__":
+    main()

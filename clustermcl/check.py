@@ -1,0 +1,126 @@
+"""`clustermcl check`: is a map fit for localizing, and does a recording agree with it."""
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from clustermcl.as_json import dumped
+from clustermcl.as_text import pose_text
+from evaluation.map_check.agreement import Agreement, agreement_of
+from evaluation.map_check.report import MapReport, Place, report_of
+from evaluation.map_check.symmetries import Symmetry
+from evaluation.map_check.views import WAY_M
+from evaluation.recordings import opened
+from grid_maps.load import load_map_with_obstacles
+from process_runtime.settings import Settings
+from sensor_bridge.recording import steps_of
+
+_MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
+
+
+def run_check(
+    map_file: str,
+    recording: Path | None,
+    settings: Settings,
+    *,
+    laser_range_m: float,
+    places: int,
+    as_json: bool,
+) -> None:
+    """Examine a map and print what was found.
+
+    Raises:
+        ClusterMclError: the map or the recording cannot be used, or no robot fits into the map.
+    """
+    grid_map = load_map_with_obstacles(map_file)
+    agreement = None
+    if recording is not None:
+        read = opened(str(recording), settings.bridge)
+        scans = steps_of(read, settings.bridge, grid_map.digest)
+        agreement = agreement_of(scans, grid_map, settings)
+    report = report_of(
+        map_file,
+        grid_map,
+        laser_range_m=laser_range_m,
+        places=places,
+        seed=settings.seed,
+        agreement=agreement,
+    )
+    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
+    sys.stdout.write(text + "\n")
+
+
+def lines_of(report: MapReport) -> Iterator[str]:
+    """The report for people."""
+    ground = report.ground
+    yield (
+        f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "
+        f"{ground.width_m:.1f} x {ground.height_m:.1f} m"
+    )
+    pieces = "in one piece" if ground.pieces == 1 else f"in {ground.pieces} pieces"
+    yield f"free: {ground.free_m2:.0f} m2, {pieces}; unknown: {ground.unknown_share:.0%} of the map"
+    yield from _looks(report)
+    if report.agreement is not None:
+        yield from _agreement(report.agreement)
+    if not report.remarks:
+        yield "Nothing stands against localizing in this map."
+    for remark in report.remarks:
+        yield f"* {remark}"
+
+
+def _looks(report: MapReport) -> Iterator[str]:
+    looked_at = len(report.places)
+    alone = sum(not place.look_alikes for place in report.places)
+    how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
+    yield f"{alone} of {looked_at} places look like no other ({how})"
+    for symmetry in report.symmetries[:_MOST_SYMMETRIES]:
+        yield f"  {_symmetry(symmetry)}: so it is with {symmetry.share:.0%} of the places"
+    if len(report.symmetries) > _MOST_SYMMETRIES:
+        yield "  and so on: the map repeats itself"
+    shown: set[int] = set()
+    for place in sorted(report.places, key=lambda place: -len(place.look_alikes)):
+        count = 1 + len(place.look_alikes)
+        if count > 1 and count not in shown and len(shown) < _MOST_GROUPS:
+            shown.add(count)
+            yield from _group(place)
+
+
+def _symmetry(symmetry: Symmetry) -> str:
+    if symmetry.about_m is not None:
+        x, y = symmetry.about_m
+        degrees = math.degrees(symmetry.turn_rad)
+        return f"looks the same turned by {degrees:.0f} deg about x {x:.1f} m  y {y:.1f} m"
+    x, y = symmetry.shift_m or (0.0, 0.0)
+    return f"looks the same shifted by x {x:.1f} m  y {y:.1f} m"
+
+
+def _group(place: Place) -> Iterator[str]:
+    places = (place.map_from_robot, *place.look_alikes)
+    yield f"  these {len(places)} places look alike:"
+    for pose in places[:_MOST_PLACES]:
+        yield f"    {pose_text(pose)}"
+    if len(places) > _MOST_PLACES:
+        yield f"    and {len(places) - _MOST_PLACES} more"
+
+
+def _agreement(agreement: Agreement) -> Iterator[str]:
+    yield (
+        f"recording: localized at {agreement.localized_share:.0%} of the first "
+        f"{agreement.steps} steps"
+    )
+    if agreement.fitting_share is not None:
+        yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
+    if agreement.mount is None:
+        yield "  laser and odometry cannot be judged: it is not localized or turns for long enough"
+        return
+    x, y, heading = agreement.mount.robot_from_laser
+    x_off, y_off, heading_off = agreement.mount.standard_errors
+    yield (
+        f"  laser: {x:.2f} +-{x_off:.2f} m ahead, {y:.2f} +-{y_off:.2f} m left, "
+        f"{math.degrees(heading):.1f} +-{math.degrees(heading_off):.1f} deg"
+    )
+    drives, turns = agreement.mount.odometry_distance_scale, agreement.mount.odometry_turn_scale
+    yield f"  odometry: {drives - 1.0:+.1%} of the distance, {turns - 1.0:+.1%} of the turns"

@@ -1,0 +1,31 @@
+"""What a shell offers when TAB is pressed after an option; only then is it computed."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def settings(begun: str) -> Iterator[tuple[str, str]]:
+    """Settings with their meanings, for ``--set``."""
+    from process_runtime.settings_table import TABLE  # noqa: PLC0415 - see above
+
+    for name, info in TABLE.items():
+        if name.startswith(begun):
+            yield f"{name}=", info.meaning
+
+
+def recordings(begun: str) -> Iterator[str]:
+    """Simulated worlds and files."""
+    from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see above
+    from robot_simulator.worlds.catalogue import world_names  # noqa: PLC0415 - see above
+
+    offered = [f"{SIMULATED}{name}" for name in world_names()]
+    folder = Path(begun).parent if begun else Path()
+    offered += [str(path) for path in folder.glob("*")] if folder.is_dir() else []
+    return (one for one in sorted(offered) if one.startswith(begun))
+
+
+def algorithms(begun: str) -> Iterator[str]:
+    """What `evaluate` can run."""
+    from evaluation.experiments.case import ALGORITHMS  # noqa: PLC0415 - see above
+
+    return (name for name in ALGORITHMS if name.startswith(begun))

@@ -1,0 +1,152 @@
+"""`clustermcl record`: what a robot's system sees and believes, into one file."""
+
+import logging
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import zenoh
+
+from grid_maps.map_message import from_message
+from process_runtime.logs import CauseCounter
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, MalformedMessageError
+from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
+from sensor_bridge.run_recorder import RunRecorder
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.wire import Events, Received, ask, subscribe
+
+_POLL_S = 0.1
+_MAP_TIMEOUT_S = 30.0
+_HISTORY_TIMEOUT_S = 2.0
+_KEPT = {"scan": 1024, "odometry": 4096, "belief": 1024}
+
+_log = logging.getLogger(__name__)
+
+
+def run_record(settings: Settings, path: Path) -> int:
+    """Record until interrupted; how many steps there were.
+
+    Raises:
+        ClusterMclError: there is no router, or the file cannot be written.
+    """
+    stop = StopFlag()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    within_s = settings.zenoh.connect_timeout_s
+    with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
+        listener = Listener(session)
+        with RunRecorder.to(path) as recorder:
+            listener.write(recorder, stop)
+        return listener.steps
+
+
+@contextmanager
+def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
+    """Record while the context lasts; all that was published until its end is in the file.
+
+    Args:
+        session: of the caller's own.
+        path: of the file; None: nothing is recorded.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if path is None:
+        yield
+        return
+    stop, failed = StopFlag(), list[ClusterMclError]()
+    listener, recorder = Listener(session), RunRecorder.to(path)
+
+    def run() -> None:
+        try:
+            with recorder:
+                listener.write(recorder, stop)
+        except ClusterMclError as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=run, name="record")
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+    if failed:
+        raise failed[0]
+
+
+class Listener:
+    """Hears all that is recorded, from its making on."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session, self._causes = session, CauseCounter()
+        self._inbox: Events = Inbox(_KEPT)
+        self._last: Scan | None = None
+        self.steps = 0
+        """Written so far."""
+        for kind, key in (
+            ("scan", keys.SCAN),
+            ("odometry", keys.ODOMETRY),
+            ("belief", keys.BELIEF),
+        ):
+            subscribe(session, key, self._inbox, kind)
+
+    def write(self, recorder: RunRecorder, stop: StopFlag) -> None:
+        """Write what is heard until told to stop, and then what has been heard by then."""
+        while True:
+            event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
+            if isinstance(event, Received):
+                try:
+                    self._write(recorder, event)
+                except MalformedMessageError as error:
+                    self._causes.warn(_log, error.cause, error, time.monotonic())
+            elif stop.is_set():
+                return
+
+    def _write(self, recorder: RunRecorder, received: Received) -> None:
+        match received.key:
+            case keys.SCAN:
+                self._on_scan(recorder, decode(received.payload, Scan))
+            case keys.ODOMETRY:
+                recorder.on_odometry(decode(received.payload, OdometryReading))
+            case keys.BELIEF:
+                belief = decode(received.payload, Belief)
+                recorder.on_belief(belief.stamp_ns, belief.odom_from_robot, belief.hypotheses)
+
+    def _on_scan(self, recorder: RunRecorder, scan: Scan) -> None:
+        last = self._last
+        if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
+            return  # sent once more
+        for one in (*self._lost_before(scan), scan):
+            if recorder.wants_map(one):
+                self._tell_map(recorder, one)
+            recorder.on_scan(one)
+            self.steps += 1
+        self._last = scan
+
+    def _lost_before(self, scan: Scan) -> tuple[Scan, ...]:
+        """Steps whose scans were lost on their way; the bridge has them still."""
+        if self._last is None or scan.step <= self._last.step + 1:
+            return ()
+        selector = keys.scan_history(self._last.step + 1, scan.step - 1)
+        try:
+            return ask(self._session, selector, ScanHistory, timeout_s=_HISTORY_TIMEOUT_S).scans
+        except ClusterMclError as error:
+            self._causes.warn(_log, "steps lost", error, time.monotonic())
+            return ()
+
+    def _tell_map(self, recorder: RunRecorder, scan: Scan) -> None:
+        try:
+            message = ask(self._session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
+            recorder.on_map(from_message(message), scan.stamp_ns)
+        except ClusterMclError as error:
+            self._causes.warn(_log, "no map", error, time.monotonic())

@@ -1,0 +1,164 @@
+"""The pages of the reference, made from the code: settings, commands, messages, the client.
+
+python docs/reference.py reference/settings.md        prints one
+"""
+
+import ast
+import importlib
+import inspect
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+from typer.main import get_command
+from typer.testing import CliRunner
+
+from clustermcl.client import Client
+from clustermcl.command import app
+from process_runtime.settings_table import TABLE
+from protocol.message import Message
+
+DOCS = Path(__file__).parent
+MESSAGES = {
+    "steps": "From robots, recordings and the bridge",
+    "work": "Between coordinator and workers",
+    "answers": "Beliefs, answers and commands",
+    "job_events": "What began and ended",
+    "health": "How each process is",
+}
+"""Modules of `protocol` that define messages."""
+
+
+def settings_page() -> str:
+    """Every setting: default, what is accepted, meaning."""
+    lines = [
+        "# Settings",
+        "",
+        "One TOML file for all processes (`--settings FILE`), and `--set section.key=value` on any "
+        "command line. `clustermcl settings` prints this as a file to begin with.",
+    ]
+    section = None
+    for name, info in TABLE.items():
+        if (of := name.rpartition(".")[0]) != section:
+            section = of
+            lines += ["", f"## {section}" if section else "", ""]
+            lines += ["| setting | default | accepted | meaning |", "| --- | --- | --- | --- |"]
+        unit = f" [{info.unit}]" if info.unit else ""
+        default = f'"{info.default}"' if isinstance(info.default, str) else str(info.default)
+        cells = (f"`{name}`", f"`{default}`", info.expected, f"{info.meaning}{unit}")
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def commands_page() -> str:
+    """What each command says of itself."""
+    lines = ["# Commands", "", "What `--help` says.", ""]
+    for name in ("", *sorted(command_names())):
+        words = [name] if name else []
+        told = CliRunner().invoke(
+            app, [*words, "--help"], prog_name="clustermcl", terminal_width=96
+        )
+        lines += [f"## clustermcl {name}".rstrip(), "", "```text", told.output.strip(), "```", ""]
+    return "\n".join(lines)
+
+
+def command_names() -> list[str]:
+    """All commands."""
+    return list(getattr(get_command(app), "commands"))  # noqa: B009 - of a group, mypy
+
+
+def client_page() -> str:
+    """The methods of the Python client."""
+    lines = ["# The Python client", "", "```python", "from clustermcl.client import Client", "```"]
+    lines += ["", *_docstring(inspect.getdoc(Client) or "")]
+    lines.append("What answers hold: [messages](messages.md).")
+    for name, member in vars(Client).items():
+        if not name.startswith("_") and inspect.isfunction(member):
+            signature = str(inspect.signature(member)).replace("self, ", "").replace("(self)", "()")
+            lines += ["", f"## {name}", "", "```python", f"client.{name}{_short(signature)}", "```"]
+            lines += ["", *_docstring(inspect.getdoc(member) or "")]
+    return "\n".join(lines) + "\n"
+
+
+def messages_page() -> str:
+    """Every message with its fields."""
+    lines = ["# Messages", "", "Keys, rates and the rules of evolution: [On the wire](../wire.md)."]
+    for module, title in MESSAGES.items():
+        lines += ["", f"## {title}"]
+        loaded = importlib.import_module(f"protocol.{module}")
+        for name, kind in structures(loaded):
+            schema = kind.__struct_config__.tag
+            tag = f" `{schema}`" if issubclass(kind, Message) and isinstance(schema, str) else ""
+            lines += ["", f"### {name}{tag}", "", *_docstring(inspect.getdoc(kind) or "")]
+            lines += ["", "| field | type | what it is |", "| --- | --- | --- |"]
+            lines += [
+                f"| `{field}` | `{type_}` | {told} |" for field, type_, told in fields(loaded, name)
+            ]
+    return "\n".join(lines) + "\n"
+
+
+def structures(module: ModuleType) -> Iterator[tuple[str, type[Message]]]:
+    """The structures that a module defines, in its order."""
+    for name, kind in vars(module).items():
+        own = inspect.isclass(kind) and kind.__module__ == module.__name__
+        if own and hasattr(kind, "__struct_fields__"):
+            yield name, kind
+
+
+def fields(module: ModuleType, name: str) -> Iterator[tuple[str, str, str]]:
+    """Name, type and docstring of each field of one structure, as its source has them."""
+    tree = ast.parse(inspect.getsource(module))
+    body = next(n.body for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+    for index, node in enumerate(body):
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            after = body[index + 1] if index + 1 < len(body) else None
+            told = ""
+            if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
+                told = " ".join(str(after.value.value).split())
+            type_ = ast.unparse(node.annotation)
+            yield node.target.id, type_.replace("|", "\\|"), told.replace("|", "\\|")
+
+
+def decisions_page() -> str:
+    """All decisions by their titles."""
+    pages = sorted((DOCS / "decisions").glob("*.md"), key=title_of)
+    lines = ["# Decisions", "", "What was not obvious, and why it is as it is.", ""]
+    return "\n".join([*lines, *(f"* [{title_of(page)}]({page.name})" for page in pages)]) + "\n"
+
+
+def title_of(page: Path) -> str:
+    """The first heading of a page."""
+    return page.read_text().partition("\n")[0].removeprefix("# ")
+
+
+def _short(signature: str) -> str:
+    """A signature without the folders of its types."""
+    for folder in ("protocol.answers.", "protocol.job_events.", "grid_maps.grid_map."):
+        signature = signature.replace(folder, "")
+    return signature.replace("collections.abc.", "").replace("protocol.message.", "")
+
+
+def _docstring(text: str) -> Iterator[str]:
+    """Sections of a docstring as headings and lists."""
+    for block in text.split("\n\n"):
+        head, _, rest = block.partition("\n")
+        if head in ("Args:", "Returns:", "Raises:", "References:"):
+            yield from (f"**{head.removesuffix(':')}**", "")
+            entries = textwrap.dedent(rest).replace("\n    ", " ").splitlines()
+            yield from (f"* {entry}" for entry in entries)
+        else:
+            yield block.replace("``", "`")
+        yield ""
+
+
+PAGES = {
+    "reference/settings.md": settings_page,
+    "reference/commands.md": commands_page,
+    "reference/client.md": client_page,
+    "reference/messages.md": messages_page,
+}
+
+if __name__ == "__main__":
+    sys.stdout.write(PAGES[sys.argv[1]]())

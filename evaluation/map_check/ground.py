@@ -1,0 +1,56 @@
+"""What a map holds: free, occupied and unknown ground, its pieces, and how well it is closed."""
+
+import msgspec
+import numpy as np
+from scipy.ndimage import binary_dilation, label
+
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
+
+SMALLEST_PIECE_M2 = 0.5
+"""Free ground smaller than this is a speck, and no piece."""
+
+
+class Ground(msgspec.Struct, frozen=True, kw_only=True):
+    """The numbers of one map."""
+
+    rows: int
+    cols: int
+    cell_m: float
+    width_m: float
+    height_m: float
+    free_m2: float
+    occupied_share: float
+    unknown_share: float
+    pieces: int
+    """Of free ground that do not touch; specks are not counted."""
+    largest_piece_share: float
+    """Of the free ground."""
+    open_rim_share: float
+    """Of the cells around free ground, those that are unknown: what is there was not mapped."""
+
+
+def ground_of(grid_map: GridMap) -> Ground:
+    """Measure a map."""
+    cells = grid_map.cells
+    free = cells == FREE
+    numbers, _ = label(free)
+    sizes = np.bincount(numbers.ravel())[1:] * grid_map.cell_m**2
+    # What lies off the map is unknown, too.
+    padded = np.pad(cells, 1, constant_values=UNKNOWN)
+    rim = padded[binary_dilation(padded == FREE) & (padded != FREE)]
+    rows, cols = cells.shape
+    width_m, height_m = grid_map.size_m
+    return Ground(
+        rows=rows,
+        cols=cols,
+        cell_m=grid_map.cell_m,
+        width_m=width_m,
+        height_m=height_m,
+        free_m2=grid_map.free_area_m2,
+        occupied_share=float(np.mean(cells == OCCUPIED)),
+        unknown_share=float(np.mean(cells == UNKNOWN)),
+        pieces=max(int(np.count_nonzero(sizes >= SMALLEST_PIECE_M2)), 1),
+        largest_piece_share=float(sizes.max() / sizes.sum()),
+        open_rim_share=float(np.mean(rim == UNKNOWN)) if len(rim) else 0.0,
+    )

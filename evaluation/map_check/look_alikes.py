@@ -1,0 +1,105 @@
+"""Places that look alike: what is seen from one of them would be seen from the others, too."""
+
+import math
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from evaluation.map_check.refining import refined
+from evaluation.map_check.views import View, Viewer
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, Poses
+from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.poses import compose, heading_distance
+from particle_filter.settings import SensorSettings
+from particle_filter.source_clustering import cluster_by_source_point
+
+MOST_POSES = 1_000_000
+"""Scored for a view; a larger map is searched in wider steps."""
+ALIKE_SHARE = 0.1
+"""From a place that looks alike, fewer beams than this would be of another length."""
+
+_HEADINGS = 60
+_SPACING_M = 0.4
+_FEWEST_HITS, _COARSE_HITS = 10, 120
+_KEPT_POSES, _KEPT_PLACES = 3_000, 64
+_APART_M, _APART_RAD = 1.0, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class LookAlikes:
+    """One place that was looked at, and all places that look like it."""
+
+    places: Poses
+    """(N, 3) `map_from_robot`; the place itself comes first."""
+
+
+class LookAlikeSearch:
+    """Scores a view from all poses in the free space of a map.
+
+    First all poses on a lattice against a blurred map, then the best ones, improved, by what
+    beams would measure there.
+
+    Args:
+        grid_map: the map.
+        viewer: looks at the same map.
+        rng: draws what is tried.
+    """
+
+    def __init__(self, grid_map: GridMap, viewer: Viewer, rng: np.random.Generator) -> None:
+        self._viewer, self._rng = viewer, rng
+        room_m = math.sqrt(grid_map.free_area_m2 * _HEADINGS / MOST_POSES)
+        self.spacing_m = max(_SPACING_M, room_m)
+        self._lattice = _lattice(grid_map, self.spacing_m)
+        usual = SensorSettings()
+        blurred = msgspec.structs.replace(usual, hit_sigma_m=self.spacing_m)
+        self._field, self._blurred = (
+            LikelihoodField.build(
+                grid_map.cells, grid_map.cell_m, np.array(grid_map.map_from_grid), settings
+            )
+            for settings in (usual, blurred)
+        )
+
+    def places_like(self, view: View) -> LookAlikes:
+        """All places from which the view's beams would be of the same lengths, nearly all.
+
+        Where next to nothing is seen, there is nothing to compare.
+        """
+        if len(view.hits_in_robot) < _FEWEST_HITS:
+            return LookAlikes(view.map_from_robot[None])
+        coarse = view.hits_in_robot[:: math.ceil(len(view.hits_in_robot) / _COARSE_HITS)]
+        scores = scan_log_likelihood(self._lattice, coarse, self._blurred)
+        count = min(_KEPT_POSES, len(scores))
+        best = np.argpartition(-scores, count - 1)[:count]
+        heads = _best_of_each_place(self._lattice[best], scores[best])[:_KEPT_PLACES]
+        poses, found = refined(heads, view.hits_in_robot, self._field, self._rng)
+        poses = _best_of_each_place(poses, found)
+        own = view.map_from_robot
+        far = np.hypot(*(poses - own)[:, :2].T) > _APART_M
+        far |= heading_distance(poses[:, 2], own[2]) > _APART_RAD
+        poses = poses[far]
+        alike = self._viewer.differing_share(view, poses) < ALIKE_SHARE
+        return LookAlikes(np.vstack([own, poses[alike]]))
+
+
+def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:
+    """(N, 3) poses all over the free cells, and in all directions."""
+    stride = max(1, round(spacing_m / grid_map.cell_m))
+    places = np.argwhere(grid_map.cells[stride // 2 :: stride, stride // 2 :: stride] == FREE)
+    middles = (places[:, ::-1] * stride + stride // 2 + 0.5) * grid_map.cell_m
+    headings = np.linspace(-np.pi, np.pi, _HEADINGS, endpoint=False)
+    in_grid = np.column_stack(
+        [np.repeat(middles, _HEADINGS, axis=0), np.tile(headings, len(middles))]
+    )
+    return compose(np.array(grid_map.map_from_grid), in_grid)
+
+
+def _best_of_each_place(poses: Poses, scores: np.ndarray) -> Poses:
+    """(K, 3) the best pose of each place, the best place first."""
+    order = np.argsort(-scores, kind="stable")
+    labels, _ = cluster_by_source_point(
+        poses[order], scores[order], _APART_M, _APART_RAD, max_clusters=len(poses)
+    )
+    _, first = np.unique(labels, return_index=True)
+    return poses[order][np.sort(first)]

@@ -1,0 +1,35 @@
+"""From poses that are nearly right to the best ones near them."""
+
+import numpy as np
+
+from particle_filter.arrays import LogWeights, Points, Poses
+from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+
+_TRIES = 200
+_SPREADS = np.array([(s, s, 0.25 * s) for s in (0.4, 0.2, 0.1, 0.05, 0.02)])
+"""[m], [m], [rad]: a quarter, for beams end some metres away."""
+
+
+def refined(
+    poses: Poses, hits_in_robot: Points, field: LikelihoodField, rng: np.random.Generator
+) -> tuple[Poses, LogWeights]:
+    """Improve each of some poses by trying others near it, nearer and nearer.
+
+    Args:
+        poses: (N, 3).
+        hits_in_robot: (B, 2) where beams ended.
+        field: the map.
+        rng: draws what is tried.
+
+    Returns:
+        (N, 3) poses, none worse than it was, and their (N,) log-likelihoods.
+    """
+    every = np.arange(len(poses))
+    for spread in _SPREADS:
+        steps = spread * rng.standard_normal((len(poses), _TRIES, 3))
+        steps[:, 0] = 0.0
+        tried = poses[:, None, :] + steps
+        scores = scan_log_likelihood(tried.reshape(-1, 3), hits_in_robot, field)
+        best = scores.reshape(len(poses), _TRIES).argmax(axis=1)
+        poses, found = tried[every, best], scores.reshape(len(poses), _TRIES)[every, best]
+    return poses, found

@@ -1,0 +1,178 @@
+"""All that is found out about a map, and what a person should know of it."""
+
+import math
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+
+from evaluation.experiments.symmetry import middle_of
+from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
+from evaluation.map_check.ground import Ground, ground_of
+from evaluation.map_check.look_alikes import LookAlikeSearch
+from evaluation.map_check.symmetries import Symmetry, symmetries_of
+from evaluation.map_check.views import WAY_M, Viewer
+from grid_maps.grid_map import GridMap
+from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
+
+_COARSE_CELL_M, _FINE_CELL_M = 0.1, 0.02
+_WHOLE_SHARE = 0.9
+_OPEN_SHARE = 0.3
+_BLIND_SHARE = 0.3
+_FOUND_SHARE, _FITTING_SHARE = 0.1, 0.7
+_MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
+_SCALE_OFF = 0.05
+_MOST_SYMMETRIES = 12
+
+
+class Place(msgspec.Struct, frozen=True, kw_only=True):
+    """A place that was looked at."""
+
+    map_from_robot: PoseTuple
+    returned_share: float
+    """Of the beams, those that hit something within the laser's range."""
+    look_alikes: tuple[PoseTuple, ...]
+    """Other places from which the same would be seen."""
+
+
+class MapReport(msgspec.Struct, frozen=True, kw_only=True):
+    """What `clustermcl check` finds out."""
+
+    map: str
+    ground: Ground
+    laser_range_m: float
+    searched_every_m: float
+    places: tuple[Place, ...]
+    symmetries: tuple[Symmetry, ...]
+    """The most common first; of a repetitive map, no more than the first dozen."""
+    agreement: Agreement | None
+    """With a recording; None: none was given."""
+    remarks: tuple[str, ...] = ()
+    """What stands against localizing in this map, in sentences; none: nothing."""
+
+
+def report_of(
+    name: str,
+    grid_map: GridMap,
+    *,
+    laser_range_m: float,
+    places: int,
+    seed: int,
+    agreement: Agreement | None,
+) -> MapReport:
+    """Examine a map.
+
+    Args:
+        name: of the map, for people.
+        grid_map: the map.
+        laser_range_m: how far the robot's laser sees.
+        places: how many are looked at.
+        seed: of the choice of places.
+        agreement: of a recording with the map; None: there is no recording.
+
+    Raises:
+        NoRoomError: no robot fits into the map.
+    """
+    rng = np.random.default_rng(seed)
+    viewer = Viewer(grid_map, laser_range_m)
+    search = LookAlikeSearch(grid_map, viewer, rng)
+    looked_at, groups = [], []
+    for _ in range(places):
+        view = viewer.random_view(rng)
+        found = search.places_like(view)
+        groups.append(found)
+        own, *others = (pose_tuple(pose) for pose in found.places)
+        looked_at.append(
+            Place(
+                map_from_robot=own,
+                returned_share=view.returned_share,
+                look_alikes=tuple(others),
+            )
+        )
+    report = MapReport(
+        map=name,
+        ground=ground_of(grid_map),
+        laser_range_m=laser_range_m,
+        searched_every_m=search.spacing_m,
+        places=tuple(looked_at),
+        symmetries=symmetries_of(groups, middle_of(grid_map))[:_MOST_SYMMETRIES],
+        agreement=agreement,
+    )
+    return msgspec.structs.replace(report, remarks=tuple(_remarks(report)))
+
+
+def _remarks(report: MapReport) -> Iterator[str]:
+    yield from _of_ground(report.ground)
+    yield from _of_places(report)
+    if report.agreement is not None:
+        yield from _of_agreement(report.agreement)
+
+
+def _of_ground(ground: Ground) -> Iterator[str]:
+    if ground.cell_m > _COARSE_CELL_M:
+        yield f"cells of {ground.cell_m} m are coarse, walls may be that far off; 0.05 m is usual"
+    if ground.cell_m < _FINE_CELL_M:
+        yield f"cells of {ground.cell_m} m cost memory and gain nothing; 0.05 m is usual"
+    if ground.largest_piece_share < _WHOLE_SHARE:
+        outside = 1.0 - ground.largest_piece_share
+        yield (
+            f"the free ground lies in {ground.pieces} pieces, {outside:.0%} of it outside the "
+            "largest: is a door closed in the map, or was it seen through windows?"
+        )
+    if ground.open_rim_share > _OPEN_SHARE:
+        yield f"{ground.open_rim_share:.0%} of the rim of the free ground was not mapped"
+
+
+def _of_places(report: MapReport) -> Iterator[str]:
+    looked_at = len(report.places)
+    blind = sum(place.returned_share < _BLIND_SHARE for place in report.places)
+    if blind:
+        yield (
+            f"from {blind} of {looked_at} places most beams hit nothing within "
+            f"{report.laser_range_m} m: there, odometry alone leads on"
+        )
+    alike = sum(bool(place.look_alikes) for place in report.places)
+    if alike:
+        yield (
+            f"{alike} of {looked_at} places look like others, also after {WAY_M:.0f} m of "
+            "driving: until something tells them apart, the belief is ambiguous"
+        )
+
+
+def _of_agreement(agreement: Agreement) -> Iterator[str]:
+    fitting, mount = agreement.fitting_share, agreement.mount
+    if agreement.localized_share < _FOUND_SHARE or fitting is None:
+        yield (
+            f"the robot was localized at {agreement.localized_share:.0%} of {agreement.steps} "
+            "steps of the recording: is it of this building, and are its frames the right ones?"
+        )
+        return
+    if fitting < _FITTING_SHARE:
+        yield (
+            f"only {fitting:.0%} of the beams end within {FITS_WITHIN_M} m of an obstacle: "
+            "has much been moved, or is the laser mounted elsewhere?"
+        )
+    if mount is None:
+        return
+    told, found = np.array(agreement.told_mount), np.array(mount.robot_from_laser)
+    limits = np.maximum(
+        (_MOUNT_OFF_M, _MOUNT_OFF_M, _MOUNT_OFF_RAD), _SIGMAS * np.array(mount.standard_errors)
+    )
+    if (np.abs(found - told) > limits).any():
+        yield (
+            f"the laser is told to be at {_mount(agreement.told_mount)}, the map says "
+            f"{_mount(mount.robot_from_laser)}"
+        )
+    for scale, what in (
+        (mount.odometry_distance_scale, "drives"),
+        (mount.odometry_turn_scale, "turns"),
+    ):
+        if abs(scale - 1.0) > _SCALE_OFF:
+            more = "too much" if scale > 1.0 else "too little"
+            yield f"odometry {what} {abs(scale - 1.0):.0%} {more}"
+
+
+def _mount(pose: PoseTuple) -> str:
+    x, y, heading = pose
+    return f"{x:.2f} m ahead, {y:.2f} m left, {math.degrees(heading):.0f} deg"

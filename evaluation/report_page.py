@@ -1,0 +1,214 @@
+"""`clustermcl evaluate --report`: one page of HTML with everything in it, opened by file."""
+
+import base64
+import html
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from evaluation.experiments.trace import Trace, TraceStep
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import to_message
+from live_view.drawing import PALETTE, map_picture
+from live_view.map_reduction import reduced
+from protocol.steps import MapMessage
+
+DRAWN_RUNS = 12
+"""The first ones are drawn; all are in the table."""
+_WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 34.0, 18.0
+"""Of a plot, and of what is left and below of its lines [px]."""
+_MOST_ERROR_M = 10.0
+_JUMP_M = 2.0
+_TRUE, _RIGHT, _WRONG = "#1a2027", PALETTE[1], "#c0262d"
+_STYLE = """
+:root {
+  color-scheme: light dark; --ink: #1a2027; --soft: #5c6875; --line: #dfe3e8; --ground: #fff;
+}
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e8edf3; --soft: #96a3b2; --line: #2a333e; --ground: #10141a; }
+  .map { filter: brightness(.85); }
+}
+body {
+  margin: 28px auto; max-width: 1240px; padding: 0 18px; background: var(--ground);
+  color: var(--ink); font: 14px/1.5 system-ui, sans-serif; font-variant-numeric: tabular-nums;
+}
+.run {
+  display: grid; grid-template-columns: minmax(0, 1fr) minmax(0, 1fr); gap: 18px;
+  align-items: start; border-top: 1px solid var(--line); padding: 14px 0;
+}
+.run h2 { grid-column: 1 / -1; margin: 0; font-size: 16px; }
+svg { width: 100%; height: auto; max-height: 600px; }
+.legend, figcaption { color: var(--soft); }
+figure { margin: 0 0 12px; }
+text { fill: var(--soft); font-size: 11px; }
+table { border-collapse: collapse; overflow-x: auto; display: block; }
+th, td { text-align: right; padding: 3px 9px; white-space: nowrap; }
+th, td { border-bottom: 1px solid var(--line); }
+i { font-style: normal; font-weight: 600; }
+@media (max-width: 800px) { .run { grid-template-columns: 1fr; } }
+"""
+
+_Curve = tuple[Sequence[tuple[int, float]], str]
+"""Points (update, value), and a colour."""
+
+
+@dataclass(frozen=True)
+class TableText:
+    """The table of all runs."""
+
+    names: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def report_page(title: str, grid_map: GridMap, traces: Sequence[Trace], table: TableText) -> str:
+    """The page.
+
+    Args:
+        title: what was run, and how it went.
+        grid_map: that all runs were in.
+        traces: of the runs that are drawn.
+        table: of all runs.
+    """
+    small = reduced(to_message(grid_map, "evaluate"))
+    runs = "".join(_run(trace, small) for trace in traces if trace.steps)
+    shown = html.escape(title)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{shown}</title>'
+        f"<style>{_STYLE}</style></head><body>\n<h1>{shown}</h1>\n{_table(table)}\n"
+        f'<p class="legend">On the map: <i style="color:{_RIGHT}">the estimate, right</i>, '
+        f'<i style="color:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true way, '
+        f"dotted. Drawn are the first {DRAWN_RUNS} runs, as far as the true pose is known.</p>\n"
+        '<svg width="0" height="0" style="position:absolute"><defs>'
+        f"{_shared_map(small)}</defs></svg>\n{runs}</body></html>\n"
+    )
+
+
+def _shared_map(grid_map: MapMessage) -> str:
+    """The map in metres, as it lies; once for all runs."""
+    pixels = io.BytesIO()
+    map_picture(grid_map).save(pixels, "PNG", optimize=True)
+    picture = base64.b64encode(pixels.getvalue()).decode()
+    x, y, heading = grid_map.map_from_grid
+    c, s = math.cos(heading), math.sin(heading)
+    width, height = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
+    return (
+        f'<g id="map"><image transform="matrix({c:.6f} {s:.6f} {-s:.6f} {c:.6f} {x:.3f} {y:.3f})" '
+        f'width="{width:.3f}" height="{height:.3f}" preserveAspectRatio="none" '
+        f'style="image-rendering:pixelated" href="data:image/png;base64,{picture}"/></g>'
+    )
+
+
+def _run(trace: Trace, grid_map: MapMessage) -> str:
+    steps, last = trace.steps, trace.steps[-1].update
+    placed = [step for step in steps if step.places]
+    errors = [(step.update, min(_error_m(step), _MOST_ERROR_M)) for step in placed]
+    of_truth = [(step.update, step.truth_probability) for step in steps]
+    most_m = max((error for _, error in errors), default=0.0)
+    scale_m = next((m for m in (0.2, 0.5, 1.0, 2.0, 5.0) if most_m <= m), _MOST_ERROR_M)
+    return (
+        f'<section class="run"><h2>seed {trace.seed}</h2>'
+        f"<figure>{_map(steps, grid_map)}</figure><div>"
+        f"<figure>{_plot([(errors, _WRONG)], last, scale_m, ' m')}<figcaption>how far the most "
+        f"probable place is off, up to {_MOST_ERROR_M:.0f} m</figcaption></figure>"
+        f"<figure>{_plot([*_of_clusters(placed), (of_truth, _TRUE)], last, 1.0)}<figcaption>"
+        "probability of each place, and of all that are right (dark)</figcaption></figure>"
+        "</div></section>\n"
+    )
+
+
+def _error_m(step: TraceStep) -> float:
+    x, y = step.places[0].position
+    return math.hypot(x - step.truth[0], y - step.truth[1])
+
+
+def _of_clusters(steps: Sequence[TraceStep]) -> list[_Curve]:
+    curves: dict[int, list[tuple[int, float]]] = {}
+    for step in steps:
+        for place in step.places:
+            curves.setdefault(place.cluster, []).append((step.update, place.probability))
+    return [(curve, PALETTE[i % len(PALETTE)]) for i, curve in enumerate(curves.values())]
+
+
+def _map(steps: Sequence[TraceStep], grid_map: MapMessage) -> str:
+    x, y, heading = grid_map.map_from_grid
+    c, s = math.cos(heading), math.sin(heading)
+    w, h = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
+    corners = [(x + c * a - s * b, y + s * a + c * b) for a in (0.0, w) for b in (0.0, h)]
+    west, south = (min(values) for values in zip(*corners, strict=True))
+    east, north = (max(values) for values in zip(*corners, strict=True))
+    stroke_m = max(east - west, north - south) / 250.0
+    truth = _ways([step.truth[:2] for step in steps], _TRUE, stroke_m, dotted=True)
+    ways = [
+        way
+        for right, piece in _pieces(steps)
+        for way in _ways(piece, _RIGHT if right else _WRONG, stroke_m)
+    ]
+    box = f"{west:.2f} {-north:.2f} {east - west:.2f} {north - south:.2f}"
+    return (
+        f'<svg class="map" viewBox="{box}"><g transform="scale(1 -1)"><use href="#map"/>'
+        f"{''.join([*ways, *truth])}</g></svg>"
+    )
+
+
+def _pieces(steps: Sequence[TraceStep]) -> Iterator[tuple[bool, list[tuple[float, float]]]]:
+    """The estimate's way in pieces, each of which is right or wrong."""
+    piece: list[tuple[float, float]] = []
+    right = False
+    for step in steps:
+        if piece and (not step.places or step.right != right):
+            yield right, piece
+            piece = []
+        if step.places:
+            right = step.right
+            piece.append(step.places[0].position)
+    if piece:
+        yield right, piece
+
+
+def _ways(
+    points: Sequence[tuple[float, ...]], colour: str, stroke_m: float, *, dotted: bool = False
+) -> list[str]:
+    """Lines through places; none leads from one to another far away."""
+    parts: list[list[tuple[float, ...]]] = []
+    for point in points:
+        if not parts or math.dist(parts[-1][-1], point) > _JUMP_M:
+            parts.append([])
+        parts[-1].append(point)
+    dots = f' stroke-dasharray="0 {2.5 * stroke_m:.3f}"' if dotted else ""
+    return [
+        f'<polyline points="{" ".join(f"{x:.2f},{y:.2f}" for x, y in (*part, part[-1]))}" '
+        f'fill="none" stroke="{colour}" stroke-width="{stroke_m:.3f}" stroke-linecap="round"'
+        f"{dots}/>"
+        for part in parts
+    ]
+
+
+def _plot(curves: Sequence[_Curve], last: int, most: float, unit: str = "") -> str:
+    def place(update: int, value: float) -> tuple[float, float]:
+        across = (update / max(last, 1)) * (_WIDTH - _LEFT - 6.0)
+        return _LEFT + across, (1.0 - value / most) * (_HEIGHT - _BELOW - 8.0) + 8.0
+
+    grid = [
+        f'<line x1="{_LEFT}" x2="{_WIDTH}" y1="{y:.1f}" y2="{y:.1f}" stroke="currentColor" '
+        f'opacity=".15"/><text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{value:g}{unit}'
+        "</text>"
+        for value in (0.0, most / 2.0, most)
+        for _, y in [place(0, value)]
+    ]
+    drawn = [
+        f'<polyline fill="none" stroke-width="1.6" '
+        f'stroke="{"currentColor" if colour == _TRUE else colour}" '
+        f'points="{" ".join("{:.1f},{:.1f}".format(*place(*point)) for point in curve)}"/>'
+        for curve, colour in curves
+    ]
+    end = f'<text x="{_WIDTH - 2}" y="{_HEIGHT - 3}" text-anchor="end">update {last}</text>'
+    return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}">{"".join([*grid, *drawn])}{end}</svg>'
+
+
+def _table(table: TableText) -> str:
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in table.names)
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in table.rows
+    )
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"

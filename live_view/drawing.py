@@ -1,0 +1,154 @@
+"""The map with all places on it as a picture, drawn without a browser."""
+
+import math
+import zlib
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from particle_filter.arrays import FREE, OCCUPIED
+from protocol.steps import MapMessage
+
+PALETTE = (
+    "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
+)  # fmt: skip
+"""As in `palette.js`."""
+_FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
+_SCAN, _INK = "#c0262d", "#1a2027"
+_LONG_SIDE_PX = 1400
+_MARGIN_PX = 24
+_FINER = 2
+"""Drawn so much larger, and then made smaller: smooth edges."""
+_SIGMAS = 2.0
+_LABELLED = 8
+
+
+class _View(NamedTuple):
+    """From the map to the picture [px, before it is made smaller]."""
+
+    left_m: float
+    top_m: float
+    px_per_m: float
+
+    def at(self, x_m: float, y_m: float) -> tuple[float, float]:
+        return (x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m
+
+
+def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image.Image:
+    """The whole map, and a step's places, scan and true pose.
+
+    Args:
+        grid_map: small enough to be unpacked.
+        step: the frame of a step; None: there is none yet.
+    """
+    view, size = _view_of(grid_map)
+    canvas = Image.new("RGB", size, _UNKNOWN_RGB)
+    _paste_map(canvas, grid_map, view)
+    draw = ImageDraw.Draw(canvas, "RGBA")
+    if step is not None:
+        places = step["places"]
+        if places:
+            _draw_scan(draw, view, places[0]["pose"], step["scan"])
+        if step["truth"] is not None:
+            _draw_truth(draw, view, step["truth"])
+        for index, place in reversed(list(enumerate(places))):
+            _draw_place(draw, view, place, labelled=index < _LABELLED)
+    return canvas.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.LANCZOS)
+
+
+def _corners(grid_map: MapMessage) -> list[tuple[float, float]]:
+    x0, y0, heading = grid_map.map_from_grid
+    c, s = math.cos(heading), math.sin(heading)
+    width, height = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
+    sides = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
+    return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
+
+
+def _view_of(grid_map: MapMessage) -> tuple[_View, tuple[int, int]]:
+    xs, ys = zip(*_corners(grid_map), strict=True)
+    long_m = max(max(xs) - min(xs), max(ys) - min(ys))
+    px_per_m = _FINER * _LONG_SIDE_PX / long_m
+    margin = _FINER * _MARGIN_PX
+    view = _View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
+    right, bottom = view.at(max(xs), min(ys))
+    return view, (math.ceil(right + margin), math.ceil(bottom + margin))
+
+
+def map_picture(grid_map: MapMessage) -> Image.Image:
+    """A pixel for each cell; its first line is the one of the lowest y."""
+    cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
+    cells = cells.reshape(grid_map.rows, grid_map.cols)
+    colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
+    colours[cells == FREE], colours[cells == OCCUPIED] = _FREE_RGB, _OCCUPIED_RGB
+    return Image.fromarray(colours)
+
+
+def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
+    """The cells, turned as the map lies."""
+    x0, y0, heading = grid_map.map_from_grid
+    c, s = math.cos(heading), math.sin(heading)
+    k, cell = 1.0 / view.px_per_m, 1.0 / grid_map.cell_m
+    # Of each pixel (u, v): its place in the map, and from there its cell.
+    dx, dy = view.left_m - x0, view.top_m - y0
+    coefficients = (
+        c * k * cell, -s * k * cell, (c * dx + s * dy) * cell,
+        -s * k * cell, -c * k * cell, (-s * dx + c * dy) * cell,
+    )  # fmt: skip
+    turned = map_picture(grid_map).transform(
+        canvas.size, Image.Transform.AFFINE, coefficients, fillcolor=_UNKNOWN_RGB
+    )
+    canvas.paste(turned)
+
+
+def _draw_scan(
+    draw: ImageDraw.ImageDraw, view: _View, pose: tuple[float, float, float], points_cm: list[int]
+) -> None:
+    x, y, heading = pose
+    c, s = math.cos(heading) / 100.0, math.sin(heading) / 100.0
+    for ahead, aside in zip(points_cm[::2], points_cm[1::2], strict=True):
+        left, top = view.at(x + c * ahead - s * aside, y + s * ahead + c * aside)
+        draw.ellipse((left - 4, top - 4, left + 4, top + 4), fill=_SCAN)
+
+
+def _draw_truth(draw: ImageDraw.ImageDraw, view: _View, pose: tuple[float, float, float]) -> None:
+    x, y = view.at(pose[0], pose[1])
+    radius = 38
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=_INK, width=5)
+    c, s = math.cos(pose[2]), -math.sin(pose[2])
+    draw.line((x + radius * c, y + radius * s, x + 60 * c, y + 60 * s), fill=_INK, width=5)
+
+
+def _draw_place(
+    draw: ImageDraw.ImageDraw, view: _View, place: Mapping[str, Any], *, labelled: bool
+) -> None:
+    colour = PALETTE[place["slot"] % len(PALETTE)]
+    x_m, y_m, heading = place["pose"]
+    draw.polygon(_ellipse(view, place), fill=f"{colour}40", outline=colour, width=3)
+    x, y = view.at(x_m, y_m)
+    radius = _FINER * (6 + 8 * math.sqrt(place["p"]))
+    nose = [
+        (
+            x + scale * radius * math.cos(heading + turn),
+            y - scale * radius * math.sin(heading + turn),
+        )
+        for scale, turn in ((1.0, 0.6), (1.9, 0.0), (1.0, -0.6))
+    ]
+    draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
+    draw.polygon(nose, fill=colour)
+    if labelled:
+        text, font = f"{100 * place['p']:.0f} %", ImageFont.load_default(size=24)
+        draw.text((x, y - radius - 24), text, fill=_INK, font=font, anchor="mm", stroke_width=5,
+                  stroke_fill="white")  # fmt: skip
+
+
+def _ellipse(view: _View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Two standard deviations of the position."""
+    xx, xy, yy, _ = place["cov"]
+    x_m, y_m, _ = place["pose"]
+    values, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))
+    around = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    circle = np.stack([np.cos(around), np.sin(around)])
+    points = axes @ (_SIGMAS * np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
+    return [view.at(x_m + dx, y_m + dy) for dx, dy in points.T]

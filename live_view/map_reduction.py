@@ -1,0 +1,63 @@
+"""A large map made small enough for a browser, without ever holding all of it."""
+
+import zlib
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.arrays import FREE, OCCUPIED
+from protocol.errors import MalformedMessageError
+from protocol.steps import MapMessage
+
+MAX_SIDE = 4096
+"""Cells of the page's map, in each direction."""
+
+
+def reduced(message: MapMessage) -> MapMessage:
+    """The same map with at most `MAX_SIDE` cells a side; walls win, then free cells.
+
+    Raises:
+        MalformedMessageError: its bytes are not so many cells.
+    """
+    every = -(-max(message.rows, message.cols) // MAX_SIDE)
+    if every <= 1:
+        return message
+    packer = zlib.compressobj(1)
+    packed = [packer.compress(_small(band, every).tobytes()) for band in _bands(message, every)]
+    rows, cols = -(-message.rows // every), -(-message.cols // every)
+    return msgspec.structs.replace(
+        message,
+        rows=rows,
+        cols=cols,
+        cell_m=message.cell_m * every,
+        zlib_cells=b"".join(packed) + packer.flush(),
+    )
+
+
+def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
+    """So many rows at a time, from the lowest; of the last ones perhaps fewer."""
+    unpacker, left = zlib.decompressobj(), message.zlib_cells
+    for row in range(0, message.rows, every):
+        size = min(every, message.rows - row) * message.cols
+        pieces, have = [], 0
+        while have < size:
+            try:
+                piece = unpacker.decompress(left, size - have)
+            except zlib.error as error:
+                raise MalformedMessageError(expected="map", problem=str(error)) from error
+            left = unpacker.unconsumed_tail
+            if not piece:
+                raise MalformedMessageError(expected="map", problem="its bytes are too few")
+            pieces.append(piece)
+            have += len(piece)
+        yield np.frombuffer(b"".join(pieces), np.int8).reshape(-1, message.cols)
+
+
+def _small(band: NDArray[np.int8], every: int) -> NDArray[np.int8]:
+    """One row of a band of rows."""
+    starts = np.arange(0, band.shape[1], every)
+    walls = np.logical_or.reduceat((band == OCCUPIED).any(axis=0), starts)
+    free = np.logical_or.reduceat((band == FREE).any(axis=0), starts)
+    return np.where(walls, OCCUPIED, np.where(free, FREE, -1)).astype(np.int8)

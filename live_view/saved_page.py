@@ -1,0 +1,49 @@
+"""The page as one file that needs no server: what is shown stands in it."""
+
+import base64
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from live_view.static_files import static_files
+from protocol.steps import MapMessage
+
+_IMPORTED = re.compile(r'from "\./(\w+)\.js"')
+
+
+def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at: str) -> str:
+    """A page of HTML.
+
+    Args:
+        frames: all topics, as a page gets them when it is opened.
+        grid_map: small enough for a browser; None: none is drawn.
+        saved_at: when, in words.
+    """
+    system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
+    shown = {**frames, "system": system}
+    if grid_map is not None:
+        packed = base64.b64encode(grid_map.zlib_cells).decode()
+        shown["map"] = {**frames["map"], "packed": packed}
+    files = {name: content.decode() for name, content in static_files().items()}
+    data = msgspec.json.encode(shown).decode().replace("<", "\\u003c")
+    head = (
+        f"<style>{files['style.css']}</style>\n"
+        f'<script type="application/json" id="saved">{data}</script>\n'
+        f'<script type="importmap">{_import_map(files)}</script>\n'
+        '<script type="module">import "app";</script>\n'
+    )
+    page = re.sub(r"^ *<(link|script) .*\n", "", files["index.html"], flags=re.MULTILINE)
+    return page.replace("</head>", f'<link rel="icon" href="data:,">\n{head}</head>')
+
+
+def _import_map(files: Mapping[str, str]) -> str:
+    """All scripts by their names; a script that is part of a file finds no other by its path."""
+    scripts = {
+        name.removesuffix(".js"): "data:text/javascript;base64,"
+        + base64.b64encode(_IMPORTED.sub(r'from "\1"', text).encode()).decode()
+        for name, text in files.items()
+        if name.endswith(".js")
+    }
+    return msgspec.json.encode({"imports": scripts}).decode()

@@ -1,0 +1,147 @@
+// What stands beside the map.
+import { colourOf, isDashed, percent } from "./palette.js";
+
+const $ = (id) => document.getElementById(id);
+
+let pose = null, poseAt = null; // when it came [ms]; null: it is of the past
+
+/** Other robots behind the same router, each with a page of its own. */
+export function showRobots(names, own) {
+  $("robots").hidden = !names.length;
+  $("robots").replaceChildren(...names.map((name) => {
+    const link = element("a", name);
+    link.href = `/robot/${name}/`;
+    if (name === own) link.setAttribute("aria-current", "page");
+    return link;
+  }));
+}
+
+export function showStep(frame) {
+  $("now").dataset.state = frame.state;
+  $("state").textContent = frame.state;
+  $("searching").hidden = !frame.searching || frame.state === "searching";
+  $("step").textContent = frame.step;
+  const best = frame.places[0];
+  $("off-box").hidden = $("legend-truth").hidden = !frame.truth;
+  $("off").textContent = frame.truth && best
+    ? `${Math.hypot(best.pose[0] - frame.truth[0], best.pose[1] - frame.truth[1]).toFixed(2)} m` : "–";
+}
+
+export function showPose(frame, at) {
+  [pose, poseAt] = [frame, at];
+  const [x, y, heading] = pose.pose ?? [];
+  const sigma = pose.sigma ?? [];
+  const told = (value, error, unit) => value === undefined ? ["–"]
+    : [value, element("small", error === undefined ? ` ${unit}` : ` ± ${error} ${unit}`)];
+  $("x").replaceChildren(...told(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
+  $("y").replaceChildren(...told(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
+  const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
+  $("heading").replaceChildren(...told(degrees(heading), degrees(sigma[2]), "°"));
+  $("probability").textContent = pose.pose ? percent(pose.p) : "–";
+  showAge();
+}
+
+/** How old the pose is; one that is looked back at was so old then. */
+export function showAge() {
+  if (!pose) return;
+  const age = pose.age_s + (poseAt === null ? 0 : (performance.now() - poseAt) / 1000);
+  const stale = pose.freshness === "stale" || age > 3;
+  $("freshness").className = stale ? "stale" : "";
+  $("freshness").textContent = pose.freshness === "none" ? "no scan yet"
+    : `${stale ? "stale, " : ""}${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`;
+}
+
+export function showClusters(places, pointed, elsewhere) {
+  $("cluster-count").textContent = places.length || "";
+  const rows = places.map((place) => {
+    const row = element("li");
+    row.style.setProperty("--chip", colourOf(place.slot));
+    row.classList.toggle("pointed", place.cluster === pointed);
+    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there`;
+    row.dataset.cluster = place.cluster;
+    row.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
+    return row;
+  });
+  if (!places.length) rows.push(element("li", "no place is held possible yet", "more"));
+  if (elsewhere != null) {
+    const row = element("li", "", "elsewhere");
+    row.title = "the probability that the robot is at none of these places";
+    row.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
+    rows.unshift(row); // in sight, however many places there are
+  }
+  $("clusters").replaceChildren(...rows);
+}
+
+export function showEvents(events, slots) {
+  const rows = grouped(events).reverse().map((event) => {
+    const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
+    const row = element("li", "", event.kind);
+    row.append(slot == null ? element("span") : chip(slot), element("span", event.step, "step"), element("span", event.text));
+    return row;
+  });
+  $("events").replaceChildren(...(rows.length ? rows : [element("li", "nothing has begun or ended yet", "empty")]));
+}
+
+/** Searches that ended together are one line: there are as many as workers. */
+function grouped(events) {
+  const lines = [];
+  for (const event of events) {
+    const before = lines[lines.length - 1];
+    const alike = before && before.step === event.step && before.cause === event.cause;
+    if (alike && event.cause.startsWith("search ")) {
+      before.count += 1;
+      before.text = event.cause.replace("search", `a search by ${before.count} jobs is`).replace("is stopped", "was stopped");
+    } else {
+      lines.push({ ...event, count: 1 });
+    }
+  }
+  return lines;
+}
+
+export function showWorkers(status) {
+  $("worker-count").textContent = status.workers.length || "none is alive";
+  $("workers").replaceChildren(...status.workers.map((worker) => {
+    const jobs = element("span", "", "jobs"), row = element("li");
+    for (const job of worker.jobs) jobs.append(element("span", job, "job"));
+    if (!worker.jobs.length) jobs.append(element("span", "idle", "idle"));
+    row.append(element("span", worker.name), jobs);
+    const rates = Object.entries(worker.rates ?? {}).map(([what, rate]) => `${rate} ${what}/s`);
+    if (worker.mb) rates.push(`${worker.mb} MB`);
+    if (rates.length) row.append(element("span", rates.join(" · "), "rates"));
+    return row;
+  }));
+  const dropped = Object.entries(status.dropped).map(([cause, count]) => `${cause}: ${count}`);
+  if (status.lost) dropped.unshift(`${status.lost} steps lost`);
+  if (status.reports_missing) dropped.unshift(`${status.reports_missing} reports missing`);
+  $("health").textContent = `${status.applied} steps applied${dropped.length ? "; " + dropped.join(", ") : ""}`;
+}
+
+function barOf(probability) {
+  const bar = element("span", "", "bar"), filled = element("i");
+  filled.style.width = `${100 * probability}%`;
+  bar.append(filled);
+  return bar;
+}
+
+function chip(slot) {
+  const made = element("span", "", isDashed(slot) ? "chip dashed" : "chip");
+  made.style.setProperty("--chip", colourOf(slot));
+  return made;
+}
+
+function element(tag, text = "", className = "") {
+  const made = document.createElement(tag);
+  made.textContent = text;
+  made.className = className;
+  return made;
+}
+
+/** A line at the map's lower edge; it goes after a while, if it shall. */
+let hintEnds = 0;
+export function hint(text, bad = false, forMs = 0) {
+  clearTimeout(hintEnds);
+  $("hint").textContent = text;
+  $("hint").className = bad ? "bad" : "";
+  $("hint").hidden = !text;
+  if (forMs) hintEnds = setTimeout(() => hint(""), forMs);
+}

@@ -1,0 +1,118 @@
+// What stands on the map: clusters, the truth, the arrow that is dragged.
+import { colourOf, isDashed, percent, themed } from "./palette.js";
+
+/** A cluster: a disc with a nose where the robot would look, its area by probability, and its ellipse. */
+export function drawPlace(view, place, labelled) {
+  const { context } = view;
+  const usual = context.globalAlpha;
+  const colour = colourOf(place.slot);
+  const [x, y] = view.screenOf(place.pose);
+  const radius = 6 + 8 * Math.sqrt(place.p);
+  drawEllipse(view, place, x, y, colour, usual);
+  // The arrow: a disc with a nose; its area tells the probability.
+  context.save();
+  context.translate(x, y);
+  context.rotate(-place.pose[2]);
+  context.beginPath();
+  context.arc(0, 0, radius, 0.55, 2 * Math.PI - 0.55);
+  context.lineTo(radius * 1.9, 0);
+  context.closePath();
+  context.lineWidth = 3;
+  context.strokeStyle = themed("--halo");
+  context.stroke();
+  context.fillStyle = colour;
+  context.fill();
+  if (isDashed(place.slot) || place.cluster === view.pointed) {
+    context.setLineDash(isDashed(place.slot) ? [3, 3] : []);
+    context.lineWidth = 2;
+    context.strokeStyle = themed("--ink");
+    context.stroke();
+  }
+  context.restore();
+  if (labelled || place.cluster === view.pointed) drawLabel(view, percent(place.p), x, y - radius - 11, colour);
+}
+
+function drawEllipse(view, place, x, y, colour, usual) {
+  const { context } = view;
+  const [xx, xy, yy] = place.cov;
+  const middle = (xx + yy) / 2, spread = Math.hypot((xx - yy) / 2, xy);
+  const long = 2 * Math.sqrt(Math.max(middle + spread, 0)) * view.view.scale;
+  const short = 2 * Math.sqrt(Math.max(middle - spread, 0)) * view.view.scale;
+  context.beginPath();
+  context.ellipse(x, y, Math.max(long, 1), Math.max(short, 1), -Math.atan2(2 * xy, xx - yy) / 2, 0, 2 * Math.PI);
+  context.fillStyle = context.strokeStyle = colour;
+  context.globalAlpha = usual * (0.1 + 0.2 * place.p);
+  context.fill();
+  context.globalAlpha = usual;
+  context.lineWidth = 1.5;
+  context.setLineDash(isDashed(place.slot) ? [4, 3] : []);
+  context.stroke();
+  context.setLineDash([]);
+}
+
+function drawLabel(view, text, x, y, colour) {
+  const { context } = view;
+  context.font = "600 12px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  const width = context.measureText(text).width + 12;
+  context.beginPath();
+  context.roundRect(x - width / 2, y - 9, width, 18, 9);
+  context.fillStyle = themed("--card");
+  context.fill();
+  context.lineWidth = 1.5;
+  context.strokeStyle = colour;
+  context.stroke();
+  context.fillStyle = themed("--ink");
+  context.fillText(text, x, y + 0.5);
+}
+
+/** Where the robot really is: a ring with a stroke. */
+export function drawTruth(view, pose) {
+  const { context } = view;
+  const [x, y] = view.screenOf(pose);
+  context.save();
+  context.translate(x, y);
+  context.rotate(-pose[2]);
+  for (const [width, colour] of [[5, themed("--halo")], [2.5, themed("--truth")]]) {
+    context.lineWidth = width;
+    context.strokeStyle = colour;
+    context.beginPath();
+    context.arc(0, 0, 19, 0, 2 * Math.PI);
+    context.moveTo(19, 0);
+    context.lineTo(30, 0);
+    context.stroke();
+  }
+  context.restore();
+}
+
+/** The arrow that a person is dragging. */
+export function drawPlacing(view, { from, to }) {
+  const { context } = view;
+  const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);
+  const angle = Math.atan2(toY - y, toX - x), length = Math.max(Math.hypot(toX - x, toY - y), 24);
+  context.save();
+  context.strokeStyle = context.fillStyle = themed("--accent");
+  context.globalAlpha = 0.18;
+  context.beginPath();
+  context.arc(x, y, 2 * 0.5 * view.view.scale, 0, 2 * Math.PI);
+  context.fill();
+  context.globalAlpha = 1;
+  context.translate(x, y);
+  context.rotate(angle);
+  context.lineWidth = 4;
+  context.lineCap = "round";
+  context.beginPath();
+  context.moveTo(0, 0);
+  context.lineTo(length - 8, 0);
+  context.stroke();
+  context.beginPath();
+  context.moveTo(length + 6, 0);
+  context.lineTo(length - 10, 9);
+  context.lineTo(length - 10, -9);
+  context.fill();
+  context.beginPath();
+  context.arc(0, 0, 6, 0, 2 * Math.PI);
+  context.fill();
+  context.restore();
+}

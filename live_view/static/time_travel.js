@@ -1,0 +1,104 @@
+// Looking back: a slider over the steps so far, play, and a link to a step.
+const $ = (id) => document.getElementById(id);
+const PLAYED_EVERY_MS = 100;
+
+export class TimeTravel {
+  /**
+   * @param ask wants the frames of a step; they come to onPast
+   * @param rows the steps that are known, oldest first
+   * @param show draws frames of the past; null: of now
+   */
+  constructor(ask, rows, show) {
+    Object.assign(this, { ask, rows, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
+    $("slider").addEventListener("input", () => this.goTo(Number($("slider").value)));
+    $("play").onclick = () => this.play(!this.timer);
+    $("to-now").onclick = () => this.toNow();
+    addEventListener("hashchange", () => this.followLink());
+    this.linked = linkedStep();
+  }
+
+  /** The step that the link names, once the steps so far are known. */
+  followLink() {
+    const step = linkedStep();
+    if (step !== null && step !== this.at) this.goTo(step);
+  }
+
+  /** What the newest step is: of now, or the end of a finished run; a saved page has but one. */
+  setEnd(link) {
+    this.isSaved = link === "saved";
+    this.newest = ["finished", "replaying"].includes(link) ? "End" : "Now";
+    $("to-now").textContent = this.newest;
+    this.onRows();
+  }
+
+  onRows() {
+    const rows = this.rows(), isShown = rows.length > 1 && !this.isSaved;
+    $("timeline").hidden = !isShown;
+    if (!isShown) return;
+    $("slider").min = rows[0][0];
+    $("slider").max = rows[rows.length - 1][0];
+    $("slider").value = this.at ?? $("slider").max;
+    $("slider-step").textContent = this.at === null ? this.newest.toLowerCase() : `step ${this.at}`;
+    $("to-now").disabled = this.at === null;
+    if (this.linked !== null) {
+      [this.linked] = [null];
+      this.followLink();
+    }
+  }
+
+  goTo(step) {
+    this.at = step;
+    history.replaceState(null, "", `#step=${step}`);
+    this.onRows();
+    if (this.asked === null) this.askFor(step); // else when the last answer has come: the newest wish alone
+  }
+
+  askFor(step) {
+    this.asked = step;
+    this.ask(step);
+  }
+
+  onPast(frames) {
+    const asked = this.asked;
+    this.asked = null;
+    if (this.at === null) return;
+    this.show(frames);
+    if (this.at !== asked) this.askFor(this.at);
+  }
+
+  /** The server has gone, and with it what was asked. */
+  onLost() {
+    this.asked = null;
+  }
+
+  next(by = 1) {
+    const rows = this.rows(), last = rows[rows.length - 1]?.[0];
+    if (last === undefined) return;
+    const step = Math.max((this.at ?? last) + by, rows[0][0]);
+    if (step > last || (step === last && by > 0)) this.toNow();
+    else this.goTo(step);
+  }
+
+  /** Step after step, from the first where one is not looking back; it ends at the newest. */
+  play(on) {
+    clearInterval(this.timer);
+    this.timer = on ? setInterval(() => this.next(), PLAYED_EVERY_MS) : 0;
+    if (on && this.at === null && this.rows().length) this.goTo(this.rows()[0][0]);
+    $("play").textContent = on ? "❚❚" : "▶";
+    $("play").setAttribute("aria-pressed", String(on));
+  }
+
+  toNow() {
+    this.play(false);
+    if (this.at === null) return;
+    this.at = null;
+    history.replaceState(null, "", location.pathname + location.search);
+    this.onRows();
+    this.show(null);
+  }
+}
+
+function linkedStep() {
+  const named = /^#step=(\d{1,15})$/.exec(location.hash);
+  return named ? Number(named[1]) : null;
+}

@@ -1,0 +1,240 @@
+"""What stands in for AMCL: told what arrives, it answers what to do. No network, clock or log."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from grid_maps.occupancy_grid import grid_map_of
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.answers import Belief
+from protocol.reading_checks import pose_problem
+from protocol.steps import OdometryReading
+from protocol.work import Particles
+from ros2_bridge import topics
+from ros2_bridge.frames import FrameBuffer, Kept, TransformMissingError
+from ros2_bridge.initial_pose import given_pose, initial_pose
+from ros2_bridge.laser_scans import LaserScans, frame_name, stamp_of
+from ros2_bridge.map_from_odom import MapFromOdom
+from ros2_bridge.markers import markers
+from ros2_bridge.messages_out import (
+    detection,
+    number,
+    particle_cloud,
+    pose_array,
+    pose_stamped,
+    text,
+    transform,
+)
+from ros2_bridge.outputs import GiveMap, Output, Publish, Refused, SearchEverywhere
+from ros2_bridge.particles import ClusterParticles
+from ros2_bridge.pose_choice import PoseChoice
+from ros2_bridge.rigid import rigid_of
+from ros2_bridge.topics import Topics
+
+
+class Amcl:
+    """The node's work.
+
+    Args:
+        settings: of the bridge; `use` changes them.
+    """
+
+    def __init__(self, settings: Ros2Settings) -> None:
+        self.settings = settings
+        self.is_active = False
+        self.clock_ns: int | None = None
+        """The newest time on `/clock`."""
+        self.belief: Belief | None = None
+        """The newest one."""
+        self._frames = FrameBuffer()
+        self._scans = LaserScans(self._frames, settings)
+        self._place = MapFromOdom()
+        self._choice = PoseChoice(settings.publish)
+        self._particles = ClusterParticles()
+        self._topics = Topics(settings)
+        self._odometry_ns: int | None = None
+        self._told_ns: int | None = None
+        self._map_digest = ""
+        self._remembered_pose: Any = None
+        self._was_reset = False
+
+    def use(self, settings: Ros2Settings) -> None:
+        """Go on with other settings; names of topics and frames stay."""
+        self.settings = self._scans.settings = settings
+        self._choice.publish = settings.publish
+
+    # --- life cycle
+
+    def activate(self) -> Iterator[Output]:
+        """Begin, or go on: with the pose that was given meanwhile, or the one in the settings."""
+        self.is_active = True
+        if self._remembered_pose is not None:
+            remembered, self._remembered_pose = self._remembered_pose, None
+            yield from self.on_initial_pose(remembered)
+        elif self.settings.set_initial_pose:
+            yield initial_pose(self.settings)
+        elif self._was_reset and self.settings.always_reset_initial_pose:
+            yield SearchEverywhere()
+        self._was_reset = False
+
+    def deactivate(self) -> None:
+        """Pause: scans are not used, and nothing is told."""
+        self.is_active = False
+        self._scans.clear()
+
+    def clean_up(self) -> None:
+        """A reset: the next map counts as new."""
+        self._was_reset = True
+        self._map_digest = ""
+
+    # --- from ROS
+
+    def on_clock(self, message: Any) -> Iterator[Output]:
+        """Take simulated time."""
+        now_ns = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+        before_ns, self.clock_ns = self.clock_ns, now_ns
+        if before_ns is not None and now_ns < before_ns:
+            yield from self._on_clock_set_back("/clock", before_ns - now_ns)
+
+    def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
+        """Take a `tf2_msgs/TFMessage`: odometry, the lasers' places, and more.
+
+        Args:
+            message: from `/tf` or `/tf_static`.
+            now_ns: on a clock that does not jump.
+            fixed: it is from `/tf_static`.
+        """
+        for one in message.transforms:
+            parent, child = frame_name(one.header.frame_id), frame_name(one.child_frame_id)
+            if (parent, child) == (self.settings.global_frame, self.settings.odom_frame):
+                yield Refused("map to odom from another node", f"{parent!r} -> {child!r} in tf")
+                continue
+            try:
+                link = rigid_of(one.transform.translation, one.transform.rotation)
+            except ValueError as problem:
+                yield Refused("transform refused", f"{parent!r} -> {child!r}: {problem}")
+                continue
+            stamp_ns = stamp_of(one.header)
+            match self._frames.add(stamp_ns, parent, child, link, fixed=fixed):
+                case Kept.NO:
+                    yield Refused("late transform", f"{parent!r} -> {child!r} at {stamp_ns} ns")
+                case Kept.CLOCK_SET_BACK:
+                    yield from self._on_clock_set_back(f"tf from {parent!r} to {child!r}", 0)
+        yield from self._odometry()
+        yield from self._ready_scans(now_ns)
+
+    def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
+        """Take a `sensor_msgs/LaserScan`; it may wait for its transforms."""
+        if self.is_active:
+            yield from self._scans.add(message, now_ns)
+            yield from self._ready_scans(now_ns)
+
+    def on_tick(self, now_ns: int) -> Iterator[Output]:
+        """Time has passed: scans may have waited long enough."""
+        yield from self._ready_scans(now_ns)
+
+    def on_map(self, message: Any) -> Iterator[Output]:
+        """Take a `nav_msgs/OccupancyGrid`."""
+        if self._map_digest and self.settings.first_map_only:
+            return
+        frame = frame_name(message.header.frame_id)
+        if frame != self.settings.global_frame:
+            expected = self.settings.global_frame
+            yield Refused("map of another frame", f"{frame!r}, not {expected!r}; used all the same")
+        try:
+            grid_map = grid_map_of(message)
+        except ValueError as problem:
+            yield Refused("map refused", str(problem))
+            return
+        if grid_map.digest != self._map_digest:
+            self._map_digest = grid_map.digest
+            yield GiveMap(grid_map)
+
+    def on_initial_pose(self, message: Any) -> Iterator[Output]:
+        """Take a `geometry_msgs/PoseWithCovarianceStamped`; one given in a pause is kept."""
+        if not self.is_active:
+            self._remembered_pose = message
+            return
+        try:
+            yield given_pose(message, self.settings, self._frames)
+        except ValueError as problem:
+            yield Refused("initial pose refused", str(problem))
+
+    # --- from the system
+
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        """Take what a worker tells of its particles."""
+        self._particles.on_particles(cluster, particles)
+
+    def on_belief(self, belief: Belief) -> Iterator[Output]:
+        """Take the belief after a step, and tell it."""
+        if self.belief is not None and belief.term < self.belief.term:
+            return  # of a coordinator that was taken over from
+        self.belief = belief
+        expected = self._place.expected(belief.stamp_ns)
+        chosen = self._choice.choose(belief, expected)
+        if chosen is None:
+            self._place.forget_place()
+        else:
+            self._place.on_place(belief.stamp_ns, chosen.map_from_robot)
+        if not self.is_active:
+            return
+        stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
+        if chosen is not None:
+            told = pose_stamped(chosen.map_from_robot, chosen.covariance, stamp_ns, frame)
+            yield Publish(topics.AMCL_POSE, told)
+        yield Publish(topics.STATE, text(belief.state))
+        probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
+        yield Publish(topics.PROBABILITY, number(probable))
+        yield Publish(topics.HYPOTHESIS_POSES, pose_array(belief, frame))
+        told = detection(belief, frame, self.settings.node_name)
+        yield Publish(topics.HYPOTHESIS_DETECTION, told)
+        yield Publish(topics.HYPOTHESES, markers(belief, frame))
+        if (cloud := self._particles.cloud(belief)) is not None:
+            yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, stamp_ns, frame))
+
+    # --- in between
+
+    def _odometry(self) -> Iterator[Output]:
+        """The newest odometry, if it is news."""
+        odom, base = self.settings.odom_frame, self.settings.base_frame
+        stamp_ns = self._frames.newest_ns(odom, base)
+        if stamp_ns is None or (self._odometry_ns is not None and stamp_ns <= self._odometry_ns):
+            return
+        self._odometry_ns = stamp_ns
+        try:
+            pose = self._frames.lookup(odom, base, stamp_ns).planar()
+        except TransformMissingError:  # one of several links begins later
+            return
+        if pose_problem(pose):
+            yield Refused("odometry refused", f"{pose} is no place")
+            return
+        if self._place.on_odometry(stamp_ns, pose):
+            self._frames.keep_newest()  # nothing was between the two
+            yield Refused("odometry jumped", f"to {pose}; the map stays where it is")
+        if self.is_active:
+            sender = self.settings.node_name
+            yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
+
+    def _ready_scans(self, now_ns: int) -> Iterator[Output]:
+        for reading in self._scans.ready(now_ns):
+            yield reading
+            if isinstance(reading, Refused):
+                continue
+            assert reading.odom_from_robot is not None  # `LaserScans` looks it up
+            self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
+            map_from_odom = self._place.place(reading.odom_from_robot)
+            is_news = self._told_ns is None or reading.stamp_ns > self._told_ns
+            if map_from_odom is not None and self.settings.tf_broadcast and is_news:
+                self._told_ns = reading.stamp_ns
+                until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)
+                names = (self.settings.global_frame, self.settings.odom_frame)
+                yield Publish(self._topics.tf, transform(map_from_odom, until_ns, *names))
+
+    def _on_clock_set_back(self, where: str, back_ns: int) -> Iterator[Output]:
+        self._scans.clear()
+        self._place.forget_scans()
+        self._odometry_ns = self._told_ns = None
+        if where == "/clock":
+            self._frames.forget_moving()
+        by = f" by {back_ns / 1e9:.3f} s" if back_ns else ""
+        yield Refused("clock set back", f"{where} goes back{by}")

@@ -1,0 +1,57 @@
+"""One robot's bridge: two Zenoh sessions, the robot's and ours, and one loop between them."""
+
+import logging
+from contextlib import ExitStack
+
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from ros2_bridge import topics
+from ros2_bridge.bond import BondThread
+from ros2_bridge.core_link import HEARD, CoreLink
+from ros2_bridge.loop import BridgeLoop, InboxEvent
+from ros2_bridge.node import RosNode
+from ros2_bridge.robot_session import is_humble, node_name, open_robot_session, refuse_second_node
+from ros2_bridge.topics import Topics
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+
+_log = logging.getLogger(__name__)
+
+_KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
+
+
+def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
+    """Be the robot's AMCL until told to stop; without a router or a robot, wait for it.
+
+    Args:
+        settings: of all processes.
+        process: name of this one.
+        stop: looked at all the time.
+
+    Raises:
+        SettingsError: a name or an endpoint cannot be used.
+        AlreadyRunningError: the robot has a node of that name.
+        StoppedError: `stop` was set before there was a robot.
+    """
+    name, names = node_name(settings.ros2), Topics(settings.ros2)
+    with ExitStack() as resources:
+        robot = resources.enter_context(open_robot_session(settings, stop))
+        endpoint = settings.ros2.router or settings.zenoh.router
+        refuse_second_node(robot, name, endpoint, stop)
+        humble = is_humble(robot, settings.ros2, stop)
+        core = resources.enter_context(
+            open_session(settings.zenoh, settings.robot, stop, wait_s=None)
+        )
+        kept = dict.fromkeys((*HEARD, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
+        inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
+        node = RosNode(robot, name, humble=humble)
+        publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
+        bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
+        resources.enter_context(bond)
+        loop = BridgeLoop(settings, inbox, CoreLink(core, process, inbox), publishers, bond)
+        for service, ros_type in loop.services.types().items():
+            node.serve(service, ros_type, inbox)
+        for topic in names.read():
+            node.subscribe(topic, inbox, own=topic != names.tf)
+        _log.info("%s is there, in ROS domain %d", name.topic(name.name), name.domain_id)
+        loop.run(stop)

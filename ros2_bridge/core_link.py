@@ -1,0 +1,126 @@
+"""The bridge's side of our own system: readings and commands in, beliefs out.
+
+The one place that knows how the system is told: everything else speaks of `outputs`.
+"""
+
+import math
+import uuid
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+import zenoh
+
+from particle_filter.arrays import OCCUPIED
+from protocol import keys
+from protocol.answers import Relocalize
+from protocol.arrays import ArrayBlob
+from protocol.message import Message
+from protocol.steps import LaserReading, OdometryReading
+from ros2_bridge.core_messages import GivenPose, MapReading, Update
+from ros2_bridge.outputs import GiveMap, GivePose, LookOnce, Reading, SearchEverywhere
+from zenoh_link.wire import Asked, EventSink, Publisher, Received, ask_later, serve, subscribe
+
+HEARD = (keys.BELIEF, keys.ALL_REPORTS)
+
+_COMMAND_TIMEOUT_S = 5.0
+
+Command: TypeAlias = GivePose | SearchEverywhere | LookOnce
+
+
+class CoreLink:
+    """One robot's system, over its own Zenoh session.
+
+    Args:
+        session: with the robot's namespace.
+        name: of this process.
+        inbox: of what the system says.
+    """
+
+    def __init__(self, session: zenoh.Session, name: str, inbox: EventSink) -> None:
+        self._session, self._name = session, name
+        self._laser = Publisher(session, keys.LASER_READING)
+        self._odometry = Publisher(session, keys.ODOMETRY_READING)
+        self._maps = Publisher(session, keys.MAP_READING, may_wait=True)
+        self._map: MapReading | None = None
+        serve(session, keys.MAP_READING, inbox)
+        for key in HEARD:
+            subscribe(session, key, inbox, key)
+
+    def put(self, reading: Reading) -> None:
+        """Pass a reading on."""
+        match reading:
+            case LaserReading():
+                self._laser.put(reading)
+            case OdometryReading():
+                self._odometry.put(reading)
+
+    def give_map(self, given: GiveMap) -> None:
+        """Have the system localize in a map."""
+        grid_map = given.grid_map
+        occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
+        self._map = MapReading(
+            sender=self._name,
+            cell_m=grid_map.cell_m,
+            map_from_grid=grid_map.map_from_grid,
+            occupancy=ArrayBlob.of(occupancy, "int8"),
+        )
+        self._maps.put(self._map)
+
+    def answer(self, asked: Asked) -> None:
+        """Tell the map to who comes later."""
+        if self._map is None:
+            asked.refuse("no map has come yet")
+        else:
+            asked.answer(self._map)
+
+    def command(
+        self,
+        command: Command,
+        on_answer: Callable[[Received], object],
+        on_failure: Callable[[str, str], object],
+    ) -> None:
+        """Tell the system what to do, without waiting. One of the two is called, as by `ask`.
+
+        Args:
+            command: what.
+            on_answer: takes the `CommandDone`, undecoded.
+            on_failure: told the key and why nobody answered it.
+        """
+        key, message = self._message(command)
+        self.ask(key, on_answer, lambda words: on_failure(key, words), message)
+
+    def ask(
+        self,
+        key: str,
+        on_answer: Callable[[Received], object],
+        on_failure: Callable[[str], object],
+        message: Message | None = None,
+    ) -> None:
+        """Ask without waiting; one of the two is called, on a thread of Zenoh's."""
+        ask_later(
+            self._session,
+            key,
+            on_answer,
+            on_failure,
+            timeout_s=_COMMAND_TIMEOUT_S,
+            message=message,
+        )
+
+    def _message(self, command: Command) -> tuple[str, Message]:
+        name, command_id = self._name, uuid.uuid4().hex
+        match command:
+            case GivePose(map_from_robot=pose, covariance=covariance, stamp_ns=stamp_ns):
+                return keys.SET_POSE, GivenPose(
+                    sender=name,
+                    command_id=command_id,
+                    map_from_robot=pose,
+                    position_sigma_m=math.sqrt((covariance[0] + covariance[4]) / 2.0),
+                    heading_sigma_rad=math.sqrt(covariance[8]),
+                    covariance=covariance,
+                    stamp_ns=stamp_ns,
+                )
+            case SearchEverywhere():
+                return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
+            case LookOnce():
+                return keys.UPDATE, Update(sender=name, command_id=command_id)

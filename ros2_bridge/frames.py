@@ -1,0 +1,199 @@
+"""ROS's tree of frames, as it is told on `/tf` and `/tf_static`: where one frame is in another.
+
+It looks into no future: what has not been told yet has to be waited for, and the answer says for
+which link.
+"""
+
+from bisect import bisect_left
+from enum import Enum, auto
+from operator import itemgetter
+
+from ros2_bridge.rigid import HERE, Rigid
+
+CACHE_NS = 10_000_000_000
+"""So far back a link that moves is remembered, as in tf2 [ns]."""
+LATE_NS = 1_000_000_000
+"""A transform so much older than its link's newest is not kept [ns]."""
+RESTART_AFTER = 20
+"""So many late ones of a link in a row: the clock was set back."""
+_MAX_NAMED = 8
+_MOST_FRAMES = 1000
+
+_stamp = itemgetter(0)
+
+
+class Kept(Enum):
+    """What became of a transform."""
+
+    YES = auto()
+    NO = auto()
+    """It is late, or one frame too many."""
+    CLOCK_SET_BACK = auto()
+    """The last of many late ones: all that moved before is forgotten, and it is kept."""
+
+
+class TransformMissingError(Exception):
+    """Frames are not connected, or not at that time.
+
+    Attributes:
+        cause: the same in fixed words.
+        may_come: a later message may bring it.
+    """
+
+    def __init__(self, problem: str, *, cause: str, may_come: bool) -> None:
+        self.cause, self.may_come = cause, may_come
+        super().__init__(problem)
+
+
+class FrameBuffer:
+    """All links between frames, those that move for as long as `CACHE_NS`."""
+
+    def __init__(self) -> None:
+        self._links: dict[str, _Link] = {}
+
+    def add(
+        self, stamp_ns: int, parent: str, child: str, parent_from_child: Rigid, *, fixed: bool
+    ) -> Kept:
+        """Take a transform; a child that is given another parent moves to it."""
+        link = self._links.get(child)
+        if link is None or link.parent != parent or link.fixed != fixed:
+            if link is None and len(self._links) >= _MOST_FRAMES:
+                return Kept.NO
+            link = self._links[child] = _Link(parent, fixed=fixed)
+        if link.add(stamp_ns, parent_from_child):
+            return Kept.YES
+        if link.late_in_a_row < RESTART_AFTER:
+            return Kept.NO
+        self.forget_moving()
+        self.add(stamp_ns, parent, child, parent_from_child, fixed=fixed)
+        return Kept.CLOCK_SET_BACK
+
+    def forget_moving(self) -> None:
+        """Forget all links that move: what comes is of another time."""
+        self._links = {child: link for child, link in self._links.items() if link.fixed}
+
+    def keep_newest(self) -> None:
+        """Forget how links moved so far: between then and now is nothing."""
+        for link in self._links.values():
+            link.keep_newest()
+
+    def newest_ns(self, outer: str, inner: str) -> int | None:
+        """The newest time that all links between two frames know; None: they are not connected,
+        or do not move.
+        """
+        try:
+            ways = self._ways(outer, inner)
+        except TransformMissingError:
+            return None
+        links = (self._links[frame] for way in ways for frame in way)
+        return min((link.newest_ns for link in links if not link.fixed), default=None)
+
+    def lookup(self, outer: str, inner: str, stamp_ns: int) -> Rigid:
+        """Where `inner` is in `outer` at a time.
+
+        Raises:
+            TransformMissingError: nothing connects them, or not at that time.
+        """
+        outer_way, inner_way = self._ways(outer, inner)
+        of_inner, of_outer = self._up(inner_way, stamp_ns), self._up(outer_way, stamp_ns)
+        return of_outer.inverse().of(of_inner) if outer_way else of_inner
+
+    def _ways(self, outer: str, inner: str) -> tuple[list[str], list[str]]:
+        """The frames from each of two up to, but without, the one above both."""
+        inner_way, outer_way = self._way_up(inner, outer), self._way_up(outer, inner)
+        common = next((frame for frame in inner_way if frame in outer_way), None)
+        if common is None:
+            raise TransformMissingError(
+                f"no transform from {outer!r} to {inner!r}; tf has {self}",
+                cause="frames not connected",
+                may_come=True,
+            )
+        return outer_way[: outer_way.index(common)], inner_way[: inner_way.index(common)]
+
+    def __str__(self) -> str:
+        links = [f"{link.parent} -> {child}" for child, link in sorted(self._links.items())]
+        more = ", ..." if len(links) > _MAX_NAMED else ""
+        return (", ".join(links[:_MAX_NAMED]) + more) or "no transform"
+
+    def _way_up(self, frame: str, to: str) -> list[str]:
+        """The frame, its parent, its parent's parent and so on, to a frame or the top."""
+        way = [frame]
+        while way[-1] != to and (link := self._links.get(way[-1])):
+            if link.parent in way:
+                loop = " -> ".join([link.parent, *reversed(way)])
+                raise TransformMissingError(f"tf loops: {loop}", cause="tf loops", may_come=True)
+            way.append(link.parent)
+        return way
+
+    def _up(self, way: list[str], stamp_ns: int) -> Rigid:
+        """Where the first frame of a way is in the parent of the last."""
+        found = HERE
+        for child in way:
+            link = self._links[child]
+            try:
+                found = link.at(stamp_ns).of(found)
+            except TransformMissingError as missing:
+                raise TransformMissingError(
+                    f"tf from {link.parent!r} to {child!r} {missing}",
+                    cause=missing.cause,
+                    may_come=missing.may_come,
+                ) from None
+        return found
+
+
+class _Link:
+    """A frame in its parent, over time."""
+
+    def __init__(self, parent: str, *, fixed: bool) -> None:
+        self.parent, self.fixed, self.late_in_a_row = parent, fixed, 0
+        self._known: list[tuple[int, Rigid]] = []
+
+    @property
+    def newest_ns(self) -> int:
+        return self._known[-1][0]
+
+    def add(self, stamp_ns: int, parent_from_child: Rigid) -> bool:
+        known = self._known
+        if self.fixed:
+            known[:] = [(stamp_ns, parent_from_child)]
+            return True
+        if known and stamp_ns < known[-1][0] - LATE_NS:
+            self.late_in_a_row += 1
+            return False
+        self.late_in_a_row = 0
+        place = bisect_left(known, stamp_ns, key=_stamp)
+        known[place : place + (place < len(known) and known[place][0] == stamp_ns)] = [
+            (stamp_ns, parent_from_child)
+        ]
+        oldest_ns = known[-1][0] - CACHE_NS
+        if known[0][0] < oldest_ns:
+            del known[: bisect_left(known, oldest_ns, key=_stamp)]
+        return True
+
+    def keep_newest(self) -> None:
+        del self._known[:-1]
+
+    def at(self, stamp_ns: int) -> Rigid:
+        known = self._known
+        if self.fixed:
+            return known[0][1]
+        after = bisect_left(known, stamp_ns, key=_stamp)
+        if after == len(known):
+            late_s = (stamp_ns - known[-1][0]) / 1e9
+            raise TransformMissingError(
+                f"ends {late_s:.3f} s before that time",
+                cause="transform does not come",
+                may_come=True,
+            )
+        end_ns, end = known[after]
+        if end_ns == stamp_ns:
+            return end
+        if after == 0:
+            early_s = (end_ns - stamp_ns) / 1e9
+            raise TransformMissingError(
+                f"begins {early_s:.3f} s after that time",
+                cause="before the first transform",
+                may_come=False,
+            )
+        start_ns, start = known[after - 1]
+        return start.towards(end, (stamp_ns - start_ns) / (end_ns - start_ns))

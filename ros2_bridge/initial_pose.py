@@ -1,0 +1,68 @@
+"""Poses that a person or nav2 gives: from RViz, from a service, from parameters."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from particle_filter.poses import between, compose
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.message import Covariance
+from protocol.pose_arrays import covariance_tuple, pose_tuple
+from protocol.validity import gaussian_problem
+from ros2_bridge.frames import FrameBuffer, TransformMissingError
+from ros2_bridge.laser_scans import frame_name, stamp_of
+from ros2_bridge.outputs import GivePose
+from ros2_bridge.rigid import rigid_of
+
+_LEAST_M, _LEAST_RAD = 0.01, 0.005
+"""Nobody knows a pose better; covariances of zero are sent by who leaves them out."""
+_PLANAR = (0, 1, 5)
+_SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
+"""Of a pose in parameters, as AMCL takes it."""
+
+
+def given_pose(message: Any, settings: Ros2Settings, frames: FrameBuffer) -> GivePose:
+    """A `geometry_msgs/PoseWithCovarianceStamped` as a pose of now.
+
+    What the robot has driven since its stamp is added, as far back as tf is remembered.
+
+    Raises:
+        ValueError: it is of another frame than the map's, or its numbers are no pose.
+    """
+    frame = frame_name(message.header.frame_id)
+    if frame != settings.global_frame:
+        raise ValueError(f"it is of the frame {frame!r}, not {settings.global_frame!r}")
+    told = message.pose
+    then = np.array(rigid_of(told.pose.position, told.pose.orientation).planar())
+    wide = np.reshape(told.covariance, (6, 6))
+    covariance = _usable(wide[np.ix_(_PLANAR, _PLANAR)])
+    if problem := gaussian_problem(pose_tuple(then), covariance):
+        raise ValueError(problem.replace("_", " "))
+    odom, base = settings.odom_frame, settings.base_frame
+    now_ns = frames.newest_ns(odom, base)
+    stamp_ns = stamp_of(message.header)
+    if now_ns is None or not 0 < stamp_ns < now_ns:
+        return GivePose(pose_tuple(then), covariance, now_ns)
+    try:
+        start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
+    except TransformMissingError:
+        return GivePose(pose_tuple(then), covariance, now_ns)
+    now = compose(then, between(np.array(start), np.array(end)))
+    return GivePose(pose_tuple(now), covariance, now_ns)
+
+
+def initial_pose(settings: Ros2Settings) -> GivePose:
+    """The pose in the settings."""
+    pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
+    spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
+    return GivePose(pose, covariance_tuple(spread), None)
+
+
+def _usable(covariance: Any) -> Covariance:
+    """The covariance over x, y and heading, no smaller than anybody can know."""
+    spread = (covariance + covariance.T) / 2.0
+    for axis, least in enumerate((_LEAST_M, _LEAST_M, _LEAST_RAD)):
+        if spread[axis, axis] >= 0.0:  # a negative one is told
+            spread[axis, axis] = max(spread[axis, axis], least**2)
+    return covariance_tuple(spread)

@@ -1,0 +1,166 @@
+"""Laser scans of ROS, which wait for their transforms and become readings.
+
+AMCL's rules: odometry and the laser's place are tf's at the scan's stamp, ranges below
+`range_min` are no return, a laser may hang upside down, and several may share one topic.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
+from protocol.reading_checks import laser_problem
+from protocol.steps import LaserReading
+from ros2_bridge.core_messages import NamedLaserReading
+from ros2_bridge.frames import FrameBuffer, TransformMissingError
+from ros2_bridge.outputs import Refused
+from ros2_bridge.rigid import Rigid
+from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
+
+MAX_WAITING = 10
+"""Scans that wait for tf, as in AMCL."""
+
+
+@dataclass
+class _Waiting:
+    scan: Any
+    frame: str
+    stamp_ns: int
+    since_ns: int
+
+
+class LaserScans:
+    """Scans between their arrival and the transforms of their time.
+
+    Args:
+        frames: what tf has told.
+        settings: frames, how long to wait, the shortest range.
+    """
+
+    def __init__(self, frames: FrameBuffer, settings: Ros2Settings) -> None:
+        self.settings = settings
+        self._frames = frames
+        self._waiting: deque[_Waiting] = deque()
+        self._missing_since_ns: dict[str, int] = {}
+
+    def clear(self) -> None:
+        """Forget the scans that wait."""
+        self._waiting.clear()
+
+    def add(self, scan: Any, now_ns: int) -> list[Refused]:
+        """Take a scan; the oldest one that waits gives way to an eleventh.
+
+        Args:
+            scan: a `sensor_msgs/LaserScan`.
+            now_ns: on a clock that does not jump.
+        """
+        waiting = _Waiting(scan, frame_name(scan.header.frame_id), stamp_of(scan.header), now_ns)
+        self._waiting.append(waiting)
+        if len(self._waiting) <= MAX_WAITING:
+            return []
+        given_way = self._waiting.popleft()
+        return [self._refused(given_way, self._missing(given_way), now_ns)]
+
+    def ready(self, now_ns: int) -> list[LaserReading | Refused]:
+        """The scans whose transforms are there, and those that cannot be used, in their order."""
+        done: list[LaserReading | Refused] = []
+        still: deque[_Waiting] = deque()
+        for waiting in self._waiting:
+            try:
+                done.append(self._reading(waiting))
+                self._missing_since_ns.pop(waiting.frame, None)
+            except TransformMissingError as missing:
+                self._missing_since_ns.setdefault(waiting.frame, waiting.since_ns)
+                tolerance_ns = self.settings.transform_tolerance_s * 1e9
+                if missing.may_come and now_ns - waiting.since_ns < tolerance_ns:
+                    still.append(waiting)
+                else:
+                    done.append(self._refused(waiting, missing, now_ns))
+            except ValueError as problem:
+                done.append(Refused("laser scan refused", str(problem)))
+        self._waiting = still
+        return done
+
+    def _reading(self, waiting: _Waiting) -> LaserReading:
+        """The scan as a reading.
+
+        Raises:
+            TransformMissingError: tf does not know where the robot or the laser was.
+            ValueError: the scan cannot be used.
+        """
+        settings, stamp_ns = self.settings, waiting.stamp_ns
+        odom_from_base = self._frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
+        base_from_laser = self._frames.lookup(settings.base_frame, waiting.frame, stamp_ns)
+        reading = laser_reading(waiting.scan, base_from_laser, odom_from_base.planar(), settings)
+        if problem := laser_problem(reading):
+            raise ValueError(f"{waiting.frame!r}: {problem.replace('_', ' ')}")
+        return reading
+
+    def _missing(self, waiting: _Waiting) -> TransformMissingError:
+        try:
+            self._reading(waiting)
+        except TransformMissingError as missing:
+            return missing
+        except ValueError:
+            pass
+        return TransformMissingError("came too late", cause="too many scans", may_come=False)
+
+    def _refused(self, waiting: _Waiting, missing: TransformMissingError, now_ns: int) -> Refused:
+        since_ns = self._missing_since_ns.get(waiting.frame, waiting.since_ns)
+        waited = f"waited for {(now_ns - since_ns) / 1e9:.1f} s"
+        return Refused(
+            f"laser scan without transform: {missing.cause}",
+            f"laser {waiting.frame!r}, {waited}: {missing}",
+        )
+
+
+def laser_reading(
+    scan: Any, base_from_laser: Rigid, odom_from_robot: PoseTuple, settings: Ros2Settings
+) -> LaserReading:
+    """A `sensor_msgs/LaserScan` as a reading.
+
+    Args:
+        scan: the message.
+        base_from_laser: where the laser is on the robot.
+        odom_from_robot: odometry at its stamp.
+        settings: the shortest range, and who speaks.
+
+    Raises:
+        ValueError: the laser does not look along the floor, or is not on the robot.
+    """
+    away_m = math.hypot(base_from_laser.x, base_from_laser.y)
+    upside_down = hangs_upside_down(scan.header.frame_id, base_from_laser.up(), away_m)
+    ranges = np.array(scan.ranges, np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < max(scan.range_min, settings.laser_min_range_m)] = (
+            0.0  # no return, whatever it was
+        )
+    start, step, ranges = counter_clockwise(
+        float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
+    )
+    return NamedLaserReading(
+        sender=settings.node_name,
+        stamp_ns=stamp_of(scan.header),
+        ranges=ArrayBlob.of(ranges, "float32"),
+        angle_min_rad=start,
+        angle_step_rad=step,
+        range_max_m=float(scan.range_max),
+        robot_from_laser=base_from_laser.planar(),
+        odom_from_robot=odom_from_robot,
+        laser=frame_name(scan.header.frame_id),
+    )
+
+
+def stamp_of(header: Any) -> int:
+    """The time in a message's header [ns]."""
+    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+
+
+def frame_name(name: str) -> str:
+    """A frame's name as tf2 has it; ROS 1 put a slash in front."""
+    return name.removeprefix("/")

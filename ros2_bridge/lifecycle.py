@@ -1,0 +1,107 @@
+"""The life cycle of a managed node of ROS 2: states, and who may change them when."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class State(Enum):
+    """The states a node rests in, with ROS's numbers."""
+
+    UNKNOWN = 0
+    UNCONFIGURED = 1
+    INACTIVE = 2
+    ACTIVE = 3
+    FINALIZED = 4
+    CONFIGURING = 10
+    CLEANINGUP = 11
+    SHUTTINGDOWN = 12
+    ACTIVATING = 13
+    DEACTIVATING = 14
+    ERRORPROCESSING = 15
+
+    @property
+    def label(self) -> str:
+        """ROS's word for it."""
+        return self.name.lower()
+
+
+@dataclass(frozen=True)
+class Transition:
+    """A way from one state to another.
+
+    Args:
+        number: ROS's.
+        label: ROS's word.
+        start: where it begins.
+        goal: where it ends.
+    """
+
+    number: int
+    label: str
+    start: State
+    goal: State
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A transition that is asked for, the state meanwhile, and the one that it ends in."""
+
+    asked: Transition
+    succeeded: Transition
+
+
+def _way(number: int, label: str, start: State, during: State, goal: State, done: int) -> _Way:
+    return _Way(
+        Transition(number, label, start, during),
+        Transition(done, "transition_success", during, goal),
+    )
+
+
+CONFIGURE, ACTIVATE = 1, 3
+"""The numbers of those that a node without a manager goes by itself."""
+
+_WAYS = (
+    _way(CONFIGURE, "configure", State.UNCONFIGURED, State.CONFIGURING, State.INACTIVE, 10),
+    _way(2, "cleanup", State.INACTIVE, State.CLEANINGUP, State.UNCONFIGURED, 20),
+    _way(ACTIVATE, "activate", State.INACTIVE, State.ACTIVATING, State.ACTIVE, 30),
+    _way(4, "deactivate", State.ACTIVE, State.DEACTIVATING, State.INACTIVE, 40),
+    _way(5, "shutdown", State.UNCONFIGURED, State.SHUTTINGDOWN, State.FINALIZED, 50),
+    _way(6, "shutdown", State.INACTIVE, State.SHUTTINGDOWN, State.FINALIZED, 50),
+    _way(7, "shutdown", State.ACTIVE, State.SHUTTINGDOWN, State.FINALIZED, 50),
+)
+
+TRANSITION_GRAPH = tuple(dict.fromkeys(one for way in _WAYS for one in (way.asked, way.succeeded)))
+"""All transitions there are."""
+
+
+class Lifecycle:
+    """The state of one node."""
+
+    def __init__(self) -> None:
+        self.state = State.UNCONFIGURED
+
+    @property
+    def is_active(self) -> bool:
+        """Whether the node does its work."""
+        return self.state is State.ACTIVE
+
+    def available(self) -> list[Transition]:
+        """What may be asked for now."""
+        return [way.asked for way in _WAYS if way.asked.start is self.state]
+
+    def change(self, number: int, label: str = "") -> tuple[Transition, ...]:
+        """Go a way; it takes no time.
+
+        Args:
+            number: of the transition that is asked for.
+            label: its word, which goes before the number, as in ROS.
+
+        Returns:
+            What happened, step by step; nothing where the state allows no such thing.
+        """
+        for way in _WAYS:
+            meant = way.asked.label == label if label else way.asked.number == number
+            if meant and way.asked.start is self.state:
+                self.state = way.succeeded.goal
+                return way.asked, way.succeeded
+        return ()

@@ -1,0 +1,224 @@
+"""The bridge's loop: takes what both sessions hear, asks what to do, and does it."""
+
+import logging
+import time
+from collections.abc import Iterable, Mapping
+from typing import TypeAlias
+
+from process_runtime.logs import CauseCounter
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief, CommandDone, Status
+from protocol.codec import decode as decode_ours
+from protocol.errors import MalformedMessageError
+from protocol.work import Report, TrackReport
+from ros2_bridge import topics
+from ros2_bridge.amcl import Amcl
+from ros2_bridge.bond import BondThread
+from ros2_bridge.core_link import CoreLink
+from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE
+from ros2_bridge.message_types import decode, encode, request_of, response_of
+from ros2_bridge.messages_out import diagnostics
+from ros2_bridge.node import Called, FromRos, RosPublisher
+from ros2_bridge.outputs import (
+    Bond,
+    GiveMap,
+    GivePose,
+    LookOnce,
+    Output,
+    Publish,
+    Refused,
+    SearchEverywhere,
+)
+from ros2_bridge.services import Services
+from ros2_bridge.topics import Topics
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import Asked, Event, Received
+
+_log = logging.getLogger(__name__)
+
+_POLL_S = 0.05
+_STATUS_EVERY_S = 1.0
+_CLUSTER = "c"
+"""What the name of a job begins with that tracks a cluster."""
+
+
+class Unanswered:
+    """Nobody did what was asked for, or somebody refused to."""
+
+    def __init__(self, key: str, words: str) -> None:
+        self.key, self.words = key, words
+
+
+class Answered:
+    """A command was answered."""
+
+    def __init__(self, received: Received) -> None:
+        self.received = received
+
+
+InboxEvent: TypeAlias = Event | FromRos | Called | Unanswered | Answered
+
+
+class BridgeLoop:
+    """Owns what is decided: there is no lock.
+
+    Args:
+        settings: of all processes.
+        inbox: of both sessions.
+        link: to our system.
+        publishers: of the robot's topics, by their names.
+        bond: the sign of life.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        inbox: Inbox[InboxEvent],
+        link: CoreLink,
+        publishers: Mapping[str, RosPublisher],
+        bond: BondThread,
+    ) -> None:
+        self._settings, self._inbox, self._link = settings, inbox, link
+        self._publishers, self._bond = publishers, bond
+        self._amcl = Amcl(settings.ros2)
+        self.services = Services(self._amcl, settings, self._clock_ns)
+        self._topics = Topics(settings.ros2)
+        self._causes = CauseCounter()
+        self._next_status_s = 0.0
+        self._status: Status | None = None
+
+    def run(self, stop: StopFlag) -> None:
+        """Serve until told to stop."""
+        if self._settings.ros2.autostart:
+            self._do(self.services.change(CONFIGURE))
+            self._do(self.services.change(ACTIVATE))
+        while not stop.is_set():
+            event = self._inbox.get(_POLL_S)
+            try:
+                self._on_event(event)
+            except MalformedMessageError as error:
+                self._causes.warn(_log, error.cause, error, time.monotonic())
+            self._every_second()
+
+    def _on_event(self, event: InboxEvent | None) -> None:
+        match event:
+            case None:
+                self._do(self._amcl.on_tick(time.monotonic_ns()))
+            case FromRos():
+                self._on_message(event)
+            case Called():
+                self._on_call(event)
+            case Asked():
+                self._link.answer(event)
+            case Received(key=keys.BELIEF):
+                self._do(self._amcl.on_belief(decode_ours(event.payload, Belief)))
+            case Received(key=keys.STATUS):
+                self._status = decode_ours(event.payload, Status)
+                self.services.freshness = self._status.freshness
+            case Received():
+                self._on_report(event)
+            case Answered(received=received):
+                if problem := decode_ours(received.payload, CommandDone).problem:
+                    self._refused(Refused("command refused", f"{received.key}: {problem}"))
+            case Unanswered(key=keys.STATUS):
+                self._status, self.services.freshness = None, "unreachable"
+            case Unanswered(key=key, words=words):
+                problem = words or "nobody answers"
+                self._refused(Refused("command not carried out", f"{key}: {problem}"))
+
+    def _on_message(self, event: FromRos) -> None:
+        if event.problem:
+            self._refused(Refused("not a message of ROS", f"{event.topic.name}: {event.problem}"))
+            return
+        message = decode(event.payload, event.topic.ros_type)
+        amcl, now_ns = self._amcl, time.monotonic_ns()
+        match event.topic:
+            case self._topics.scan:
+                self._do(amcl.on_scan(message, now_ns))
+            case self._topics.tf:
+                self._do(amcl.on_transforms(message, now_ns, fixed=False))
+            case self._topics.tf_static:
+                self._do(amcl.on_transforms(message, now_ns, fixed=True))
+            case self._topics.map:
+                self._do(amcl.on_map(message))
+            case topics.INITIAL_POSE:
+                self._do(amcl.on_initial_pose(message))
+            case topics.CLOCK:
+                self._do(amcl.on_clock(message))
+
+    def _on_call(self, call: Called) -> None:
+        ros_type = self.services.types()[call.service]
+        try:
+            if call.problem:
+                raise MalformedMessageError(expected="call of ROS", problem=call.problem)
+            request = decode(call.payload, request_of(ros_type))
+        except MalformedMessageError:
+            call.drop()
+            raise
+        response, outputs = self.services.call(call.service, request)
+        call.respond(encode(response, response_of(ros_type)))
+        self._do(outputs)
+
+    def _on_report(self, event: Received) -> None:
+        report: Report = decode_ours(event.payload, Report)  # type: ignore[arg-type] # a union
+        if isinstance(report, TrackReport) and report.snapshot is not None:
+            cluster = report.job_id.removeprefix(_CLUSTER)
+            if cluster.isdecimal():
+                self._amcl.on_particles(int(cluster), report.snapshot)
+
+    def _do(self, outputs: Iterable[Output]) -> None:
+        for output in outputs:
+            match output:
+                case Publish(topic=topic, message=message):
+                    self._publishers[topic.name].put(message)
+                case Refused():
+                    self._refused(output)
+                case Bond(alive=True):
+                    self._bond.begin()
+                case Bond():
+                    self._bond.end()
+                case GiveMap():
+                    self._link.give_map(output)
+                case GivePose() | SearchEverywhere() | LookOnce():
+                    self._link.command(
+                        output,
+                        lambda answer: self._inbox.put(Answered(answer)),
+                        lambda key, words: self._inbox.put(Unanswered(key, words)),
+                    )
+                case reading:
+                    self._link.put(reading)
+
+    def _refused(self, refused: Refused) -> None:
+        self._causes.warn(_log, refused.cause, refused.detail, time.monotonic())
+
+    def _every_second(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._next_status_s:
+            return
+        self._next_status_s = now_s + _STATUS_EVERY_S
+        key = keys.STATUS
+        self._link.ask(key, self._inbox.put, lambda words: self._inbox.put(Unanswered(key, words)))
+        self._publishers[topics.DIAGNOSTICS.name].put(self._diagnostics())
+
+    def _diagnostics(self) -> object:
+        status, belief = self._status, self._amcl.belief
+        values: dict[str, object] = {"life cycle": self.services.lifecycle.state.label}
+        if belief is not None and belief.hypotheses:
+            values["places"] = len(belief.hypotheses)
+            values["probability"] = f"{belief.hypotheses[0].probability:.3f}"
+        if status is not None:
+            values |= {"step": status.step, "workers": len(status.workers)}
+        values |= self._causes.total | {
+            f"dropped {what}": count for what, count in self._inbox.dropped().items()
+        }
+        state = status.state if status is not None else "searching"
+        node_name = self._settings.ros2.node_name
+        return diagnostics(state, self.services.freshness, values, node_name, self._clock_ns())
+
+    def _clock_ns(self) -> int:
+        """Now, by ROS's clock."""
+        if self._settings.ros2.use_sim_time:
+            return self._amcl.clock_ns or 0
+        return time.time_ns()

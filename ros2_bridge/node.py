@@ -1,0 +1,207 @@
+"""A node of ROS 2 on a Zenoh session: publishers, subscriptions, services, and their tokens."""
+
+import itertools
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+from zenoh import ext
+
+from ros2_bridge.message_types import encode, type_hash
+from ros2_bridge.topics import Topic
+from ros2_bridge.wire import (
+    Endpoint,
+    EndpointKind,
+    NodeName,
+    Qos,
+    attachment,
+    data_key,
+    dds_type,
+    endpoint_id,
+    parsed_attachment,
+)
+from zenoh_link.inbox import Inbox
+
+MAX_MESSAGE_BYTES = 64 * 1024 * 1024
+_NODE_NUMBER = 0
+_HEARTBEAT_S = 0.5
+
+
+@dataclass(frozen=True)
+class FromRos:
+    """A message of a topic, still undecoded."""
+
+    topic: Topic
+    payload: bytes
+    problem: str = ""
+    """Why it is no message of ROS; empty: it looks like one."""
+
+
+@dataclass(frozen=True)
+class Called:
+    """A call of a service, which waits for its response."""
+
+    service: str
+    payload: bytes
+    query: zenoh.Query
+    problem: str = ""
+
+    def respond(self, response: bytes) -> None:
+        """Answer; ROS takes no error for an answer, so a refusal is a response too."""
+        with self.query:
+            sequence, _, caller = parsed_attachment(_attached(self.query))
+            self.query.reply(
+                self.query.key_expr,
+                response,
+                attachment=attachment(sequence, time.time_ns(), caller),
+            )
+
+    def drop(self) -> None:
+        """End it without an answer; the caller goes on waiting."""
+        with self.query:
+            pass
+
+
+class RosPublisher:
+    """Sends messages of one topic; any thread may.
+
+    Args:
+        session: a client of the robot's router.
+        key: of the topic.
+        token: the publisher's.
+        topic: what is sent.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str, token: str, topic: Topic) -> None:
+        self._type, self._id = topic.ros_type, endpoint_id(token)
+        self._sequence = itertools.count(1)
+        self._one_at_a_time = threading.Lock()
+        self._publisher: zenoh.Publisher | ext.AdvancedPublisher
+        if topic.qos.latched:
+            heartbeat = None if topic.qos.best_effort else _HEARTBEAT_S
+            self._publisher = ext.declare_advanced_publisher(
+                session,
+                key,
+                congestion_control=zenoh.CongestionControl.DROP,
+                cache=ext.CacheConfig(max_samples=topic.qos.depth),
+                publisher_detection=True,
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=heartbeat
+                ),
+            )
+        else:
+            self._publisher = session.declare_publisher(
+                key, congestion_control=zenoh.CongestionControl.DROP
+            )
+
+    def put(self, message: Any) -> None:
+        """Send a message, or the bytes of one."""
+        data = message if isinstance(message, bytes) else encode(message, self._type)
+        with self._one_at_a_time:
+            beside = attachment(next(self._sequence), time.time_ns(), self._id)
+            self._publisher.put(data, attachment=beside)
+
+
+class RosNode:
+    """One node of ROS's graph, as long as its session lives.
+
+    Args:
+        session: a client of the robot's router, without a namespace of its own.
+        name: the node's.
+        humble: the robot's release is ROS 2 Humble, whose keys have no hashes.
+    """
+
+    def __init__(self, session: zenoh.Session, name: NodeName, *, humble: bool) -> None:
+        self._session, self._name, self._humble = session, name, humble
+        self._id = str(session.info.zid())
+        self._numbers = itertools.count(_NODE_NUMBER + 1)
+        self._kept: list[Any] = []
+        """What ends with its last reference: tokens and advanced subscribers."""
+        self._announce(name.token(self._id, _NODE_NUMBER))
+
+    def publisher(self, topic: Topic) -> RosPublisher:
+        """Announce and declare a publisher."""
+        key, token = self._endpoint(EndpointKind.PUBLISHER, topic.name, topic.ros_type, topic.qos)
+        publisher = RosPublisher(self._session, key, token, topic)
+        self._announce(token)
+        return publisher
+
+    def subscribe(self, topic: Topic, inbox: Inbox[Any], *, own: bool) -> None:
+        """Put the messages of a topic into an inbox, as states named like the topic.
+
+        Args:
+            topic: what is read, from any release of ROS.
+            inbox: of `FromRos`.
+            own: also what this very session sends.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > MAX_MESSAGE_BYTES:
+                inbox.count_refused(topic.name)
+                return
+            problem = ""
+            try:
+                parsed_attachment(sample.attachment.to_bytes() if sample.attachment else b"")
+            except ValueError as error:
+                problem = str(error)
+            inbox.put_newest(topic.name, FromRos(topic, sample.payload.to_bytes(), problem))
+
+        kind = EndpointKind.SUBSCRIBER
+        _, token = self._endpoint(kind, topic.name, topic.ros_type, topic.qos)
+        name, origin = self._name.topic(topic.name), zenoh.Locality.ANY
+        key = data_key(self._name.domain_id, name, dds_type(topic.ros_type), "*")
+        if topic.qos.latched:
+            recovery = ext.RecoveryConfig(heartbeat=True, periodic_queries=None)
+            self._kept.append(
+                ext.declare_advanced_subscriber(
+                    self._session,
+                    key,
+                    on_sample,
+                    history=ext.HistoryConfig(
+                        detect_late_publishers=True, max_samples=topic.qos.depth
+                    ),
+                    recovery=None if topic.qos.best_effort else recovery,
+                    subscriber_detection=True,
+                )
+            )
+        else:
+            if not own:
+                origin = zenoh.Locality.REMOTE
+            self._session.declare_subscriber(key, on_sample, allowed_origin=origin)
+        self._announce(token)
+
+    def serve(self, service: str, ros_type: str, inbox: Inbox[Any]) -> None:
+        """Put the calls of a service into an inbox, as `Called`."""
+
+        def on_query(query: zenoh.Query) -> None:
+            payload, problem = b"", ""
+            if query.payload is not None and len(query.payload) <= MAX_MESSAGE_BYTES:
+                payload = query.payload.to_bytes()
+            try:
+                parsed_attachment(_attached(query))
+            except ValueError as error:
+                problem = str(error)
+            called = Called(service, payload, query, problem)
+            if not inbox.put(called):
+                called.drop()
+
+        key, token = self._endpoint(EndpointKind.SERVICE, service, ros_type, Qos())
+        self._session.declare_queryable(key, on_query, complete=True)
+        self._announce(token)
+
+    def _endpoint(self, kind: EndpointKind, topic: str, ros_type: str, qos: Qos) -> tuple[str, str]:
+        """Key and token of an endpoint of this node's."""
+        name = self._name.topic(topic)
+        type_name, hashed = dds_type(ros_type), type_hash(ros_type, humble=self._humble)
+        endpoint = Endpoint(kind, name, type_name, hashed, qos)
+        token = self._name.endpoint_token(self._id, _NODE_NUMBER, next(self._numbers), endpoint)
+        return data_key(self._name.domain_id, name, type_name, hashed), token
+
+    def _announce(self, token: str) -> None:
+        self._kept.append(self._session.liveliness().declare_token(token))
+
+
+def _attached(query: zenoh.Query) -> bytes:
+    return query.attachment.to_bytes() if query.attachment is not None else b""

@@ -1,0 +1,160 @@
+"""nav2's parameters of AMCL, and what becomes of each here: a setting, or nothing, and why."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from process_runtime.settings import Settings
+
+Value: TypeAlias = bool | int | float | str
+
+_OWN_PARTICLES = "particles are for each cluster: cluster.particles, search.max_start_particles"
+_OWN_RECOVERY = "clusters that do not fit are replaced, and a search begins, without it"
+_OWN_RESAMPLING = "a cluster is redrawn when its weights ask for it: cluster.resample_below_ess"
+_OWN_BEAM_SKIP = "beams of what is not in the map are judged by visibility: sensor.hidden_weight"
+_OWN_MEMORY = "the coordinator keeps the last pose: coordinator.state_folder"
+_PLANE = "the robot drives in a plane"
+_ROS_ONLY = "a matter of ROS's own middleware"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of AMCL.
+
+    Args:
+        name: nav2's.
+        default: nav2's; it tells the type too.
+        setting: ours, by its dotted name; empty: there is none.
+        to_setting: from the parameter's value to the setting's; None: leave ours as it is.
+        from_setting: the way back.
+        reason: why there is none.
+    """
+
+    name: str
+    default: Value
+    setting: str = ""
+    to_setting: Callable[[Any], Value | None] = lambda value: value
+    from_setting: Callable[[Any], Value] = lambda value: value
+    reason: str = ""
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it may be set while the node runs; the others are of other processes."""
+        return self.setting in LIVE
+
+    def value(self, settings: Settings) -> Value:
+        """Its value, as the settings are."""
+        if not self.setting:
+            return self.default
+        section, _, key = self.setting.rpartition(".")
+        found = getattr(getattr(settings, section) if section else settings, key)
+        value = self.from_setting(found)
+        return float(value) if isinstance(self.default, float) else value
+
+
+LIVE = frozenset(
+    f"ros2.{key}"
+    for key in (
+        *("transform_tolerance_s", "tf_broadcast", "publish", "laser_min_range_m"),
+        *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
+        *("initial_x_m", "initial_y_m", "initial_heading_rad"),
+    )
+)
+
+_MOTION_MODELS = {"differential": "Differential", "omnidirectional": "Omni"}
+_LIKELIHOOD_FIELDS = ("likelihood_field", "likelihood_field_prob")
+
+
+def _motion_model(name: str) -> str:
+    return "omnidirectional" if "omni" in name.lower() else "differential"
+
+
+def _nav2_motion_model(model: str) -> str:
+    return f"nav2_amcl::{_MOTION_MODELS[model]}MotionModel"
+
+
+def _sensor_model(name: str) -> str:
+    return "likelihood_field" if name in _LIKELIHOOD_FIELDS else name
+
+
+def _if_positive(value: float) -> float | None:
+    return value if value > 0.0 else None
+
+
+def _period_of(rate_hz: float) -> float | None:
+    return 1.0 / rate_hz if rate_hz > 0.0 else None
+
+
+def _seed(value: int) -> int | None:
+    return value if value >= 0 else None
+
+
+def _alpha(number: int, default: float, ours: str) -> Parameter:
+    """nav2's is a variance, ours its root."""
+    root, square = math.sqrt, lambda value: round(value * value, 12)
+    return Parameter(f"alpha{number}", default, f"motion.{ours}", root, square)
+
+
+def _without(reason: str, **parameters: Value) -> tuple[Parameter, ...]:
+    return tuple(Parameter(name, value, reason=reason) for name, value in parameters.items())
+
+
+_ALL = (
+    _alpha(1, 0.2, "turn_noise_per_turn"),
+    _alpha(2, 0.2, "turn_noise_per_metre"),
+    _alpha(3, 0.2, "drive_noise_per_metre"),
+    _alpha(4, 0.2, "drive_noise_per_turn"),
+    _alpha(5, 0.2, "strafe_noise_per_metre"),
+    Parameter("always_reset_initial_pose", False, "ros2.always_reset_initial_pose"),
+    Parameter("autostart_node", False, "ros2.autostart"),
+    Parameter("base_frame_id", "base_footprint", "ros2.base_frame"),
+    Parameter("first_map_only", False, "ros2.first_map_only"),
+    Parameter("global_frame_id", "map", "ros2.global_frame"),
+    Parameter("initial_pose.x", 0.0, "ros2.initial_x_m"),
+    Parameter("initial_pose.y", 0.0, "ros2.initial_y_m"),
+    Parameter("initial_pose.yaw", 0.0, "ros2.initial_heading_rad"),
+    Parameter("lambda_short", 0.1, "sensor.short_decay_per_m"),
+    Parameter("laser_likelihood_max_dist", 2.0, "sensor.max_obstacle_distance_m"),
+    Parameter("laser_max_range", 100.0, "sensor.max_range_m", _if_positive),
+    Parameter("laser_min_range", -1.0, "ros2.laser_min_range_m"),
+    Parameter("laser_model_type", "likelihood_field", "sensor.model", _sensor_model),
+    Parameter("map_topic", "map", "ros2.map_topic"),
+    Parameter("max_beams", 60, "sensor.max_beams"),
+    Parameter("odom_frame_id", "odom", "ros2.odom_frame"),
+    Parameter("random_seed", -1, "seed", _seed),
+    Parameter(
+        "robot_model_type",
+        "nav2_amcl::DifferentialMotionModel",
+        "motion.model",
+        _motion_model,
+        _nav2_motion_model,
+    ),
+    Parameter("save_pose_rate", 0.5, "coordinator.save_pose_every_s", _period_of, lambda s: 1 / s),
+    Parameter("scan_topic", "scan", "ros2.scan_topic"),
+    Parameter("set_initial_pose", False, "ros2.set_initial_pose"),
+    Parameter("sigma_hit", 0.2, "sensor.hit_sigma_m"),
+    Parameter("tf_broadcast", True, "ros2.tf_broadcast"),
+    Parameter("transform_tolerance", 1.0, "ros2.transform_tolerance_s"),
+    Parameter("update_min_a", 0.2, "bridge.gate_turn_rad"),
+    Parameter("update_min_d", 0.25, "bridge.gate_distance_m"),
+    Parameter("use_sim_time", False, "ros2.use_sim_time"),
+    Parameter("z_hit", 0.5, "sensor.hit_weight"),
+    Parameter("z_max", 0.05, "sensor.max_weight"),
+    Parameter("z_rand", 0.5, "sensor.random_weight"),
+    Parameter("z_short", 0.05, "sensor.short_weight"),
+    *_without(_OWN_PARTICLES, max_particles=2000, min_particles=500, pf_err=0.05, pf_z=0.99),
+    *_without(_OWN_RECOVERY, recovery_alpha_fast=0.0, recovery_alpha_slow=0.0),
+    *_without(_OWN_RESAMPLING, resample_interval=1),
+    *_without(_OWN_BEAM_SKIP, do_beamskip=False, beam_skip_distance=0.5),
+    *_without(_OWN_BEAM_SKIP, beam_skip_threshold=0.3, beam_skip_error_threshold=0.9),
+    *_without(_OWN_MEMORY, initialize_at_saved_pose=False, saved_pose_filepath=""),
+    Parameter("initial_pose.z", 0.0, reason=_PLANE),
+    Parameter("freespace_downsampling", False, reason="the whole map is searched"),
+    *_without(_ROS_ONLY, bond_heartbeat_period=0.1, introspection_mode="disabled"),
+    *_without(_ROS_ONLY, service_introspection_mode="disabled"),
+    Parameter("publish", "held", "ros2.publish"),
+)
+
+PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
+"""All of them by name; `publish` is ours alone."""

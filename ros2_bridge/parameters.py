@@ -1,0 +1,133 @@
+"""The services of ROS's parameters: get, set, list, describe, types."""
+
+from typing import Any
+
+import numpy as np
+
+from process_runtime.settings import Settings
+from process_runtime.settings_file import with_setting
+from protocol.errors import SettingsError
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new, response_of
+from ros2_bridge.parameter_table import PARAMETERS, Parameter, Value
+
+_NOT_SET = 0
+_TYPES: dict[type, tuple[int, str]] = {
+    bool: (1, "bool_value"),
+    int: (2, "integer_value"),
+    float: (3, "double_value"),
+    str: (4, "string_value"),
+}
+"""ROS's number of each type, and the field of a `ParameterValue` that holds it."""
+_FIELDS = dict(_TYPES.values())
+_SEPARATOR = "."
+
+
+class Parameters:
+    """The node's parameters, which are settings by nav2's names.
+
+    Args:
+        settings: of all processes; only the bridge's own can change.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+
+    def get(self, request: Any) -> Any:
+        """Answer `GetParameters`: what there is not is told as not set."""
+        values = [self._told(name) for name in request.names]
+        return new(response_of(types.GET_PARAMETERS), values=values)
+
+    def kinds(self, request: Any) -> Any:
+        """Answer `GetParameterTypes`."""
+        numbers = np.array([self._told(name).type for name in request.names], np.uint8)
+        return new(response_of(types.GET_PARAMETER_TYPES), types=numbers)
+
+    def names(self, request: Any) -> Any:
+        """Answer `ListParameters`."""
+        found = [name for name in PARAMETERS if _is_listed(name, request.prefixes, request.depth)]
+        prefixes = {name.rpartition(_SEPARATOR)[0] for name in found} - {""}
+        listed = new(
+            "rcl_interfaces/msg/ListParametersResult", names=found, prefixes=sorted(prefixes)
+        )
+        return new(response_of(types.LIST_PARAMETERS), result=listed)
+
+    def describe(self, request: Any) -> Any:
+        """Answer `DescribeParameters`."""
+        descriptors = [
+            new(
+                "rcl_interfaces/msg/ParameterDescriptor",
+                name=name,
+                type=self._told(name).type,
+                description=_description(parameter) if parameter else "",
+                read_only=parameter is not None and not parameter.is_live,
+            )
+            for name, parameter in ((name, PARAMETERS.get(name)) for name in request.names)
+        ]
+        return new(response_of(types.DESCRIBE_PARAMETERS), descriptors=descriptors)
+
+    def set(self, request: Any) -> Any:
+        """Answer `SetParameters`: one after the other, each taken or refused with the reason."""
+        results = []
+        for wanted in request.parameters:
+            reason = ""
+            try:
+                self._set(wanted.name, wanted.value)
+            except SettingsError as error:
+                reason = str(error)
+            results.append(
+                new(
+                    "rcl_interfaces/msg/SetParametersResult",
+                    successful=not reason,
+                    reason=reason,
+                )
+            )
+        return new(response_of(types.SET_PARAMETERS), results=results)
+
+    def _set(self, name: str, wanted: Any) -> None:
+        """Change a setting.
+
+        Raises:
+            SettingsError: there is no such parameter, it is of another type, out of its range,
+                or read only when the processes start.
+        """
+        parameter = PARAMETERS.get(name)
+        problem, value = "", None
+        if parameter is None:
+            problem = f"there is no parameter {name}"
+        elif wanted.type != self._told(name).type:
+            problem = f"{name} is a {type(parameter.default).__name__}"
+        else:
+            value = getattr(wanted, _FIELDS[wanted.type])
+            if value == parameter.value(self.settings):
+                return
+        if parameter is not None and not problem and not parameter.is_live:
+            problem = parameter.reason or f"{parameter.setting} is read at the start"
+        if parameter is None or problem:
+            raise SettingsError(key=name, problem=problem)
+        self.settings = with_setting(
+            self.settings, parameter.setting, parameter.to_setting(value), name
+        )
+
+    def _told(self, name: str) -> Any:
+        """A parameter as a `ParameterValue`."""
+        parameter = PARAMETERS.get(name)
+        if parameter is None:
+            return new("rcl_interfaces/msg/ParameterValue", type=_NOT_SET)
+        value: Value = parameter.value(self.settings)
+        number, field = _TYPES[type(value)]
+        return new("rcl_interfaces/msg/ParameterValue", type=number, **{field: value})
+
+
+def _is_listed(name: str, prefixes: list[str], depth: int) -> bool:
+    for prefix in prefixes or [""]:
+        start = prefix + _SEPARATOR if prefix else ""
+        if name == prefix or name.startswith(start):
+            levels = name.removeprefix(start).count(_SEPARATOR) + 1
+            if depth == 0 or levels <= depth:
+                return True
+    return False
+
+
+def _description(parameter: Parameter) -> str:
+    return parameter.setting or f"without effect: {parameter.reason}"

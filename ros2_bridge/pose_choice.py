@@ -1,0 +1,109 @@
+"""Which of several places is told as the robot's pose, to those who can take only one.
+
+* `best`: the most probable one. It changes from step to step while places are equally probable,
+  and the map jumps under the robot by metres.
+* `localized`: the place the robot is localized at; none while it is not.
+* `held`: from the first `localized` on the same place, whatever else may become possible, until
+  another one is localized or it ends. Its covariance tells of the others meanwhile.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import assert_never
+
+import numpy as np
+
+from particle_filter.poses import wrap_angle
+from process_runtime.ros2_settings import Publish
+from protocol.answers import Belief, Hypothesis
+from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple
+
+_SAME_PLACE_M, _SAME_HEADING_RAD = 1.0, 0.5
+"""A cluster that ends may have come together with another: that one is so near."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """The place that is told.
+
+    Args:
+        cluster: its number.
+        map_from_robot: its middle, at the belief's stamp.
+        covariance: of it; of all places, while the robot is not localized.
+        probability: of it alone.
+    """
+
+    cluster: int
+    map_from_robot: PoseTuple
+    covariance: Covariance
+    probability: float
+
+
+class PoseChoice:
+    """Chooses anew with each belief.
+
+    Args:
+        publish: by which rule.
+    """
+
+    def __init__(self, publish: Publish) -> None:
+        self.publish = publish
+        self._held: int | None = None
+
+    def choose(self, belief: Belief, expected: PoseTuple | None) -> Chosen | None:
+        """The place to tell after a step; None: there is none.
+
+        Args:
+            belief: of the step.
+            expected: where the place told last would be now, by odometry alone.
+        """
+        hypothesis = self._chosen(belief, expected)
+        self._held = hypothesis.cluster if hypothesis else None
+        if hypothesis is None:
+            return None
+        covariance = hypothesis.covariance
+        if belief.state != "localized":
+            covariance = mixture_covariance(belief.hypotheses, hypothesis.mean)
+        return Chosen(hypothesis.cluster, hypothesis.mean, covariance, hypothesis.probability)
+
+    def _chosen(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
+        if not belief.hypotheses:
+            return None
+        best = belief.hypotheses[0]
+        match self.publish:
+            case "best":
+                return best
+            case "localized":
+                return best if belief.state == "localized" else None
+            case "held":
+                return best if belief.state == "localized" else self._kept(belief, expected)
+            case choice:
+                assert_never(choice)
+
+    def _kept(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
+        """The cluster that is held; what it has become part of; else the best one."""
+        if self._held is None:
+            return None
+        for hypothesis in belief.hypotheses:
+            if hypothesis.cluster == self._held:
+                return hypothesis
+        near = [one for one in belief.hypotheses if expected and _same(one.mean, expected)]
+        return (near or belief.hypotheses)[0]
+
+
+def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> Covariance:
+    """How far the robot may be from a pose, over all places: 3 x 3, row by row."""
+    total = np.zeros((3, 3))
+    for one in hypotheses:
+        off = np.subtract(one.mean, about)
+        off[2] = wrap_angle(float(off[2]))
+        total += one.probability * (covariance_matrix(one.covariance) + np.outer(off, off))
+    return covariance_tuple(total)
+
+
+def _same(one: PoseTuple, other: PoseTuple) -> bool:
+    return (
+        math.dist(one[:2], other[:2]) < _SAME_PLACE_M
+        and abs(wrap_angle(one[2] - other[2])) < _SAME_HEADING_RAD
+    )

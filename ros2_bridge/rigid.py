@@ -1,0 +1,98 @@
+"""Rotations and shifts in space, of single transforms: plain numbers are faster than arrays."""
+
+import math
+from typing import Any, NamedTuple
+
+from protocol.message import PoseTuple
+
+_NEARLY_PARALLEL = 1.0 - 1e-8
+
+
+class Rigid(NamedTuple):
+    """Where a frame is in another: a shift [m] and a rotation as a quaternion of length 1."""
+
+    x: float
+    y: float
+    z: float
+    qx: float
+    qy: float
+    qz: float
+    qw: float
+
+    def of(self, inner: "Rigid") -> "Rigid":
+        """Where a frame is in the outer frame, given where it is in this one."""
+        ax, ay, az, aw = self[3:]
+        bx, by, bz, bw = inner[3:]
+        x, y, z = self._turned(inner.x, inner.y, inner.z)
+        return Rigid(
+            self.x + x,
+            self.y + y,
+            self.z + z,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+            aw * bw - ax * bx - ay * by - az * bz,
+        )
+
+    def inverse(self) -> "Rigid":
+        """Where the outer frame is in this one."""
+        back = Rigid(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
+        x, y, z = back._turned(-self.x, -self.y, -self.z)
+        return back._replace(x=x, y=y, z=z)
+
+    def towards(self, end: "Rigid", share: float) -> "Rigid":
+        """The transform at a share of the way to another, turning the short way round."""
+        q0, q1 = self[3:], end[3:]
+        cosine = sum(a * b for a, b in zip(q0, q1, strict=True))
+        sign = math.copysign(1.0, cosine)
+        if abs(cosine) > _NEARLY_PARALLEL:
+            w0, w1 = 1.0 - share, share
+        else:
+            angle = math.acos(abs(cosine))
+            w0, w1 = math.sin((1.0 - share) * angle), math.sin(share * angle)
+        turn = [w0 * a + sign * w1 * b for a, b in zip(q0, q1, strict=True)]
+        length = math.hypot(*turn)
+        shift = (a + share * (b - a) for a, b in zip(self[:3], end[:3], strict=True))
+        return Rigid(*shift, *(part / length for part in turn))
+
+    def planar(self) -> PoseTuple:
+        """The same seen from above: x [m], y [m], heading [rad]."""
+        qx, qy, qz, qw = self[3:]
+        heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
+        return self.x, self.y, heading
+
+    def up(self) -> float:
+        """How much of this frame's z axis points up in the outer one: 1 upright, -1 overhead."""
+        return 1.0 - 2.0 * (self.qx * self.qx + self.qy * self.qy)
+
+    def _turned(self, x: float, y: float, z: float) -> tuple[float, float, float]:
+        qx, qy, qz, qw = self[3:]
+        tx, ty, tz = 2.0 * (qy * z - qz * y), 2.0 * (qz * x - qx * z), 2.0 * (qx * y - qy * x)
+        return (
+            x + qw * tx + qy * tz - qz * ty,
+            y + qw * ty + qz * tx - qx * tz,
+            z + qw * tz + qx * ty - qy * tx,
+        )
+
+
+HERE = Rigid(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""A frame in itself."""
+
+
+def flat(pose: PoseTuple) -> Rigid:
+    """A pose in the plane as one in space."""
+    x, y, heading = pose
+    return Rigid(x, y, 0.0, 0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0))
+
+
+def rigid_of(shift: Any, turn: Any) -> Rigid:
+    """A shift and a rotation of a message, with fields x, y, z and w.
+
+    Raises:
+        ValueError: its numbers are no transform.
+    """
+    numbers = (shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w)
+    length = math.hypot(*numbers[3:])
+    if not (all(map(math.isfinite, numbers)) and 0.5 < length < 2.0):
+        raise ValueError(f"shift {numbers[:3]} and quaternion {numbers[3:]} are no transform")
+    return Rigid(*numbers[:3], *(part / length for part in numbers[3:]))

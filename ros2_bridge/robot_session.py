@@ -1,0 +1,115 @@
+"""The session to the robot's own router, and what its graph says of the robot's release."""
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+import zenoh
+
+from process_runtime.ros2_settings import Ros2Settings
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol.errors import AlreadyRunningError, SettingsError
+from ros2_bridge.wire import (
+    GRAPH,
+    HUMBLE_HASH,
+    NodeName,
+    hash_in_token,
+    is_name,
+    is_namespace,
+    node_in_token,
+)
+from zenoh_link.session import open_session
+from zenoh_link.wire import alive
+
+_ASK_S = 1.0
+_LOOK_EVERY_S = 0.25
+_GONE_WITHIN_S = 3.0
+"""After a cable was cut, the tokens of a process that lives no more stay for a lease of 2 s."""
+_TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_TOPICS = ("scan_topic", "map_topic", "tf_topic", "tf_static_topic")
+
+_log = logging.getLogger(__name__)
+
+
+def node_name(settings: Ros2Settings) -> NodeName:
+    """The node that the settings describe.
+
+    Raises:
+        SettingsError: ROS would not take a name.
+    """
+    namespace = settings.namespace.rstrip("/")
+    if namespace and not namespace.startswith("/"):
+        namespace = f"/{namespace}"
+    wrong = [key for key in _TOPICS if not _TOPIC.fullmatch(getattr(settings, key))]
+    wrong += [] if is_name(settings.node_name) else ["node_name"]
+    wrong += [] if is_namespace(namespace) else ["namespace"]
+    for key in wrong:
+        value = getattr(settings, key)
+        problem = f"ros2.{key} = {value!r}: ROS takes letters, digits and _ between slashes"
+        raise SettingsError(key=f"ros2.{key}", problem=problem)
+    return NodeName(settings.domain_id, namespace, settings.node_name)
+
+
+@contextmanager
+def open_robot_session(settings: Settings, stop: StopFlag) -> Iterator[zenoh.Session]:
+    """Open the session to the robot's router, as a client without a namespace.
+
+    Raises:
+        SettingsError: the endpoint cannot be used.
+        StoppedError: `stop` was set before there was a router.
+    """
+    router = settings.ros2.router or settings.zenoh.router
+    zenoh_settings = msgspec.structs.replace(settings.zenoh, router=router)
+    with open_session(zenoh_settings, None, stop, wait_s=None) as session:
+        yield session
+
+
+def is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
+    """Whether types are named as in ROS 2 Humble; waits for a node of the robot, if it must.
+
+    Publishers of the wrong form look right in ROS's graph, and nothing of theirs arrives.
+
+    Raises:
+        StoppedError: `stop` was set meanwhile.
+    """
+    if settings.type_hashes != "auto":
+        return settings.type_hashes == "humble"
+    said = False
+    while True:
+        tokens = alive(session, f"{GRAPH}/{settings.domain_id}/**", _ASK_S)
+        hashes = [found for token in tokens if (found := hash_in_token(token))]
+        if hashes:
+            return hashes[0] == HUMBLE_HASH
+        if not said:
+            said = True
+            domain = f"ROS domain {settings.domain_id}"
+            _log.info("waiting for a node of %s: its release decides how to speak", domain)
+        stop.wait(_LOOK_EVERY_S)
+        stop.check()
+
+
+def refuse_second_node(
+    session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
+) -> None:
+    """Refuse to run beside a node of the same name: both would move the map.
+
+    Raises:
+        AlreadyRunningError: there is one, and it stays.
+        StoppedError: `stop` was set meanwhile.
+    """
+    full_name = name.topic(name.name)
+    left = round(_GONE_WITHIN_S / _LOOK_EVERY_S)
+    while full_name in map(node_in_token, alive(session, f"{GRAPH}/{name.domain_id}/**", _ASK_S)):
+        if not left:
+            raise AlreadyRunningError(
+                what=f"a node {full_name}",
+                robot=f"ROS domain {name.domain_id}",
+                endpoint=endpoint,
+                advice="stop it (nav2's own amcl?), or choose another ros2.node_name",
+            )
+        left -= 1
+        stop.wait(_LOOK_EVERY_S)
+        stop.check()

@@ -1,0 +1,154 @@
+"""The services of AMCL's node: what each call does and answers. No network."""
+
+from collections.abc import Callable
+from typing import Any
+
+from process_runtime.settings import Settings
+from ros2_bridge import message_types as types
+from ros2_bridge import topics
+from ros2_bridge.amcl import Amcl
+from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
+from ros2_bridge.message_types import new, response_of
+from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, SearchEverywhere
+from ros2_bridge.parameters import Parameters
+
+Answer = tuple[Any, list[Output]]
+"""The response, and what to do."""
+
+
+class Services:
+    """All services, and with them the life cycle and the parameters.
+
+    Args:
+        amcl: the node's work.
+        settings: of all processes.
+        clock: the time by ROS's clock [ns].
+    """
+
+    def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int]) -> None:
+        self.lifecycle = Lifecycle()
+        self._amcl, self._clock = amcl, clock
+        self._parameters = Parameters(settings)
+        self.freshness = "unreachable"
+        """As the system told last."""
+        self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
+            "reinitialize_global_localization": (types.EMPTY, self._search_everywhere),
+            "request_nomotion_update": (types.EMPTY, self._look_once),
+            "set_initial_pose": (types.SET_INITIAL_POSE, self._set_initial_pose),
+            "~/is_localized": (types.TRIGGER, self._is_localized),
+            "~/change_state": (types.CHANGE_STATE, self._change_state),
+            "~/get_state": (types.GET_STATE, self._get_state),
+            "~/get_available_states": (types.GET_AVAILABLE_STATES, self._get_states),
+            "~/get_available_transitions": (
+                types.GET_AVAILABLE_TRANSITIONS,
+                lambda _: _transitions(self.lifecycle.available()),
+            ),
+            "~/get_transition_graph": (
+                types.GET_AVAILABLE_TRANSITIONS,
+                lambda _: _transitions(TRANSITION_GRAPH),
+            ),
+            "~/get_parameters": (
+                types.GET_PARAMETERS,
+                lambda request: (self._parameters.get(request), []),
+            ),
+            "~/get_parameter_types": (
+                types.GET_PARAMETER_TYPES,
+                lambda request: (self._parameters.kinds(request), []),
+            ),
+            "~/list_parameters": (
+                types.LIST_PARAMETERS,
+                lambda request: (self._parameters.names(request), []),
+            ),
+            "~/describe_parameters": (
+                types.DESCRIBE_PARAMETERS,
+                lambda request: (self._parameters.describe(request), []),
+            ),
+            "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
+        }
+
+    def types(self) -> dict[str, str]:
+        """Every service's name, by ROS's rules, and its type."""
+        return {name: ros_type for name, (ros_type, _) in self._served.items()}
+
+    def call(self, service: str, request: Any) -> Answer:
+        """Answer a call; what it leads to is to be done after the response is sent."""
+        return self._served[service][1](request)
+
+    def change(self, number: int, label: str = "") -> list[Output]:
+        """Go a way of the life cycle; nothing where the state does not allow it."""
+        outputs: list[Output] = []
+        for step in self.lifecycle.change(number, label):
+            outputs.append(Publish(topics.TRANSITION_EVENT, self._event(step)))
+            match step.start, step.goal:
+                case State.ACTIVATING, State.ACTIVE:
+                    outputs += [*self._amcl.activate(), Bond(alive=True)]
+                case State.ACTIVE, _:
+                    self._amcl.deactivate()
+                    outputs.append(Bond(alive=False))
+                case State.CLEANINGUP, State.UNCONFIGURED:
+                    self._amcl.clean_up()
+        return outputs
+
+    def _change_state(self, request: Any) -> Answer:
+        outputs = self.change(request.transition.id, request.transition.label)
+        return new(response_of(types.CHANGE_STATE), success=bool(outputs)), outputs
+
+    def _get_state(self, _request: Any) -> Answer:
+        return new(response_of(types.GET_STATE), current_state=_state(self.lifecycle.state)), []
+
+    def _get_states(self, _request: Any) -> Answer:
+        states = [_state(state) for state in State]
+        return new(response_of(types.GET_AVAILABLE_STATES), available_states=states), []
+
+    def _search_everywhere(self, _request: Any) -> Answer:
+        return new(response_of(types.EMPTY)), [SearchEverywhere()]
+
+    def _look_once(self, _request: Any) -> Answer:
+        return new(response_of(types.EMPTY)), [LookOnce()]
+
+    def _set_initial_pose(self, request: Any) -> Answer:
+        outputs = list(self._amcl.on_initial_pose(request.pose))
+        return new(response_of(types.SET_INITIAL_POSE)), outputs
+
+    def _set_parameters(self, request: Any) -> Answer:
+        response = self._parameters.set(request)
+        self._amcl.use(self._parameters.settings.ros2)
+        return response, []
+
+    def _is_localized(self, _request: Any) -> Answer:
+        belief = self._amcl.belief
+        state = belief.state if belief is not None else "searching"
+        probable = belief.hypotheses[0].probability if belief and belief.hypotheses else 0.0
+        is_localized = state == "localized" and self.freshness == "fresh"
+        words = f"{state}, {self.freshness}, probability {probable:.3f}"
+        return new(response_of(types.TRIGGER), success=is_localized, message=words), []
+
+    def _event(self, step: Transition) -> Any:
+        return new(
+            types.TRANSITION_EVENT,
+            timestamp=self._clock(),
+            transition=_transition(step),
+            start_state=_state(step.start),
+            goal_state=_state(step.goal),
+        )
+
+
+def _state(state: State) -> Any:
+    return new("lifecycle_msgs/msg/State", id=state.value, label=state.label)
+
+
+def _transition(step: Transition) -> Any:
+    return new("lifecycle_msgs/msg/Transition", id=step.number, label=step.label)
+
+
+def _transitions(steps: Any) -> Answer:
+    described = [
+        new(
+            "lifecycle_msgs/msg/TransitionDescription",
+            transition=_transition(step),
+            start_state=_state(step.start),
+            goal_state=_state(step.goal),
+        )
+        for step in steps
+    ]
+    return new(response_of(types.GET_AVAILABLE_TRANSITIONS), available_transitions=described), []

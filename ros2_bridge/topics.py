@@ -1,0 +1,84 @@
+"""The topics of AMCL's node, and those that it has not: names, types, how they are sent."""
+
+from dataclasses import dataclass
+
+from process_runtime.ros2_settings import Ros2Settings
+from ros2_bridge import message_types as types
+from ros2_bridge.wire import Qos
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic.
+
+    Args:
+        name: by ROS's rules: ``/absolute``, ``relative`` or ``~/private``.
+        ros_type: of its messages.
+        qos: as it is sent or wanted.
+    """
+
+    name: str
+    ros_type: str
+    qos: Qos
+
+
+_LAST = Qos(depth=1, latched=True)
+
+AMCL_POSE = Topic("amcl_pose", types.POSE_STAMPED, _LAST)
+PARTICLE_CLOUD = Topic("particle_cloud", types.PARTICLE_CLOUD, Qos(depth=5, best_effort=True))
+DIAGNOSTICS = Topic("/diagnostics", types.DIAGNOSTIC_ARRAY, Qos())
+HYPOTHESES = Topic("~/hypotheses", types.MARKER_ARRAY, _LAST)
+HYPOTHESIS_POSES = Topic("~/hypotheses/poses", types.POSE_ARRAY, _LAST)
+HYPOTHESIS_DETECTION = Topic("~/hypotheses/detection", types.DETECTION, _LAST)
+STATE = Topic("~/state", types.STRING, _LAST)
+PROBABILITY = Topic("~/probability", types.FLOAT64, _LAST)
+TRANSITION_EVENT = Topic("~/transition_event", types.TRANSITION_EVENT, Qos())
+BOND = Topic("bond", types.BOND_STATUS, Qos(depth=5))
+
+INITIAL_POSE = Topic("initialpose", types.POSE_STAMPED, Qos())
+CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics whose names are settings.
+
+    Args:
+        settings: of the bridge.
+    """
+
+    settings: Ros2Settings
+
+    @property
+    def tf(self) -> Topic:
+        """Transforms; read and sent."""
+        return Topic(self.settings.tf_topic, types.TF_MESSAGE, Qos(depth=100))
+
+    @property
+    def tf_static(self) -> Topic:
+        """Transforms that stay."""
+        qos = Qos(depth=100, latched=True)
+        return Topic(self.settings.tf_static_topic, types.TF_MESSAGE, qos)
+
+    @property
+    def scan(self) -> Topic:
+        """The lasers."""
+        qos = Qos(depth=5, best_effort=True)
+        return Topic(self.settings.scan_topic, types.LASER_SCAN, qos)
+
+    @property
+    def map(self) -> Topic:
+        """The map."""
+        return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
+
+    def read(self) -> tuple[Topic, ...]:
+        """All that are read."""
+        clock = (CLOCK,) if self.settings.use_sim_time else ()
+        return (self.scan, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
+
+    def sent(self) -> tuple[Topic, ...]:
+        """All that are sent."""
+        return (
+            *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
+            *(HYPOTHESES, HYPOTHESIS_POSES, HYPOTHESIS_DETECTION, STATE, PROBABILITY),
+        )

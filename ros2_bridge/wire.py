@@ -1,0 +1,196 @@
+"""What rmw_zenoh puts on the wire beside the messages: keys, liveliness tokens, attachments.
+
+A key is `<domain>/<full name>/<type>/<hash of the type>`. Each node, publisher, subscriber, client
+and service has a liveliness token that describes it: all tokens together are ROS's graph. Each
+message carries an attachment of 33 bytes: a counter, a time, and the id of its sender.
+"""
+
+import re
+import struct
+from dataclasses import dataclass
+from enum import StrEnum
+
+import xxhash
+
+GRAPH = "@ros2_lv"
+HUMBLE_HASH = "TypeHashNotSupported"
+"""What ROS 2 Humble writes in place of a type's hash."""
+
+_ATTACHMENT = struct.Struct("<qqB16s")
+_ID_BYTES = 16
+_NODE_CHUNKS, _ENDPOINT_CHUNKS = 9, 13
+_HASH_CHUNK = 11
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+class EndpointKind(StrEnum):
+    """What a token stands for, in rmw_zenoh's letters."""
+
+    PUBLISHER = "MP"
+    SUBSCRIBER = "MS"
+    SERVICE = "SS"
+    CLIENT = "SC"
+
+
+@dataclass(frozen=True)
+class Qos:
+    """How a topic is sent or wanted.
+
+    Args:
+        depth: messages kept.
+        best_effort: may be lost on the way; else reliable.
+        latched: late joiners get the last `depth` messages (`transient local`).
+    """
+
+    depth: int = 10
+    best_effort: bool = False
+    latched: bool = False
+
+    def __str__(self) -> str:
+        """As in a token, which leaves ROS's defaults out."""
+        reliability = "2" if self.best_effort else ""
+        durability = "1" if self.latched else ""
+        return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
+
+
+@dataclass(frozen=True)
+class NodeName:
+    """A node of a domain.
+
+    Args:
+        domain_id: ROS_DOMAIN_ID.
+        namespace: such as ``/robot1``; empty: the root.
+        name: such as ``amcl``.
+    """
+
+    domain_id: int
+    namespace: str
+    name: str
+
+    def topic(self, name: str) -> str:
+        """The full name of a topic or service, by ROS's rules for ``/absolute``, ``relative``
+        and ``~/private`` names.
+        """
+        if name.startswith("/"):
+            return name
+        if name.startswith("~/"):
+            name = f"{self.name}/{name[2:]}"
+        return f"{self.namespace}/{name}"
+
+    def token(self, session_id: str, node_number: int) -> str:
+        """The node's liveliness token."""
+        start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{node_number}/NN"
+        return f"{start}/{self._owner()}"
+
+    def endpoint_token(
+        self, session_id: str, node_number: int, number: int, endpoint: "Endpoint"
+    ) -> str:
+        """The liveliness token of one of the node's endpoints; numbers are unique in a session."""
+        start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{number}/{endpoint.kind}"
+        about = f"{_chunk(endpoint.topic)}/{endpoint.type_name}/{endpoint.type_hash}"
+        return f"{start}/{self._owner()}/{about}/{endpoint.qos}"
+
+    def _owner(self) -> str:
+        return f"%/{_chunk(self.namespace)}/{self.name}"  # the enclave is always the root
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher, subscriber, client or service.
+
+    Args:
+        kind: which of them.
+        topic: full name of the topic or service.
+        type_name: as DDS names it, see `dds_type`.
+        type_hash: of that type.
+        qos: of the topic.
+    """
+
+    kind: EndpointKind
+    topic: str
+    type_name: str
+    type_hash: str
+    qos: Qos
+
+
+def dds_type(ros_type: str) -> str:
+    """A type such as `sensor_msgs/msg/LaserScan` in keys: `sensor_msgs::msg::dds_::LaserScan_`."""
+    package, kind, name = ros_type.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
+    """Where messages of a topic, or calls of a service, travel.
+
+    Args:
+        domain_id: ROS_DOMAIN_ID.
+        topic: full name.
+        type_name: as DDS names it.
+        type_hash: of the type; ``*`` to read what any release of ROS sends.
+    """
+    return f"{domain_id}/{topic.strip('/')}/{type_name}/{type_hash}"
+
+
+def hash_in_token(token: str) -> str | None:
+    """The type's hash in the token of an endpoint; None: the token is of a node, or of no ROS.
+
+    Newer releases write more after the thirteen parts that all of them have.
+    """
+    chunks = token.split("/")
+    if chunks[0] != GRAPH or len(chunks) < _ENDPOINT_CHUNKS:
+        return None
+    return chunks[_HASH_CHUNK]
+
+
+def node_in_token(token: str) -> str | None:
+    """Full name of the node in a node's token; None: the token is of something else."""
+    chunks = token.split("/")
+    if chunks[0] != GRAPH or len(chunks) != _NODE_CHUNKS or chunks[5] != "NN":
+        return None
+    namespace = chunks[7].replace("%", "/").rstrip("/")
+    return f"{namespace}/{chunks[8]}"
+
+
+def endpoint_id(token: str) -> bytes:
+    """The 16 bytes by which an endpoint is known in attachments: XXH3-128 of its token."""
+    return xxhash.xxh3_128_digest(token.encode())[::-1]  # little-endian
+
+
+def attachment(sequence: int, time_ns: int, endpoint: bytes) -> bytes:
+    """What must stand beside every message; ROS drops those without it.
+
+    Args:
+        sequence: of the sender's messages, from 1.
+        time_ns: wall clock, under simulated time too.
+        endpoint: the sender's id.
+    """
+    return _ATTACHMENT.pack(sequence, time_ns, _ID_BYTES, endpoint)
+
+
+def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
+    """Sequence, time [ns] and sender's id.
+
+    Raises:
+        ValueError: it is not the attachment of a ROS message.
+    """
+    if len(data) != _ATTACHMENT.size:
+        raise ValueError(f"an attachment of {len(data)} bytes, not {_ATTACHMENT.size}")
+    sequence, time_ns, id_bytes, endpoint = _ATTACHMENT.unpack(data)
+    if id_bytes != _ID_BYTES:
+        raise ValueError(f"an attachment with an id of {id_bytes} bytes, not {_ID_BYTES}")
+    return sequence, time_ns, endpoint
+
+
+def is_name(text: str) -> bool:
+    """Whether ROS takes it as the name of a node."""
+    return _NAME.fullmatch(text) is not None
+
+
+def is_namespace(text: str) -> bool:
+    """Whether it is empty or ``/name``, or several of them."""
+    return not text or (text[0] == "/" and all(map(is_name, text[1:].split("/"))))
+
+
+def _chunk(name: str) -> str:
+    """A name with slashes as one part of a key; the root is ``%``."""
+    return name.replace("/", "%") or "%"

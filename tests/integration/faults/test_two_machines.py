@@ -1,0 +1,113 @@
+"""Half of the workers on another machine, and the cable between fails in every way it can."""
+
+import time
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from typing import NamedTuple
+
+import msgspec
+import pytest
+
+from clustermcl.stack import COORDINATOR
+from process_runtime.settings import WorkerSettings
+from process_runtime.supervisor import python_module
+from protocol.answers import PoseAnswer
+from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.two_machines import Cable, second_machine
+from tests.integration.free_port import free_port
+from tests.integration.processes import RunningProcess
+from tests.integration.waiting import wait_until
+
+NEAR, FAR = 2, 2
+ASKED_EVERY_S = 0.05
+SETTINGS = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=NEAR))
+
+
+class TwoMachines(NamedTuple):
+    system: System
+    cable: Cable
+
+    def is_whole(self) -> bool:
+        """Whether all workers are there, and every cluster is reported on."""
+        with self.system.client as client:
+            status = client.status()
+        return len(status.workers) == NEAR + FAR and self.system.tracks()
+
+    def goes_on(self, after_term: int, after_step: int) -> bool:
+        """Whether another coordinator believes later steps; who has died is started again."""
+        self.system.stack.ended()
+        last = self.system.beliefs[-1]
+        return last.term > after_term and last.step >= after_step + 5
+
+    def answers(self, seconds: float) -> list[PoseAnswer]:
+        """What the robot's own machine says all along."""
+        answers, until_s = [], time.monotonic() + seconds
+        with self.system.client as client:
+            while time.monotonic() < until_s:
+                answers.append(client.pose())
+                time.sleep(ASKED_EVERY_S)
+        return answers
+
+
+@pytest.fixture(scope="module")
+def machines() -> Iterator[TwoMachines]:
+    with second_machine() as cable:
+        endpoint = f"tcp/{cable.here}:{free_port()}"
+        with system(SETTINGS, endpoint=endpoint) as tested:
+            words = ["--settings", str(tested.folder / "settings.toml"), "--name", "far"]
+            command = python_module("worker", *words, "--count", str(FAR))
+            far = RunningProcess([*cable.over_there, *command], tested.folder, "far")
+            try:
+                both = TwoMachines(tested, cable)
+                wait_until(both.is_whole, 90.0)
+                yield both
+            finally:
+                far.kill()
+
+
+def held(machines: TwoMachines, fault: AbstractContextManager[None], seconds: float) -> None:
+    """The robot's pose is answered and follows it all along, and then everything is whole again.
+
+    It may be blind for a moment: a cluster that is just being handed over is waited for.
+    """
+    with fault:
+        answers = machines.answers(seconds)
+    assert answers
+    assert {answer.freshness for answer in answers} <= {"fresh", "blind"}
+    assert answers[-1].step > answers[0].step, "steps are believed meanwhile"
+    step = machines.system.step
+    wait_until(lambda: machines.system.step >= step + 5 and machines.is_whole(), 60.0)
+
+
+@pytest.mark.parametrize("seconds", [3.0, 10.0])
+@pytest.mark.parametrize(
+    ("from_here", "from_there"), [(True, True), (True, False), (False, True)],
+    ids=["both ways", "to the far machine", "from the far machine"],
+)  # fmt: skip
+def test_a_cable_that_is_cut_costs_the_robot_no_answer(
+    machines: TwoMachines, from_here: bool, from_there: bool, seconds: float
+) -> None:
+    held(machines, machines.cable.cut(from_here=from_here, from_there=from_there), seconds)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param("tbf rate 1mbit burst 16kb latency 200ms", id="1 Mbit/s"),
+        pytest.param("netem delay 50ms 20ms", id="50 ms +- 20 ms"),
+        pytest.param("netem loss 5%", id="5 % lost"),
+        pytest.param("netem delay 20ms reorder 25% 50%", id="reordered"),
+    ],
+)
+def test_a_bad_cable_costs_the_robot_no_answer(machines: TwoMachines, how: str) -> None:
+    held(machines, machines.cable.shaped(*how.split()), 5.0)
+
+
+def test_a_coordinator_that_dies_while_the_cable_is_cut_is_followed_by_one_that_goes_on(
+    machines: TwoMachines,
+) -> None:
+    with machines.cable.cut(from_here=True, from_there=True):
+        term, step = machines.system.beliefs[-1].term, machines.system.step
+        machines.system.hurt(COORDINATOR)
+        wait_until(lambda: machines.goes_on(term, step), 30.0)
+    wait_until(machines.is_whole, 60.0)

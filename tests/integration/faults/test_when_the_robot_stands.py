@@ -1,0 +1,105 @@
+"""A robot that stands is told where it may be: after its start, a command, and with a new map."""
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+import numpy as np
+import zenoh
+
+from clustermcl.client import Client
+from clustermcl.stack import COORDINATOR
+from grid_maps.grid_map import GridMap
+from process_runtime.settings import BridgeSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief
+from protocol.arrays import ArrayBlob
+from protocol.codec import encode
+from protocol.steps import LaserReading, MapReading, OdometryReading
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world
+from tests.integration.faults.system import SMALL, System, system
+from tests.integration.sensor_bridge.robot import answering
+from tests.integration.waiting import wait_until
+from zenoh_link.wire import Publisher
+
+LASER_HZ = 10.0
+
+
+def map_reading(grid_map: GridMap) -> MapReading:
+    occupancy = np.where(grid_map.cells == 1, 100, grid_map.cells)
+    return MapReading(
+        sender="robot",
+        cell_m=grid_map.cell_m,
+        map_from_grid=grid_map.map_from_grid,
+        occupancy=ArrayBlob.of(occupancy, "int8"),
+    )
+
+
+@contextmanager
+def standing_robot(session: zenoh.Session, world_name: str) -> Iterator[tuple[float, ...]]:
+    """Publishes the same scan ten times a second, and odometry twice as often; yields its pose."""
+    stop = StopFlag()
+    tick = next(iter(Simulation(world(world_name), seed=5)))
+    odometry, laser = (
+        Publisher(session, keys.ODOMETRY_READING),
+        Publisher(session, keys.LASER_READING),
+    )
+    (scan,) = (one for one in tick.readings if isinstance(one, LaserReading))
+    here = (0.0, 0.0, 0.0)
+
+    def stand() -> None:
+        while not stop.wait(0.5 / LASER_HZ):
+            now_ns = time.time_ns()
+            odometry.put(OdometryReading(sender="robot", stamp_ns=now_ns, odom_from_robot=here))
+            laser.put(msgspec.structs.replace(scan, stamp_ns=now_ns, odom_from_robot=here))
+
+    thread = threading.Thread(target=stand)
+    thread.start()
+    try:
+        yield tick.map_from_robot
+    finally:
+        stop.set()
+        thread.join()
+
+
+def may_be_at(belief: Belief, pose: tuple[float, ...]) -> bool:
+    return belief.state != "searching" and any(
+        np.hypot(*np.subtract(place.mean[:2], pose[:2])) < 0.5 for place in belief.hypotheses
+    )
+
+
+def wait_until_told(tested: System, client: Client, pose: tuple[float, ...], digest: str) -> None:
+    def is_told() -> bool:
+        return (
+            client.status().map_digest == digest
+            and bool(tested.beliefs)
+            and may_be_at(tested.beliefs[-1], pose)
+        )
+
+    wait_until(is_told, 90.0)
+
+
+def test_a_robot_that_stands_is_told_where_it_may_be() -> None:
+    before, after = world("cross").map, world("cross_feature").map
+    bridge = BridgeSettings(map="zenoh", source="zenoh")
+    with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
+        wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
+        with (
+            answering(tested.session, map_reading(before)),
+            standing_robot(tested.session, "cross") as pose,
+        ):
+            wait_until_told(tested, client, pose, before.digest)
+            client.relocalize()
+            relocalized = tested.step
+            wait_until(lambda: tested.beliefs[-1].state == "searching" or tested.step > relocalized)
+            wait_until_told(tested, client, pose, before.digest)
+            tested.session.put(keys.MAP_READING, encode(map_reading(after)))
+            wait_until_told(tested, client, pose, after.digest)
+            told = tested.step
+            assert told < 400, "steps of a standing robot end when it is told"
+        status = client.status()
+        assert status.counters["map changed"] == 1

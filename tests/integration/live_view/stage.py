@@ -1,0 +1,74 @@
+"""A page without a system: the real server and the real page, told what a test wants drawn."""
+
+import queue
+import zlib
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from live_view.admission import parsed_address
+from live_view.commands import Command
+from live_view.live_loop import answer_browser
+from live_view.map_reduction import reduced
+from live_view.page_server import PageServer
+from live_view.picture import Picture
+from live_view.room import Commanded, FromBrowser, Room
+from protocol.steps import MapMessage
+
+
+class Stage:
+    """Tests tell `picture`, and call `pump` until the page shows it."""
+
+    def __init__(self) -> None:
+        self.picture = Picture({"robot": "r", "router": "none", "commands": True})
+        self.picture.on_link("running")
+        self.commands: list[Command] = []
+        self.map: MapMessage | None = None
+        self._events: queue.Queue[FromBrowser] = queue.Queue()
+        address = parsed_address("127.0.0.1:0")
+        self.room = Room("r", self._events.put)
+        self.server = PageServer(address, "", [self.room], commands=True)
+
+    def __enter__(self) -> Self:
+        self.server.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.server.__exit__(kind, error, traceback)
+
+    def show_map(self, rows: int, cols: int, cell_m: float = 0.05) -> None:
+        """An empty room of this size."""
+        cells = np.zeros((rows, cols), np.int8)
+        cells[[0, -1]] = cells[:, [0, -1]] = 1
+        packed = zlib.compress(cells.tobytes(), 1)
+        message = reduced(
+            MapMessage(
+                sender="bridge",
+                digest=f"{rows}x{cols}",
+                cell_m=cell_m,
+                map_from_grid=(0.0, 0.0, 0.0),
+                rows=rows,
+                cols=cols,
+                zlib_cells=packed,
+            )
+        )
+        self.map = message
+        self.room.set_map(message.digest, message.zlib_cells)
+        self.picture.on_map(message)
+
+    def pump(self) -> None:
+        """Answer what browsers have said, and send them what has changed."""
+        while not self._events.empty():
+            match self._events.get():
+                case Commanded(command=command):
+                    self.commands.append(command)
+                case asked:
+                    answer_browser(self.room, self.picture, asked)
+        if changes := self.picture.changes():
+            self.room.publish(changes)

@@ -1,0 +1,240 @@
+"""What the page draws of what it is told, in a real browser, without a system behind it."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from live_view.commands import DriveRobot, KidnapRobot
+from live_view.saved_page import saved_page
+from protocol.arrays import ArrayBlob
+from protocol.steps import TruePose
+from protocol.work import TrackReport
+from tests.integration.live_view.page import Page, press
+from tests.integration.live_view.stage import Stage
+from tests.integration.waiting import wait_until
+from tests.unit.live_view.messages import belief, events, pose, report, scan, status
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture
+def stage() -> Iterator[Stage]:
+    with Stage() as made:
+        made.show_map(120, 200)
+        yield made
+
+
+@pytest.fixture
+def drawn(stage: Stage, driver: Any) -> Iterator[Page]:
+    """The page of the stage; nothing is said on the browser's console."""
+    page = Page(driver, stage.server.link)
+    shows(stage, lambda: page.run("return liveView.view.map !== null"))
+    yield page
+    driver.get("about:blank")
+    assert page.console() == []
+
+
+def shows(stage: Stage, condition: Callable[[], object]) -> None:
+    """Wait until the page shows what the stage was told."""
+
+    def pumped() -> object:
+        stage.pump()
+        return condition()
+
+    wait_until(pumped)
+
+
+def play(stage: Stage, steps: range) -> None:
+    """A robot that drives along, with two places."""
+    for step in steps:
+        stage.picture.on_truth(
+            TruePose(sender="s", step=step, map_from_robot=(1.0 + step / 100, 2.0, 0.0))
+        )
+        stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
+        stage.picture.on_belief(belief(step, 1, 2))
+        stage.picture.on_pose(pose(step))
+
+
+def has_steps(stage: Stage, page: Page, count: int) -> None:
+    """Wait until the page knows all steps so far, also those that were skipped in haste."""
+    shows(stage, lambda: [row[0] for row in page.history()] == list(range(count)))
+
+
+def shown_step(page: Page) -> int | None:
+    step: int | None = page.run("return liveView.view.step?.step ?? null")
+    return step
+
+
+def test_particles_are_drawn_in_their_clusters_colour(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(5, 4))  # its place is (4, 2)
+    shows(stage, lambda: shown_step(drawn) == 5)
+    x, y = 4.0, 4.5
+    assert drawn.snapshot().pixel_at(x, y) == (255, 255, 255)
+    stage.picture.on_report(with_particles_at(x, y))
+    shows(stage, lambda: drawn.run("return liveView.view.clouds.size === 1"))
+    red, _, blue = drawn.snapshot().pixel_at(x, y)
+    assert red > blue + 100  # the first colour is an orange
+
+
+def with_particles_at(x_m: float, y_m: float) -> TrackReport:
+    made = report(5, 4)
+    assert made.snapshot is not None
+    poses = ArrayBlob.of(np.tile((x_m, y_m, 0.0), (100, 1)), "float64")
+    snapshot = msgspec.structs.replace(made.snapshot, map_from_robot=poses)
+    return msgspec.structs.replace(made, snapshot=snapshot)
+
+
+def test_particles_are_carried_forward_by_odometry(drawn: Page) -> None:
+    carried = drawn.run_async(
+        "import('./particles.js').then(({carried}) => done([...carried("
+        "{odom: [1, 1, Math.PI / 2], points: [300, 400, 0, 300, 400, 1571]}, [1, 3, 0])]))"
+    )  # the robot has gone 2 m ahead
+    assert carried == pytest.approx([5.0, 4.0, 3.0, 6.0], abs=0.01)
+
+
+def test_the_scan_is_drawn_at_the_cluster_that_is_pointed_at(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))  # 2.5 m before the robot
+    stage.picture.on_belief(belief(5, 1, 5))
+    shows(stage, lambda: shown_step(drawn) == 5)
+    best, other = (place["pose"] for place in drawn.snapshot().step["places"])
+    at_best, at_other = ((p[0] + 2.5 * 0.8776, p[1] + 2.5 * 0.4794) for p in (best, other))
+    assert is_scan(drawn, at_best)
+    assert not is_scan(drawn, at_other)
+    drawn.hover_on_map(drawn.snapshot().screen_of(*other[:2]))
+    assert is_scan(drawn, at_other)
+    assert not is_scan(drawn, at_best)
+
+
+def is_scan(page: Page, where: tuple[float, float]) -> bool:
+    red, green, blue = page.snapshot().pixel_at(*where)
+    return red > green + 80 and red > blue + 80
+
+
+def test_one_may_look_back_and_return(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_events(events(3))
+    stage.picture.on_status(status())
+    play(stage, range(20))
+    stage.picture.on_events(events(15))
+    has_steps(stage, drawn, 20)
+    press(drawn, ",")
+    shows(stage, lambda: shown_step(drawn) == 18)
+    drawn.run("liveView.travel.goTo(7)")
+    shows(stage, lambda: shown_step(drawn) == 7)
+    assert drawn.run("return location.hash") == "#step=7"
+    assert drawn.text("slider-step") == "step 7"
+    assert drawn.run("return liveView.view.rows.length") == 8
+    assert "c3" in drawn.text("events")
+    assert "c15" not in drawn.text("events")
+    assert drawn.run("return liveView.view.step.scan.length") == 8
+    play(stage, range(20, 23))
+    shows(stage, lambda: drawn.history()[-1][0] == 22)
+    assert shown_step(drawn) == 7  # what goes on meanwhile does not disturb
+    drawn.click("to-now")
+    shows(stage, lambda: shown_step(drawn) == 22)
+    assert drawn.run("return location.hash") == ""
+    shows(stage, lambda: "c15" in drawn.text("events"))
+
+
+def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
+    play(stage, range(1500))
+    shows(stage, lambda: shown_step(drawn) == 1499)
+    drawn.driver.get("about:blank")
+    drawn.driver.get(f"{stage.server.link}#step=42")
+    shows(stage, lambda: shown_step(drawn) == 42)
+    has_steps(stage, drawn, 1500)  # older ways come afterwards
+
+
+def test_play_shows_step_after_step_and_ends_at_now(stage: Stage, drawn: Page) -> None:
+    play(stage, range(12))
+    has_steps(stage, drawn, 12)
+    drawn.run("window.seen = new Set(); const view = liveView.view, set = view.setStep;"
+              "view.setStep = function (step, rows) {"
+              "  if (step) window.seen.add(step.step); set.call(view, step, rows); }")  # fmt: skip
+    drawn.click("play")
+    shows(stage, lambda: drawn.run("return liveView.travel.at === null && seen.size > 8"))
+    assert set(drawn.run("return [...seen]")) <= set(range(12))
+
+
+def test_a_click_on_the_plot_looks_back(stage: Stage, drawn: Page) -> None:
+    play(stage, range(200))
+    has_steps(stage, drawn, 200)
+    drawn.click("plot")  # in its middle
+    shows(stage, lambda: 80 < (shown_step(drawn) or 0) < 120)
+
+
+def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(0, 1))
+    shows(stage, lambda: shown_step(drawn) == 0)
+    assert not drawn.is_visible("kidnap")  # a real robot is not lifted
+    play(stage, range(1, 4))
+    shows(stage, lambda: drawn.is_visible("kidnap"))
+    press(drawn, "kk")
+    shows(stage, lambda: stage.commands == [KidnapRobot()])
+    drawn.click("kidnap")
+    start = drawn.snapshot().screen_of(3.0, 3.0)
+    drawn.drag_on_map(start, (start[0], start[1] - 50))
+    shows(stage, lambda: len(stage.commands) == 2)
+    lifted = stage.commands[1]
+    assert isinstance(lifted, KidnapRobot)
+    assert lifted.pose == pytest.approx((3.0, 3.0, 1.57), abs=0.05)
+    stage.commands.clear()
+    press(drawn, "d")
+    with drawn.holding("\ue013"):  # the up arrow
+        shows(stage, lambda: stage.commands.count(DriveRobot(0.6, 0.0)) >= 3)
+    shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0))
+    press(drawn, "d")
+    shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0, by_hand=False))
+
+
+def test_sixty_four_clusters_stay_readable(stage: Stage, drawn: Page, pictures: Path) -> None:
+    stage.picture.on_belief(belief(1, *range(64)))
+    shows(stage, lambda: shown_step(drawn) == 1)
+    listed = "return document.querySelectorAll('#clusters li[data-cluster]').length"
+    shows(stage, lambda: drawn.run(listed) == 64)
+    assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
+    drawn.save(pictures / "many.png")
+
+
+def test_a_page_that_was_saved_shows_the_same_without_a_server(
+    stage: Stage, driver: Any, tmp_path: Path
+) -> None:
+    play(stage, range(3))
+    stage.picture.on_status(status())
+    stage.picture.on_events(events(1))
+    file = tmp_path / "saved.html"
+    assert stage.map is not None
+    file.write_text(saved_page(stage.picture.everything(), stage.map, "<today>"))
+    page = Page(driver, file.as_uri())
+    wait_until(lambda: page.run("return liveView.view.map !== null"))
+    assert shown_step(page) == 2
+    assert "<today>" in page.text("robot")
+    wait_until(lambda: "c1" in page.text("events"))
+    assert not page.is_visible("actions")
+    assert not page.is_visible("timeline")
+    assert not page.is_visible("banner")
+    assert page.snapshot().pixel_at(1.0, 2.0) == (0xE6, 0x9F, 0x00)
+    assert page.console() == []
+
+
+def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None:
+    stage.show_map(16384, 16384)
+    stage.picture.on_belief(belief(1, 4))
+    shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows") == 4096)
+    assert drawn.snapshot().pixel_at(400.0, 500.0) == (255, 255, 255)
+    assert drawn.run("return liveView.view.map.frame.cell_m") == pytest.approx(0.2)
+
+
+def test_how_probable_it_is_that_the_robot_is_elsewhere_stands_beside_the_clusters(
+    stage: Stage, drawn: Page
+) -> None:
+    stage.picture.on_belief(belief(1, 4))
+    shows(stage, lambda: shown_step(drawn) == 1)
+    drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: null}})")
+    shows(stage, lambda: "elsewhere" not in drawn.text("clusters"))
+    drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: 0.25}})")
+    shows(stage, lambda: "elsewhere" in drawn.text("clusters"))
+    assert "25 %" in drawn.text("clusters")

@@ -1,0 +1,114 @@
+"""Stands in for bridge, coordinator and workers: hears readings and commands, tells beliefs."""
+
+from typing import Any
+
+import msgpack
+import msgspec
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+
+from protocol import keys
+from protocol.answers import CommandDone, State, Status
+from protocol.codec import decode, encode
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
+from protocol.work import TrackReport
+from ros2_bridge.core_messages import MapReading
+from tests.unit.ros2_bridge.beliefs import belief
+
+
+class SystemDouble:
+    """One robot's system.
+
+    Args:
+        session: with the robot's namespace.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self.lasers: list[LaserReading] = []
+        self.odometry: list[OdometryReading] = []
+        self.maps: list[tuple[NDArray[np.int8], float, PoseTuple]] = []
+        """Cells as ROS has them, side of a cell, origin."""
+        self.commands: list[tuple[str, dict[str, Any]]] = []
+        self.freshness = "fresh"
+        self.state: State = "searching"
+        self._step = 0
+        session.declare_subscriber(keys.LASER_READING, self._on_laser)
+        session.declare_subscriber(keys.ODOMETRY_READING, self._on_odometry)
+        session.declare_subscriber(keys.MAP_READING, self._on_map)
+        for key in (keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.STATUS):
+            session.declare_queryable(key, self._on_query, complete=True)
+
+    def believe(
+        self,
+        stamp_ns: int,
+        *places: tuple[int, float, PoseTuple],
+        state: State = "ambiguous",
+        term: int = 1,
+    ) -> None:
+        """Publish a belief: cluster, probability and pose of each place."""
+        self.state = state
+        told = belief(stamp_ns, *places, state=state, term=term)
+        self._step += 1
+        told = msgspec.structs.replace(told, step=self._step)
+        self._session.put(keys.BELIEF, encode(told))
+
+    def report(self, report: TrackReport) -> None:
+        """Publish what a worker made of a step."""
+        self._session.put("worker/worker-0/report", encode(report))
+
+    def ask_for_map(self) -> PoseTuple:
+        """Ask the robot for its map, as a bridge does that comes later; its origin."""
+        (reply,) = self._session.get(keys.MAP_READING, timeout=5.0)
+        assert reply.ok is not None
+        return map_in(reply.ok.payload.to_bytes()).map_from_grid
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Publish whatever."""
+        self._session.put(key, payload)
+
+    def _on_laser(self, sample: zenoh.Sample) -> None:
+        self.lasers.append(decode(sample.payload.to_bytes(), LaserReading))
+
+    def _on_odometry(self, sample: zenoh.Sample) -> None:
+        self.odometry.append(decode(sample.payload.to_bytes(), OdometryReading))
+
+    def _on_map(self, sample: zenoh.Sample) -> None:
+        reading = map_in(sample.payload.to_bytes())
+        self.maps.append((reading.occupancy.array(), reading.cell_m, reading.map_from_grid))
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        key = str(query.key_expr)
+        with query:
+            if key == keys.STATUS:
+                query.reply(key, encode(self._status()))
+                return
+            assert query.payload is not None
+            self.commands.append((key, msgpack.unpackb(query.payload.to_bytes())))
+            query.reply(key, encode(CommandDone(sender="coordinator")))
+
+    def _status(self) -> Status:
+        return Status(
+            sender="coordinator",
+            version="1",
+            state=self.state,
+            freshness=self.freshness,  # type: ignore[arg-type] # as the test says
+            age_s=0.1,
+            step=self._step,
+            steps_applied=self._step,
+            steps_lost=0,
+            reports_missing=0,
+            map_digest="d",
+            clusters=1,
+            searching=False,
+            workers={},
+            counters={},
+            uptime_s=1.0,
+        )
+
+
+def map_in(payload: bytes) -> MapReading:
+    """A map of any size."""
+    return msgspec.convert(msgpack.unpackb(payload), MapReading)

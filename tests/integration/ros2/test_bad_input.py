@@ -1,0 +1,114 @@
+"""What a robot may say wrongly: each is counted, said in one line, and the rest goes on."""
+
+import math
+import time
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+
+from protocol.arrays import ArrayBlob
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import encode, new, type_hash
+from ros2_bridge.messages_out import transform
+from ros2_bridge.rigid import HERE
+from ros2_bridge.topics import DIAGNOSTICS, Topic
+from ros2_bridge.wire import attachment, data_key, dds_type
+from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.robot import SCAN, RosRobot
+from tests.integration.ros2.test_graph import OpenSession
+from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.usefixtures("router")
+
+
+def put_bytes(
+    session: zenoh.Session, topic: Topic, payload: bytes, attached: bytes | None = None
+) -> None:
+    """Publish whatever on a topic's key."""
+    hashed = type_hash(topic.ros_type, humble=False)
+    key = data_key(0, topic.name, dds_type(topic.ros_type), hashed)
+    beside = attachment(1, time.time_ns(), bytes(16)) if attached is None else attached
+    session.put(key, payload, attachment=beside)
+
+
+def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
+    now_ns, names = time.time_ns(), robot.topics
+    robot.put_odometry(now_ns, (0.0, 0.0, 0.0))
+    robot.put_scan(SCAN, "mast", stamp_ns=now_ns)
+    no_ranges = msgspec.structs.replace(SCAN, ranges=ArrayBlob.of([math.nan] * 9, "float32"))  # type: ignore[arg-type] # a list will do
+    robot.put_scan(no_ranges, stamp_ns=now_ns)
+    robot.put(names.tf, transform((math.nan, 0.0, 0.0), now_ns, "odom", "base_footprint"))
+    robot.put(names.tf, transform((1.0, 0.0, 0.0), now_ns, "map", "odom"))
+    robot.put(names.map, new(types.OCCUPANCY_GRID))  # 0 x 0
+    robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
+    robot.put_initial_pose((math.nan, 0.0, 0.0))
+    scan = encode(new(types.LASER_SCAN), types.LASER_SCAN)
+    put_bytes(stranger, names.scan, scan, bytes(32))
+    put_bytes(stranger, names.scan, b"\0\3\0\0" + scan[4:])  # another encoding
+    put_bytes(stranger, names.scan, scan[: len(scan) // 2])
+    put_bytes(stranger, names.tf, b"")
+
+
+EXPECTED = {
+    "laser scan without transform: frames not connected",
+    "laser scan refused",
+    "transform refused",
+    "map to odom from another node",
+    "map refused",
+    "map of another frame",
+    "initial pose refused",
+    "not a message of ROS",
+    "malformed LaserScan: not CDR",
+    "malformed TFMessage: not CDR",
+}
+
+
+def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
+    open_robot: OpenRobot,
+    open_robot_session: OpenSession,
+    open_system: OpenSystem,
+    start_bridge: StartBridge,
+) -> None:
+    robot, system, stranger = open_robot(), open_system(), open_robot_session()
+    robot.put_mounts(("laser", HERE))
+    bridge = start_bridge(ACTIVE)
+    told = robot.listen(DIAGNOSTICS)
+    robot.stand_until(lambda: system.lasers)
+    for _ in range(3):
+        say_all_that_is_wrong(robot, stranger)
+
+    def counted() -> dict[str, int]:
+        values: list[Any] = told[-1].status[0].values if told else []
+        return {one.key: int(one.value) for one in values if one.key in EXPECTED}
+
+    wait_until(lambda: set(counted()) == EXPECTED)
+    wait_until(lambda: counted()["laser scan without transform: frames not connected"] == 3)
+    counts = counted()
+    assert counts["malformed LaserScan: not CDR"] == counts["initial pose refused"] == 6
+    for cause in EXPECTED:
+        lines = [line for line in bridge.err.splitlines() if f": {cause}" in line]
+        assert len(lines) == 1, cause
+    assert "laser 'mast', waited for 1." in bridge.err
+    assert "an attachment of 32 bytes, not 33" in bridge.err
+    heard = len(system.lasers)
+    robot.stand_until(lambda: len(system.lasers) > heard)
+    assert bridge.is_running()
+    assert system.commands == []
+
+
+def test_a_call_that_is_none_gets_no_answer_and_the_next_one_does(
+    open_robot: OpenRobot, open_robot_session: OpenSession, start_bridge: StartBridge
+) -> None:
+    robot, stranger = open_robot(), open_robot_session()
+    robot.put_mounts()
+    start_bridge(ACTIVE)
+    kind = types.SET_PARAMETERS
+    key = data_key(0, "/amcl/set_parameters", dds_type(kind), type_hash(kind, humble=False))
+    good = attachment(1, time.time_ns(), bytes(16))
+    for payload, attached in ((b"\xff" * 9, good), (b"", good), (b"\0\1\0\0\0\0\0\0", b"short")):
+        replies = stranger.get(key, payload=payload, attachment=attached, timeout=5.0)
+        assert [reply.ok for reply in replies] == []
+    assert robot.call("/amcl/set_parameters", kind).results == []

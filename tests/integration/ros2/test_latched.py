@@ -1,0 +1,104 @@
+"""What is said once and has to reach who comes later."""
+
+import numpy as np
+import pytest
+
+from process_runtime.ros2_settings import Ros2Settings
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new
+from ros2_bridge.messages_out import header
+from ros2_bridge.rigid import HERE, flat
+from ros2_bridge.topics import AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION, PARTICLE_CLOUD, STATE
+from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.robot import RosRobot
+from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.usefixtures("router")
+
+
+def put_map(robot: RosRobot, *, width: int = 400, x_m: float = 0.0) -> None:
+    """A room with a wall around it."""
+    cells = np.zeros((300, width), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    position = new("geometry_msgs/msg/Point", x=x_m)
+    info = new(
+        "nav_msgs/msg/MapMetaData",
+        resolution=0.05,
+        width=width,
+        height=300,
+        origin=new("geometry_msgs/msg/Pose", position=position),
+    )
+    robot.put(
+        robot.topics.map,
+        new(types.OCCUPANCY_GRID, header=header(0, "map"), info=info, data=cells.ravel()),
+    )
+
+
+def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    put_map(robot)
+    start_bridge()
+    wait_until(lambda: system.maps)
+    cells, cell_m, _ = system.maps[0]
+    assert cells.shape == (300, 400)
+    assert np.count_nonzero(cells == 100) == np.count_nonzero(cells) == 2 * 400 + 2 * 298
+    assert cell_m == 0.05
+    assert system.ask_for_map() == system.maps[0][2]  # also who comes later
+    put_map(robot)  # the same: nothing happens
+    put_map(robot, width=200, x_m=1.0)
+    wait_until(lambda: len(system.maps) >= 2)
+    assert system.maps[-1][2] == (1.0, 0.0, 0.0)
+    assert len(system.maps) == 2
+
+
+def test_the_first_map_stays_if_so_set(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    put_map(robot)
+    start_bridge(Ros2Settings(autostart=True, first_map_only=True))
+    wait_until(lambda: system.maps)
+    put_map(robot, width=200)
+    robot.put_mounts(("laser", HERE))
+    robot.stand_until(lambda: system.lasers)
+    assert len(system.maps) == 1
+
+
+def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts()
+    others = [open_robot(name=f"mount{number}") for number in range(4)]
+    for number, other in enumerate(others):
+        other.put_mounts((f"laser{number}", flat((0.1 * number, 0.0, 0.0))))
+    start_bridge(ACTIVE)
+    for number in range(4):
+        frame, place_m = f"laser{number}", 0.1 * number
+
+        def is_heard(place_m: float = place_m) -> bool:
+            return any(laser.robot_from_laser[0] == place_m for laser in system.lasers)
+
+        robot.stand_until(is_heard, frame=frame)
+
+
+def test_who_comes_late_gets_the_last_pose_and_places_but_no_old_cloud(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(ACTIVE)
+    robot.stand_until(lambda: system.lasers)
+    states = robot.listen(STATE)
+    system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
+    wait_until(lambda: states)
+    late = open_robot(name="rviz")
+    heard = [late.listen(topic) for topic in (AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION)]
+    cloud = late.listen(PARTICLE_CLOUD)
+    wait_until(lambda: all(heard))
+    assert heard[0][0].pose.pose.position.y == 2.0
+    assert heard[2][0].results[0].hypothesis.score == 0.95
+    assert cloud == []

@@ -1,0 +1,155 @@
+"""A double of nav2's lifecycle manager: what it asks, in its order, and the bond it waits for."""
+
+import time
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from process_runtime.ros2_settings import Ros2Settings
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new, request_of
+from ros2_bridge.rigid import HERE
+from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
+from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.robot import RosRobot
+from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.waiting import stretched_s, wait_until
+
+pytestmark = pytest.mark.usefixtures("router")
+
+CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
+BOND_WITHIN_S = 2.0
+"""Half of nav2's bond_timeout."""
+
+
+class Manager:
+    """Asks as nav2's lifecycle manager does.
+
+    Args:
+        robot: whose node it speaks through.
+    """
+
+    def __init__(self, robot: RosRobot) -> None:
+        self._robot = robot
+        self.bonds: list[Any] = robot.listen(BOND)
+        self.bond_at_s = robot.heard_at_s[BOND.name]
+        self.events: list[Any] = robot.listen(TRANSITION_EVENT)
+
+    def state(self) -> str:
+        label: str = self._robot.call("/amcl/get_state", types.GET_STATE).current_state.label
+        return label
+
+    def change(self, number: int, label: str = "") -> bool:
+        transition = new("lifecycle_msgs/msg/Transition", id=number, label=label)
+        request = new(request_of(types.CHANGE_STATE), transition=transition)
+        success: bool = self._robot.call("/amcl/change_state", types.CHANGE_STATE, request).success
+        return success
+
+
+def test_the_manager_brings_it_up_pauses_resumes_and_resets_it(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", HERE))
+    start_bridge()
+    manager = Manager(robot)
+    assert manager.state() == "unconfigured"
+    assert not manager.change(ACTIVATE)
+    assert manager.change(CONFIGURE)
+    assert manager.state() == "inactive"
+    assert manager.bonds == []
+    asked_s = time.monotonic()
+    assert manager.change(ACTIVATE)
+    assert manager.state() == "active"
+    wait_until(lambda: manager.bonds)
+    assert manager.bond_at_s[0] - asked_s < stretched_s(BOND_WITHIN_S)
+    first = manager.bonds[0]
+    assert (first.id, first.active, first.heartbeat_timeout) == ("amcl", True, 4.0)
+    assert first.heartbeat_period == pytest.approx(0.1)
+    robot.stand_until(lambda: system.lasers)
+
+    assert manager.change(DEACTIVATE)  # pause
+    wait_until(lambda: not manager.bonds[-1].active)
+    heard = len(system.lasers)
+    for _ in range(5):
+        robot.put_scan(system.lasers[-1], stamp_ns=system.lasers[-1].stamp_ns)
+    assert manager.state() == "inactive"  # asked after them, and answered after them
+    assert len(system.lasers) == heard
+
+    assert manager.change(ACTIVATE)  # resume
+    wait_until(lambda: manager.bonds[-1].active)
+    assert manager.bonds[-1].instance_id != first.instance_id
+    robot.stand_until(lambda: len(system.lasers) > heard)
+
+    assert manager.change(DEACTIVATE)  # reset
+    assert manager.change(CLEANUP)
+    assert manager.state() == "unconfigured"
+    assert manager.change(CONFIGURE)
+    assert manager.change(ACTIVATE)
+    assert manager.state() == "active"
+    labels = [event.transition.label for event in manager.events]
+    asked = [label for label in labels if label != "transition_success"]
+    assert asked == [
+        *("configure", "activate", "deactivate", "activate"),
+        *("deactivate", "cleanup", "configure", "activate"),
+    ]
+    assert manager.events[0].start_state.label == "unconfigured"
+    assert manager.events[1].goal_state.label == "inactive"
+
+
+def test_the_graph_of_states_is_told(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
+    robot = open_robot()
+    robot.put_mounts()
+    start_bridge(ACTIVE)
+    states = robot.call("/amcl/get_available_states", types.GET_AVAILABLE_STATES)
+    assert [one.id for one in states.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
+    kind = types.GET_AVAILABLE_TRANSITIONS
+    available = robot.call("/amcl/get_available_transitions", kind).available_transitions
+    assert [one.transition.label for one in available] == ["deactivate", "shutdown"]
+    graph = robot.call("/amcl/get_transition_graph", kind).available_transitions
+    assert ("configure", "unconfigured", "configuring") in [
+        (one.transition.label, one.start_state.label, one.goal_state.label) for one in graph
+    ]
+
+
+def test_the_bond_goes_on_whatever_the_system_does(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot = open_robot()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(ACTIVE)
+    manager = Manager(robot)
+    wait_until(lambda: len(manager.bonds) >= 3)  # without any system
+    system = open_system()
+    robot.stand_until(lambda: system.lasers)
+    poses = robot.listen(AMCL_POSE)
+    stamp_ns = system.lasers[-1].stamp_ns
+    places = [(number, 0.001, (float(number), 0.0, 0.0)) for number in range(200)]
+    for _ in range(50):  # a coordinator that floods it
+        system.believe(stamp_ns, *places, state="localized")
+    system.put("belief", b"\xff" * 100_000)
+    wait_until(lambda: len(poses) >= 30)
+    count = len(manager.bonds)
+    wait_until(lambda: len(manager.bonds) >= count + 5)
+    gaps_s = [after - before for before, after in pairwise(manager.bond_at_s)]
+    assert max(gaps_s) < 1.0
+    assert all(bond.active for bond in manager.bonds)
+
+
+def test_a_pose_given_before_activation_is_used_then(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(Ros2Settings())
+    manager = Manager(robot)
+    robot.put_initial_pose((3.0, 1.0, 0.5))
+    assert manager.change(CONFIGURE)
+    assert manager.state() == "inactive"
+    assert system.commands == []
+    assert manager.change(ACTIVATE)
+    wait_until(lambda: system.commands)
+    key, command = system.commands[0]
+    assert key == "command/set_pose"
+    assert command["map_from_robot"] == pytest.approx([3.0, 1.0, 0.5])

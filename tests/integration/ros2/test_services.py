@@ -1,0 +1,121 @@
+"""What nav2's behaviour trees and people may ask of the node."""
+
+from typing import Any
+
+import pytest
+
+from process_runtime.ros2_settings import Ros2Settings
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new, request_of
+from ros2_bridge.messages_out import pose_stamped
+from ros2_bridge.rigid import HERE
+from ros2_bridge.topics import DIAGNOSTICS, HYPOTHESES, STATE
+from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.usefixtures("router")
+
+COVARIANCE = (0.25, 0.01, 0.0, 0.01, 0.09, 0.0, 0.0, 0.0, 0.07)
+
+
+def test_commands_reach_the_system(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts()
+    start_bridge(ACTIVE)
+    robot.call("reinitialize_global_localization", types.EMPTY)
+    robot.call("request_nomotion_update", types.EMPTY)
+    told = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "map")
+    request = new(request_of(types.SET_INITIAL_POSE), pose=told)
+    robot.call("set_initial_pose", types.SET_INITIAL_POSE, request)
+    wait_until(lambda: len(system.commands) == 3)
+    told_by_key = dict(system.commands)
+    assert set(told_by_key) == {"command/relocalize", "command/update", "command/set_pose"}
+    command = told_by_key["command/set_pose"]
+    assert command["map_from_robot"] == pytest.approx([1.0, 2.0, 0.5])
+    assert command["covariance"] == pytest.approx(COVARIANCE)
+    assert command["heading_sigma_rad"] == pytest.approx(0.07**0.5)
+    robot.put_initial_pose((4.0, 2.0, 0.5))
+    wait_until(lambda: len(system.commands) == 4)
+
+
+def test_whether_it_is_localized_can_be_asked(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(ACTIVE)
+
+    def answer() -> Any:
+        return robot.call("/amcl/is_localized", types.TRIGGER)
+
+    assert not answer().success
+    robot.stand_until(lambda: system.lasers)
+    states = robot.listen(STATE)
+    system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
+    wait_until(lambda: answer().success)
+    assert answer().message == "localized, fresh, probability 0.950"
+    assert states[-1].data == "localized"
+    system.freshness = "stale"
+    wait_until(lambda: not answer().success)
+
+
+def test_diagnostics_tell_of_the_state_and_of_what_was_refused(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot = open_robot()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(ACTIVE)
+    told = robot.listen(DIAGNOSTICS)
+    wait_until(lambda: told and told[-1].status[0].level == 2)  # nobody is there yet
+    assert told[-1].status[0].message == "searching, unreachable"
+    system = open_system()
+    robot.stand_until(lambda: system.lasers)
+    markers = robot.listen(HYPOTHESES)
+    places = [(1, 0.6, (1.0, 2.0, 0.0)), (2, 0.4, (4.0, 2.0, 0.0))]
+    system.believe(system.lasers[-1].stamp_ns, *places)
+    robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
+    wait_until(lambda: told[-1].status[0].level == 0 and "initial pose refused" in values(told[-1]))
+    assert told[-1].status[0].name == "amcl: localization"
+    found = values(told[-1])
+    assert (found["places"], found["probability"]) == ("2", "0.600")
+    assert found["initial pose refused"] == "1"
+    assert len(markers[-1].markers) == 7
+
+
+def values(message: Any) -> dict[str, str]:
+    return {one.key: one.value for one in message.status[0].values}
+
+
+def parameter(name: str, number: int, **value: Any) -> Any:
+    told = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
+    return new("rcl_interfaces/msg/Parameter", name=name, value=told)
+
+
+def test_parameters_can_be_asked_for_and_set(
+    open_robot: OpenRobot, start_bridge: StartBridge
+) -> None:
+    robot = open_robot()
+    robot.put_mounts()
+    start_bridge(Ros2Settings(autostart=True, transform_tolerance_s=0.5))
+
+    def tolerance() -> float:
+        request = new(request_of(types.GET_PARAMETERS), names=["transform_tolerance"])
+        answer = robot.call("/amcl/get_parameters", types.GET_PARAMETERS, request)
+        value: float = answer.values[0].double_value
+        return value
+
+    assert tolerance() == 0.5
+    wanted = [
+        parameter("transform_tolerance", 3, double_value=0.25),
+        parameter("max_beams", 2, integer_value=100),
+    ]
+    request = new(request_of(types.SET_PARAMETERS), parameters=wanted)
+    results = robot.call("/amcl/set_parameters", types.SET_PARAMETERS, request).results
+    assert [one.successful for one in results] == [True, False]
+    assert results[1].reason == "sensor.max_beams is read at the start"
+    assert tolerance() == 0.25
+    listed = robot.call("/amcl/list_parameters", types.LIST_PARAMETERS).result
+    assert {"alpha1", "initial_pose.x", "transform_tolerance"} <= set(listed.names)

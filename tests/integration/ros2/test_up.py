@@ -1,0 +1,85 @@
+"""`clustermcl up` on a robot of ROS: beside a router that is there, with nav2's own parameters."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from process_runtime.settings import ZenohSettings
+from tests.integration.ros2.conftest import OpenRobot
+from tests.integration.ros2.test_graph import ENDPOINTS, Graph, OpenSession
+from tests.integration.system.commands import SMALL_FILTER, typed
+from tests.integration.waiting import wait_until
+
+NAV2 = "amcl:\n  ros__parameters:\n    pf_err: 0.05\n    update_min_d: 0.3\n"
+
+
+@pytest.mark.usefixtures("router")
+def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
+    zenoh_settings: ZenohSettings,
+    open_robot: OpenRobot,
+    open_robot_session: OpenSession,
+    short_folder: str,
+    tmp_path: Path,
+) -> None:
+    graph = Graph(open_robot_session())
+    open_robot().put_mounts()
+    nav2_params = tmp_path / "nav2_params.yaml"
+    nav2_params.write_text(NAV2)
+    words = [
+        "up", "--nav2-params", str(nav2_params), "--set", f"zenoh.router={zenoh_settings.router}",
+        "--set", "zenoh.start_router=false", "--set", "worker.count=1",
+        "--set", "bridge.source=sim:cross", *SMALL_FILTER,
+    ]  # fmt: skip
+    environment = {
+        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
+        "XDG_STATE_HOME": str(tmp_path),
+    }  # fmt: skip
+    with typed(*words, folder=tmp_path, environment=environment) as up:
+        wait_until(lambda: graph.endpoints() == ENDPOINTS, 60.0)
+        modules = {word for process in up.meet_family() for word in process.cmdline()}
+        assert "ros2_bridge" in modules
+        assert "zenoh_link.router" not in modules
+        assert up.end(signal.SIGINT) == 0
+        assert up.err.count("pf_err of nav2 has no effect: ") == 1
+        assert "Traceback" not in up.err
+        up.assert_nothing_runs()
+
+
+def command(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-I", "-m", "clustermcl", *words],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+
+
+def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path: Path) -> None:
+    nav2_params = tmp_path / "nav2_params.yaml"
+    nav2_params.write_text(NAV2)
+    shown = command("settings", "--from-nav2", str(nav2_params))
+    assert "# pf_err of nav2 has no effect: particles are for each cluster" in shown.stdout
+    assert "\ngate_distance_m = 0.3\n" in shown.stdout
+    (tmp_path / "settings.toml").write_text(shown.stdout)
+    again = command("settings", "--settings", str(tmp_path / "settings.toml"))
+    assert again.stdout == "".join(
+        line for line in shown.stdout.splitlines(keepends=True) if "has no effect" not in line
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (["up", "--nav2-params", "missing.yaml"], "missing.yaml: No such file or directory"),
+        (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS takes letters"),
+        (["ros2", "--set", "ros2.scan_topic=a//b"], "ros2.scan_topic = 'a//b': ROS takes letters"),
+    ],
+)
+def test_what_cannot_be_is_said_in_one_line(words: list[str], problem: str) -> None:
+    ended = command(*words)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("clustermcl: ")
+    assert problem in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1

@@ -1,0 +1,71 @@
+"""The real bridge, and a robot that publishes readings and asks what was made of them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import zenoh
+from PIL import Image
+
+from protocol import keys
+from protocol.codec import decode, encode
+from protocol.health import Health
+from protocol.steps import LaserReading, MapReading, Scan, ScanHistory
+from sensor_bridge.reading import Reading
+from zenoh_link.inbox import Inbox
+from zenoh_link.wire import Events, Received, ask, subscribe
+
+
+def walled_map(folder: Path) -> Path:
+    cells = np.full((100, 100), 254, np.uint8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 0
+    Image.fromarray(cells).save(folder / "map.png")
+    header = {"image": "map.png", "resolution": 0.1, "origin": [0, 0, 0], "negate": 0}
+    header |= {"occupied_thresh": 0.65, "free_thresh": 0.196}
+    (folder / "map.yaml").write_text("".join(f"{key}: {header[key]}\n" for key in header))
+    return folder / "map.yaml"
+
+
+@contextmanager
+def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
+    """Tell a map to whoever asks, as somebody does who published it long ago."""
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.MAP_READING, encode(reading))
+
+    queryable = session.declare_queryable(keys.MAP_READING, answer, complete=True)
+    yield
+    queryable.undeclare()
+
+
+class Robot:
+    """Publishes readings, and asks what the bridge makes of them."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._inbox: Events = Inbox({"health": 10})
+        self._health: Health | None = None
+        subscribe(session, keys.BRIDGE_HEALTH, self._inbox, "health")
+
+    def publish(self, reading: Reading) -> None:
+        is_laser = isinstance(reading, LaserReading)
+        key = keys.LASER_READING if is_laser else keys.ODOMETRY_READING
+        self.put(key, encode(reading))
+
+    def steps(self) -> list[Scan]:
+        """What the bridge has made so far; it answers in its loop, after what came before."""
+        history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=60.0)
+        return list(history.scans)
+
+    def put(self, key: str, data: bytes) -> None:
+        """Anything on a key."""
+        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def dropped(self) -> dict[str, int] | None:
+        """What the bridge said last that it dropped; None before its first word."""
+        while (event := self._inbox.get(0.0)) is not None:
+            assert isinstance(event, Received)
+            self._health = decode(event.payload, Health)
+        return self._health.dropped if self._health else None

@@ -1,0 +1,93 @@
+"""A robot that publishes its map: the real bridge takes it, and follows it when it changes."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from clustermcl.client import Client
+from grid_maps.map_message import from_reading
+from process_runtime.settings import Settings, ZenohSettings
+from process_runtime.supervisor import python_module
+from protocol import keys
+from protocol.arrays import ArrayBlob
+from protocol.codec import encode
+from protocol.steps import MapReading
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.sensor_bridge.robot import Robot, answering
+from tests.integration.sensor_bridge.test_standing_robot import Standing
+from tests.integration.waiting import wait_until
+
+
+def a_map(width_m: float) -> MapReading:
+    occupancy = np.zeros((40, int(10 * width_m)), np.int8)
+    occupancy[[0, -1], :] = occupancy[:, [0, -1]] = 100
+    return MapReading(
+        sender="robot", cell_m=0.1, map_from_grid=(0.0, 0.0, 0.0),
+        occupancy=ArrayBlob.of(occupancy, "int8"),
+    )  # fmt: skip
+
+
+FIRST, SECOND = a_map(6.0), a_map(9.0)
+NO_MAPS = (
+    b"rubbish",
+    encode(msgspec.structs.replace(FIRST, occupancy=ArrayBlob.of(np.zeros((0, 0)), "int8"))),
+    encode(msgspec.structs.replace(FIRST, cell_m=-1.0)),
+    bytes(40_000_000),
+)
+
+
+@pytest.fixture
+def robot(router: ZenohSettings, start_process: StartProcess, open_client: OpenClient) -> Robot:
+    """Of a bridge that was started without a map."""
+    endpoint = f"zenoh.router={router.router}"
+    start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
+    made = Robot(open_client())
+    wait_until(lambda: made.dropped() is not None, deadline_s=60.0)
+    return made
+
+
+def digest_of(reading: MapReading) -> str:
+    return from_reading(reading).digest
+
+
+def test_a_bridge_asks_for_the_map_and_follows_another(
+    robot: Robot, router: ZenohSettings, open_client: OpenClient
+) -> None:
+    patient = Settings(zenoh=msgspec.structs.replace(router, connect_timeout_s=30.0))
+    standing = Standing(robot)
+    standing.scan()
+    assert robot.steps() == [], "there is no map yet"
+    wait_until(lambda: "reading before the map" in (robot.dropped() or {}))
+    with Client(patient) as client:
+        with answering(open_client(), FIRST):
+            assert client.map().digest == digest_of(FIRST)
+        for _ in range(2):
+            standing.scan()
+        assert [step.map_digest for step in robot.steps()] == [digest_of(FIRST)]
+        robot.put(keys.MAP_READING, encode(SECOND))
+        wait_until(lambda: client.map().digest == digest_of(SECOND))
+    standing.scan()
+    (step,) = robot.steps()
+    assert (step.step, step.map_digest, step.standing) == (1, digest_of(SECOND), False)
+
+
+def test_what_is_no_map_is_counted_and_the_one_before_stays(robot: Robot) -> None:
+    robot.put(keys.MAP_READING, encode(FIRST))
+    standing = Standing(robot)
+
+    def has_map() -> bool:
+        standing.scan()
+        return bool(robot.steps())
+
+    wait_until(has_map)
+    for data in NO_MAPS:
+        robot.put(keys.MAP_READING, data)
+        robot.steps()  # it has been looked at: the inbox keeps one map
+    expected = {
+        "malformed MapReading: not MessagePack",
+        "malformed map: impossible",
+        "dropped map too large",
+    }
+    wait_until(lambda: (robot.dropped() or {}).keys() >= expected)
+    standing.scan()
+    assert {step.map_digest for step in robot.steps()} == {digest_of(FIRST)}

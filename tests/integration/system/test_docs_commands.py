@@ -1,0 +1,163 @@
+"""Every block of commands in README and docs runs as it is printed, or says why no test runs it.
+
+A comment before each block says which: `runs: offline`, in a folder with a map and a recording;
+`runs: live`, with a robot to ask; `runs: ...` otherwise, elsewhere; `not run: why`.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+
+from clustermcl.client import Client
+from particle_filter.arrays import FREE, OCCUPIED
+from process_runtime.settings import Settings
+from robot_simulator.lidar import LidarModel
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.catalogue import world
+from tests.integration.security.certificates import require_openssl
+from tests.integration.system.commands import SMALL_FILTER
+from tests.integration.system.conftest import SMALL, StartStack
+from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.timeout(300)  # a block is several commands
+
+REPOSITORY = Path(__file__).parents[3]
+PAGES = [REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
+ELSEWHERE = {"test command", "runs", "driver", "robot example"}
+"""Marks of blocks that .ci/run and other tests run: test_pages.py, test_live_robot.py, ..."""
+
+
+@dataclass(frozen=True)
+class Block:
+    page: str
+    mark: str
+    language: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.page}: {self.text.splitlines()[0].strip()}"
+
+
+def blocks() -> list[Block]:
+    fence = re.compile(
+        r"(?:<!-- ([^\n]*?) -->\n)?^( *)```(bash|console|python)\n(.*?)^\2```", re.DOTALL | re.M
+    )
+    return [
+        Block(page.name, mark, language, re.sub(f"^{indent}", "", text, flags=re.M))
+        for page in PAGES
+        for mark, indent, language, text in fence.findall(page.read_text())
+    ]
+
+
+def marked(mark: str, language: str = "bash") -> list[Block]:
+    """Those with a mark; what stands on two pages is one."""
+    found = [one for one in blocks() if (one.mark, one.language) == (f"runs: {mark}", language)]
+    return list({one.text: one for one in found}.values())
+
+
+@pytest.mark.parametrize("block", blocks(), ids=str)
+def test_every_block_says_how_it_is_run_or_why_not(block: Block) -> None:
+    known = {"runs: offline", "runs: live", "runs: certificates", *ELSEWHERE}
+    assert block.mark in known or re.match(r"not run: \w.{10}", block.mark), block.text
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files that the pages name: a map, a recording made in it, and where the robot was."""
+    folder = tmp_path_factory.mktemp("pages")
+    hall = world("hall")
+    shades = np.full(hall.map.cells.shape, 205, np.uint8)
+    shades[hall.map.cells == FREE], shades[hall.map.cells == OCCUPIED] = 254, 0
+    Image.fromarray(shades[::-1]).save(folder / "map.png")
+    origin = list(hall.map.map_from_grid)
+    (folder / "map.yaml").write_text(
+        f"image: map.png\nresolution: {hall.map.cell_m}\norigin: {origin}\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=(0.0, 0.0, 0.0)))
+    log, truth = [], []
+    for _, tick in zip(range(300), robot, strict=False):
+        x, y, heading = tick.odometry[0].odom_from_robot
+        ranges = np.nan_to_num(tick.laser.ranges.array(), posinf=81.83)
+        words = " ".join(f"{r:.3f}" for r in ranges)
+        pose, stamp_s = f"{x:.4f} {y:.4f} {heading:.5f}", tick.stamp_ns / 1e9
+        log.append(f"FLASER {len(ranges)} {words} {pose} {pose} {stamp_s:.3f} host {stamp_s:.3f}")
+        x, y, heading = tick.map_from_robot
+        turn = f"{np.sin(heading / 2):.6f} {np.cos(heading / 2):.6f}"
+        truth.append(f"{stamp_s:.3f} {x:.4f} {y:.4f} 0 0 0 {turn}")
+    (folder / "robot.log").write_text("\n".join(log) + "\n")
+    (folder / "truth.tum").write_text("\n".join(truth) + "\n")
+    return folder
+
+
+def run(block: Block, folder: Path, router: str) -> str:
+    """Run a block as it is; only the filter is smaller, and the router another."""
+    programs = folder / "bin"
+    programs.mkdir(exist_ok=True)
+    options = " ".join(
+        [*SMALL_FILTER, "--set", "worker.count=4", "--set", f"zenoh.router={router}"]
+    )
+    for name, words in (("clustermcl", f'-I -m clustermcl "$@" {options}'), ("python", '"$@"')):
+        program = programs / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" {words}\n')
+        program.chmod(0o755)
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block.text],
+        cwd=folder,
+        env={**os.environ, "PATH": f"{programs}:{os.environ['PATH']}"},
+        capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, (block.text, done.stdout, done.stderr)
+    return done.stdout
+
+
+@pytest.mark.parametrize("block", marked("offline"), ids=str)
+def test_a_block_that_needs_no_robot(block: Block, folder: Path, short_folder: str) -> None:
+    said = run(block, folder, f"unixsock-stream/{short_folder}/router.sock")
+    assert said
+
+
+@pytest.fixture(scope="module")
+def robot(start_stack: StartStack) -> Settings:
+    """A robot in the hall that has driven a while."""
+    hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
+    stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=40)
+    stack.start_all()
+    patient = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
+    with Client(msgspec.structs.replace(settings, zenoh=patient)) as client:
+        wait_until(lambda: client.pose().step == 39, deadline_s=60.0)
+    return settings
+
+
+@pytest.mark.parametrize("block", marked("live"), ids=str)
+def test_a_block_that_asks_a_robot(block: Block, folder: Path, robot: Settings) -> None:
+    assert run(block, folder, robot.zenoh.router)
+
+
+@pytest.mark.parametrize("block", marked("live", "python"), ids=str)
+def test_a_program_that_asks_a_robot(
+    block: Block,
+    robot: Settings,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("clustermcl.client.Settings", lambda: robot)
+    exec(compile(block.text, block.page, "exec"), {})
+    assert "place(s) hold" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("block", marked("certificates"), ids=str)
+def test_a_block_that_makes_certificates(block: Block, tmp_path: Path) -> None:
+    require_openssl()
+    shutil.copytree(REPOSITORY / "deploy", tmp_path / "deploy")
+    run(block, tmp_path, "")
+    assert (tmp_path / "certificates" / "worker-1.toml").is_file()

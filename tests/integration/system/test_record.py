@@ -1,0 +1,59 @@
+"""`clustermcl record` and `demo --record`: a running system in one file, played back."""
+
+import os
+import signal
+from collections import Counter
+from pathlib import Path
+
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from process_runtime.settings import BridgeSettings
+from sensor_bridge.recording import open_recording, steps_of
+from tests.integration.faults.system import system
+from tests.integration.system.commands import SMALL_FILTER, typed
+from tests.integration.waiting import wait_until
+
+
+def counts_in(file: Path) -> Counter[str]:
+    """Messages by topic."""
+    with AnyReader([file], default_typestore=get_typestore(Stores.EMPTY)) as reader:
+        return Counter(connection.topic for connection, _, _ in reader.messages())
+
+
+def steps_in(file: Path) -> int:
+    """How many steps the system would make of it."""
+    settings = BridgeSettings()
+    return sum(1 for _ in steps_of(open_recording(file, settings), settings, ""))
+
+
+def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> None:
+    file = tmp_path / "demo.mcap"
+    words = ("--steps", "25", "--workers", "2", "--record", str(file), *SMALL_FILTER)
+    with typed("demo", *words, folder=tmp_path, environment=dict(os.environ)) as demo:
+        assert demo.popen.wait(100.0) == 0, demo.err
+    counts = counts_in(file)
+    assert (counts["/map"], counts["/scan"]) == (1, 25)
+    assert counts["/hypotheses"] >= 24, "the last belief ends the demo"
+    assert steps_in(file) == 25
+
+
+def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    with system() as tested:
+        tested.wait_for_steps(3, 60.0)
+        endpoint = f"zenoh.router={tested.settings.zenoh.router}"
+        words = ("record", str(file), "--set", endpoint)
+        with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
+            wait_until(file.exists, 60.0)
+            tested.wait_for_steps(10, 60.0)
+            assert recording.end(signal.SIGINT) == 0, recording.err
+            said = recording.out
+    steps = int(said.split()[-2])
+    assert said == f"{file}: {steps} steps\n"
+    counts = counts_in(file)
+    assert steps >= 9
+    assert (counts["/map"], counts["/scan"]) == (1, steps)
+    assert counts["/tf"] > 5 * steps, "odometry between the steps"
+    assert abs(counts["/hypotheses"] - steps) <= 1
+    assert steps_in(file) == steps

@@ -1,0 +1,222 @@
+"""What must hold whatever the network does; a broken law ends the schedule.
+
+Each is checked against what the simulation itself has seen, not against what the product says.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from coordinator import events
+from coordinator.coordinator import Coordinator
+from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
+from coordinator.recorder.records import Started, started_without_bulk, without_bulk
+from coordinator.state import CoordinatorState
+from coordinator.step_collector import ReadyStep
+from protocol.answers import Belief, PoseAnswer
+from protocol.codec import encode
+from protocol.work import Checkpoint, TrackReport, WorkOrder
+from tests.simulation.network import SECOND, Clock
+
+SUM_TOLERANCE = 1e-9
+TOLERANCE_S = 0.001
+NOBODY = (False, 0, 0)
+
+
+class LawBrokenError(AssertionError):
+    """Something happened that never must."""
+
+
+def demand(holds: object, law: str) -> None:
+    """Raise unless a law holds."""
+    if not holds:
+        raise LawBrokenError(law)
+
+
+@dataclass
+class Decided:
+    """A step that a coordinator, or one before it, has applied."""
+
+    step: int
+    stamp_ns: int
+
+
+@dataclass
+class Life:
+    """One coordinator from its beginning to its end."""
+
+    laws: "Laws"
+    name: str
+    started: Started
+    decided: list[Decided] = field(default_factory=list)
+    """Also what those before it decided, from which it carries on."""
+    by_serial: dict[int, int] = field(default_factory=dict)
+    """How many decisions a checkpoint holds."""
+    must_know: tuple[bool, int, int] = NOBODY
+    """The best checkpoint in the hands of those who answered before it began."""
+    begun_from: tuple[bool, int, int] | None = None
+    told: list[tuple[int, events.Event]] = field(default_factory=list)
+    said: list[Belief] = field(default_factory=list)
+    unknown_s: dict[int, float] = field(default_factory=dict)
+    """By stamp: how old data was at its arrival, as far as nobody can tell it. Where the robot is
+    known to be live, odometry that comes later than usual tells by how much."""
+    promptest_s: float = math.inf
+    is_live: bool = False
+
+    def watch(self, state: CoordinatorState) -> None:
+        """See which checkpoint it carries on from, and what it counts."""
+        resume, apply = state.resume, state.apply
+
+        def resumed(checkpoint: Checkpoint, now_ns: int) -> int | None:
+            step = resume(checkpoint, now_ns)
+            if step is not None:
+                self._carries_on(checkpoint)
+            return step
+
+        def applied(ready: ReadyStep, now_ns: int) -> None:
+            self._decides(ready)
+            apply(ready, now_ns)
+
+        state.resume, state.apply = resumed, applied  # type: ignore[method-assign]
+
+    def _carries_on(self, checkpoint: Checkpoint) -> None:
+        before = self.laws.published.get((checkpoint.term, checkpoint.serial))
+        demand(before is not None, "what is carried on from was published")
+        assert before is not None
+        life, state = before
+        demand(state == checkpoint.state, "a checkpoint is as it was published")
+        self.begun_from = checkpoint.rank
+        self.decided = life.decided[: life.by_serial[checkpoint.serial]]
+
+    def decisions_until(self, step: int) -> int:
+        """How many there are with that of a step."""
+        counts = (n for n, one in enumerate(self.decided, 1) if one.step == step)
+        return max(counts, default=0)
+
+    def _decides(self, ready: ReadyStep) -> None:
+        tracks = [report for report in ready.reports if isinstance(report, TrackReport)]
+        ids = [report.job_id for report in tracks]
+        demand(len(set(ids)) == len(ids), "no report counts twice in a step")
+        demand(all(report.step == ready.scan.step for report in tracks), "a report is of its step")
+        newest = self.decided[-1].stamp_ns if self.decided else None
+        later = newest is None or ready.scan.stamp_ns > newest
+        demand(later or self.laws.counts_anew, "no scan counts twice, for whoever decides")
+        self.decided.append(Decided(ready.scan.step, ready.scan.stamp_ns))
+
+    def handled(self, event: events.Event, now_ns: int, done: list[Instruction]) -> None:
+        """An event, and what it has come to."""
+        match event:
+            case events.OdometryArrived(reading):
+                late_s = self.laws.age_s(reading.stamp_ns)
+                if self.is_live:
+                    late_s = self.promptest_s = min(self.promptest_s, late_s)
+                self.unknown_s.setdefault(reading.stamp_ns, late_s)
+            case events.ScanArrived(scan):
+                self.is_live = True
+                self.unknown_s.setdefault(scan.stamp_ns, self.laws.age_s(scan.stamp_ns))
+            case events.HistoryArrived(scans):
+                for scan in scans:
+                    self.unknown_s.setdefault(scan.stamp_ns, self.laws.age_s(scan.stamp_ns))
+        if self.laws.replays:
+            self.told.append((now_ns, without_bulk(event)))
+            self.said += [do.belief for do in done if isinstance(do, PublishBelief)]
+
+    def replay(self) -> None:
+        """A coordinator that is told the same says the same."""
+        again = started_without_bulk(self.started).coordinator()
+        said = [
+            do.belief
+            for now_ns, event in self.told
+            for do in again.handle(event, now_ns)
+            if isinstance(do, PublishBelief)
+        ]
+        demand([*map(encode, said)] == [*map(encode, self.said)], "a replay says the same")
+
+
+class Laws:
+    """Told of everything that leaves a coordinator.
+
+    Args:
+        clock: true time.
+        replays: whether all lives are told once more in the end.
+    """
+
+    def __init__(self, clock: Clock, *, replays: bool) -> None:
+        self.clock, self.replays = clock, replays
+        self.published: dict[tuple[int, int], tuple[Life, bytes]] = {}
+        """By term and serial."""
+        self.lives: list[Life] = []
+        self.counts_anew = False
+        """The bridge has died while nobody could tell it the step: it gives numbers again that it
+        had given, and no belief outlives that."""
+        self.taken_ns: dict[int, int] = {}
+        """When a scan or an odometry pose was taken, by its stamp."""
+        self._rules: dict[int, Life] = {}
+        self._given: dict[tuple[str, int], str] = {}
+        self.steps = 0
+
+    def life(self, name: str, started: Started, coordinator: Coordinator) -> Life:
+        """A coordinator begins to ask around."""
+        life = Life(self, name, started)
+        life.watch(coordinator._state)
+        self.lives.append(life)
+        return life
+
+    def carried_out(self, life: Life | None, instruction: Instruction) -> None:
+        """A coordinator does what it has decided."""
+        assert life is not None
+        match instruction:
+            case PublishCheckpoint(checkpoint):
+                self._published(life, checkpoint)
+            case SendOrder(worker, order):
+                self._ordered(life, worker, order)
+
+    def _published(self, life: Life, checkpoint: Checkpoint) -> None:
+        self._rules_alone(life, checkpoint.term)
+        if checkpoint.serial == 0 and not life.by_serial:
+            known = life.must_know if life.must_know[0] and not self.counts_anew else NOBODY
+            demand((life.begun_from or NOBODY) >= known, "nothing that somebody knows is forgotten")
+        key = (checkpoint.term, checkpoint.serial)
+        life.by_serial.setdefault(checkpoint.serial, life.decisions_until(checkpoint.step))
+        _, state = self.published.setdefault(key, (life, checkpoint.state))
+        demand(state == checkpoint.state, "a checkpoint has one meaning")
+
+    def _ordered(self, life: Life, worker: str, order: WorkOrder) -> None:
+        self._rules_alone(life, order.term)
+        for given in order.begin:
+            holder = self._given.setdefault((given.job_id, given.epoch), worker)
+            demand(holder == worker, "a job has one worker in an epoch, whoever gives it")
+
+    def _rules_alone(self, life: Life, term: int) -> None:
+        demand(self._rules.setdefault(term, life) is life, "one coordinator rules in a term")
+
+    def followed(self, worker_term: int, order: WorkOrder) -> None:
+        """A worker has followed an order."""
+        demand(order.term >= worker_term, "no worker obeys who was taken over from")
+
+    def believed(self, belief: Belief) -> None:
+        """Everybody is told."""
+        self.steps += 1
+        probabilities = [hypothesis.probability for hypothesis in belief.hypotheses]
+        demand(all(0.0 <= p <= 1.0 for p in probabilities), "probabilities are from 0 to 1")
+        if probabilities:
+            total = math.fsum(probabilities)
+            demand(abs(total - 1.0) <= SUM_TOLERANCE, f"probabilities sum to one, not to {total}")
+
+    def pose_told(self, life: Life, pose: PoseAnswer) -> None:
+        """Somebody has asked where the robot is.
+
+        Clocks may be apart by anything, so it counts from when the data should have arrived.
+        """
+        if pose.freshness in ("none", "stale"):
+            return
+        age_s = self.age_s(pose.stamp_ns)
+        demand(
+            age_s - life.unknown_s[pose.stamp_ns] - TOLERANCE_S
+            <= pose.age_s
+            <= age_s + TOLERANCE_S,
+            f"the pose's age is true: {pose.age_s:.3f} s told, {age_s:.3f} s it was",
+        )
+
+    def age_s(self, stamp_ns: int) -> float:
+        """How long ago a scan or an odometry pose was taken."""
+        return (self.clock.now_ns - self.taken_ns[stamp_ns]) / SECOND

@@ -1,0 +1,186 @@
+"""The bridge and the workers: their real cores, at the ends of simulated links."""
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from protocol.errors import UnreachableError
+from protocol.steps import MapMessage, OdometryReading, Scan
+from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
+from tests.simulation.network import Action, Node
+from tests.simulation.world import MAP, scan_of
+from worker import events, instructions
+from worker.job_table import MissingScans
+from worker.worker import Worker
+
+if TYPE_CHECKING:
+    from tests.simulation.simulation import Simulation
+
+QUIET_S = 0.01
+"""A worker looks at checkpoints a little after the scan."""
+KEPT_CHECKPOINTS = 4
+FETCH_TIMEOUT_S = 0.5
+
+
+class Bridge(Node):
+    """Makes a step of every scan, and remembers them."""
+
+    def __init__(self, name: str, simulation: "Simulation", offset_s: float) -> None:
+        super().__init__(name, simulation.clock, offset_s)
+        self._simulation = simulation
+        self._step, self._history = 0, list[Scan]()
+
+    def start(self) -> None:
+        """Go on after the step that the coordinator knows; from 0 where nobody answers."""
+        acting = self._simulation.acting()
+        known = acting.coordinator.status(acting.now_ns, {}).newest_step if acting else -1
+        self._simulation.laws.counts_anew |= known < self._step - 1
+        self._step, self._history = known + 1, []
+
+    def drive(self, number: int) -> None:
+        """The robot has made a step, and its odometry goes on."""
+        if self.is_frozen or not self.alive:
+            return
+        scan = replace(scan_of(number), step=self._step, stamp_ns=self.now_ns)
+        self._step += 1
+        self._history.append(scan)
+        self._simulation.publish_scan(self, scan)
+
+    @property
+    def newest_step(self) -> int:
+        """The last one that it made."""
+        return self._step - 1
+
+    def odometry(self, number: int) -> None:
+        """Where the robot is since its last step."""
+        if not self.is_frozen and self.alive:
+            pose = scan_of(number).odom_from_robot
+            reading = OdometryReading(sender=self.name, stamp_ns=self.now_ns, odom_from_robot=pose)
+            self._simulation.publish_odometry(self, reading)
+
+    def history(self, first: int, last: int | None) -> tuple[Scan, ...]:
+        """Steps of the past."""
+        return tuple(
+            s for s in self._history if first <= s.step and (last is None or s.step <= last)
+        )
+
+
+class WorkerNode(Node):
+    """A worker's core and what its loop does at its rim."""
+
+    def __init__(self, name: str, simulation: "Simulation", offset_s: float) -> None:
+        super().__init__(name, simulation.clock, offset_s)
+        self._simulation = simulation
+        self._unread: deque[tuple[Checkpoint, bytes]] = deque(maxlen=KEPT_CHECKPOINTS)
+        self.core = Worker(name, 0)
+        self.best_heard = (False, 0, 0)
+        """The highest rank of a checkpoint that this process has had in its hands."""
+        self._questions = dict[int, str]()
+
+    def start(self) -> None:
+        """Begin without any job."""
+        self.core = Worker(self.name, self.life)
+        self._unread.clear()
+        self.best_heard = (False, 0, 0)
+        self._simulation.network.declare(self, self.name)
+
+    def on_scan(self, scan: Scan) -> None:
+        """A step."""
+        self._tell(events.ScanArrived(scan))
+        self.later(QUIET_S, self._read_checkpoints)
+
+    def on_checkpoint(self, checkpoint: Checkpoint, payload: bytes) -> None:
+        """A coordinator decides, or lives."""
+        self._unread.append((checkpoint, payload))
+        self.later(10 * QUIET_S, self._read_checkpoints)
+
+    def on_order(self, asked_by: str, order: WorkOrder) -> None:
+        """A coordinator asks for work."""
+        self._read_checkpoints()
+        self._tell(events.OrderAsked(self._question(asked_by), order))
+
+    def on_take_over(self, asked_by: str, take_over: TakeOver) -> None:
+        """A coordinator asks what there is."""
+        self._read_checkpoints()
+        self._tell(events.StateAsked(self._question(asked_by), take_over))
+
+    def jobs(self) -> set[tuple[str, int]]:
+        """(job id, epoch) of what it does; nothing changes by asking."""
+        nobody = TakeOver(sender="nobody", term=0)
+        (answer,) = self.core.handle(events.StateAsked(-1, nobody))
+        assert isinstance(answer, instructions.Answer)
+        assert isinstance(answer.message, WorkerState)
+        return {(held.job_id, held.epoch) for held in answer.message.holds}
+
+    def _question(self, asked_by: str) -> int:
+        number = len(self._questions)
+        self._questions[number] = asked_by
+        return number
+
+    def _read_checkpoints(self) -> None:
+        while self._unread:
+            checkpoint, payload = self._unread.popleft()
+            self.best_heard = max(self.best_heard, checkpoint.rank)
+            self._tell(events.CheckpointHeard(checkpoint, payload))
+
+    def _tell(self, event: events.Event) -> None:
+        for instruction in self.core.handle(event):
+            self._carry_out(instruction)
+
+    def _carry_out(self, instruction: instructions.Instruction) -> None:
+        simulation = self._simulation
+        match instruction:
+            case instructions.PublishReport(report):
+                simulation.publish_report(self, report)
+            case instructions.Answer(question, OrderAnswer() as answer):
+                simulation.answer_order(self, self._questions[question], answer)
+            case instructions.Answer(question, WorkerState() as state):
+                simulation.answer_state(self, self._questions[question], state)
+            case instructions.FetchMap():
+                self._fetch_map()
+            case instructions.BuildModel(map_message):
+                built = events.ModelBuilt(map_message.digest, simulation.model)
+                self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._tell(built))
+            case instructions.FetchScans(missing):
+                self._fetch_scans(missing)
+            case instructions.Warn():
+                pass
+
+    def _fetch_map(self) -> None:
+        answered = list[MapMessage]()
+
+        def arrived() -> None:
+            if not answered:
+                answered.append(MAP)
+                self._tell(events.MapArrived(MAP))
+
+        def failed() -> None:
+            if not answered:
+                answered.append(MAP)
+                error = UnreachableError(who="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
+                self._tell(events.MapFailed(error))
+
+        self._simulation.ask_bridge(self, lambda _: arrived)
+        self.later(FETCH_TIMEOUT_S, failed)
+
+    def _fetch_scans(self, missing: MissingScans) -> None:
+        answered = list[bool]()
+
+        def with_scans(bridge: Bridge) -> Action:
+            scans = bridge.history(missing.first, missing.last)
+
+            def arrived() -> None:
+                if not answered:
+                    answered.append(True)
+                    self._tell(events.HistoryArrived(missing, scans))
+
+            return arrived
+
+        def failed() -> None:
+            if not answered:
+                answered.append(True)
+                self._tell(events.HistoryFailed(missing, "nobody is there"))
+
+        self._simulation.ask_bridge(self, with_scans)
+        self.later(FETCH_TIMEOUT_S, failed)

@@ -1,0 +1,166 @@
+"""What goes wrong in a schedule, and when: drawn from its seed before it begins."""
+
+import random
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from coordinator.events import CommandArrived
+from protocol.answers import Relocalize, SetPose
+from tests.simulation.network import Node
+
+if TYPE_CHECKING:
+    from tests.simulation.simulation import Simulation
+
+Fault: TypeAlias = Callable[["Simulation"], None]
+WALL_US = 1_800_000_000_000_000
+HOUR_US = 3_600_000_000
+YEAR_US = 365 * 24 * HOUR_US
+
+
+class Schedule:
+    """How the network is, what the clocks show, and which faults come when."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.workers = rng.choice((2, 2, 3, 4))
+        self.loss = rng.choice((0.0, 0.0, 0.02, 0.1))
+        self.doubled = rng.choice((0.0, 0.0, 0.1))
+        self.least_s = rng.choice((0.0002, 0.005))
+        self.jitter_s = rng.choice((0.001, 0.01, 0.05))
+        self.period_s = rng.choice((0.3, 0.5, 0.9))
+        self.key = rng.choice((None, b"a key of all coordinators"))
+        self.wall_us = [
+            WALL_US + rng.randrange(1_000_000) + rng.choice((0, 0, HOUR_US, -50 * YEAR_US))
+            for _ in range(2)
+        ]
+        """When the coordinators' wall clocks say that the schedule begins."""
+        at_s, self.faults = 1.2, list[tuple[float, Fault]]()
+        for _ in range(rng.randrange(1, 6)):
+            self.faults.append((at_s, _fault(rng)))
+            at_s += rng.choice((0.0, 0.05, 0.4, 1.0, 2.0))
+        self.calm_at_s = at_s + 0.5
+
+    def offset_s(self, rng: random.Random) -> float:
+        """What a machine's monotonic clock shows at the start."""
+        return rng.choice((0.0, 1.0, 1e4)) + rng.random()
+
+
+def _fault(rng: random.Random) -> Fault:
+    kinds: list[tuple[int, Callable[[random.Random], Fault]]] = [
+        (6, _coordinator_killed),
+        (3, _coordinator_frozen),
+        (3, _both_killed),
+        (4, _worker_killed),
+        (1, _all_workers_killed),
+        (2, _worker_frozen),
+        (2, _worker_slow),
+        (4, _cut),
+        (1, _bridge_killed),
+        (2, _command),
+    ]
+    weights, makers = zip(*kinds, strict=True)
+    (maker,) = rng.choices(makers, weights)
+    return maker(rng)
+
+
+def _coordinator_killed(rng: random.Random) -> Fault:
+    away_s = rng.choice((0.05, 0.5, 3.0))
+
+    def fault(simulation: "Simulation") -> None:
+        _kill(simulation, _coordinator(simulation), away_s)
+
+    return fault
+
+
+def _coordinator_frozen(rng: random.Random) -> Fault:
+    seconds = rng.choice((0.3, 0.9, 1.5, 3.0))
+    return lambda simulation: simulation.network.freeze(_coordinator(simulation), seconds)
+
+
+def _both_killed(rng: random.Random) -> Fault:
+    which, away_s = rng.random(), rng.choice((0.05, 1.0, 3.0))
+
+    def fault(simulation: "Simulation") -> None:
+        _kill(simulation, _coordinator(simulation), away_s)
+        _kill(simulation, _worker(simulation, which), away_s)
+
+    return fault
+
+
+def _worker_killed(rng: random.Random) -> Fault:
+    which, away_s = rng.random(), rng.choice((0.02, 0.5, 2.0))
+    return lambda simulation: _kill(simulation, _worker(simulation, which), away_s)
+
+
+def _all_workers_killed(rng: random.Random) -> Fault:
+    away_s = rng.choice((0.05, 0.5))
+
+    def fault(simulation: "Simulation") -> None:
+        for worker in simulation.workers.values():
+            _kill(simulation, worker, away_s)
+
+    return fault
+
+
+def _worker_frozen(rng: random.Random) -> Fault:
+    which, seconds = rng.random(), rng.choice((0.2, 1.0, 3.0))
+    return lambda simulation: simulation.network.freeze(_worker(simulation, which), seconds)
+
+
+def _worker_slow(rng: random.Random) -> Fault:
+    which, late_s, seconds = rng.random(), rng.choice((0.2, 0.5)), rng.choice((1.0, 3.0))
+
+    def fault(simulation: "Simulation") -> None:
+        worker = _worker(simulation, which)
+        worker.slow_s = late_s
+        simulation.clock.after(seconds, lambda: setattr(worker, "slow_s", 0.0))
+
+    return fault
+
+
+def _cut(rng: random.Random) -> Fault:
+    which, seconds = rng.random(), rng.choice((0.1, 0.6, 1.8, 2.5, 4.0))
+    inwards, outwards = rng.choice(((True, True), (True, False), (False, True)))
+
+    def fault(simulation: "Simulation") -> None:
+        nodes = [*simulation.network.nodes.values()]
+        node = nodes[int(which * len(nodes))]
+        simulation.network.cut(node, inwards=inwards, outwards=outwards)
+        simulation.clock.after(seconds, lambda: simulation.network.mend(node))
+
+    return fault
+
+
+def _bridge_killed(rng: random.Random) -> Fault:
+    away_s = rng.choice((0.1, 1.0))
+    return lambda simulation: _kill(simulation, simulation.bridge, away_s)
+
+
+def _command(rng: random.Random) -> Fault:
+    command: SetPose | Relocalize
+    name = f"{rng.random()}"
+    if rng.random() < 0.5:
+        command = Relocalize(sender="person", command_id=name)
+    else:
+        command = SetPose(sender="person", command_id=name, map_from_robot=(3.0, 2.0, 0.0))
+
+    def fault(simulation: "Simulation") -> None:
+        for node in simulation.coordinators.values():
+            if node.acts:
+                node.take(lambda node=node: node.tell(CommandArrived(command)))  # type: ignore[misc]
+
+    return fault
+
+
+def _coordinator(simulation: "Simulation") -> Node:
+    return simulation.acting() or simulation.coordinators["c0"]
+
+
+def _worker(simulation: "Simulation", which: float) -> Node:
+    workers = [*simulation.workers.values()]
+    return workers[int(which * len(workers))]
+
+
+def _kill(simulation: "Simulation", node: Node, away_s: float) -> None:
+    if node.alive:
+        simulation.network.kill(node)
+        simulation.clock.after(away_s, lambda: simulation.network.start(node))

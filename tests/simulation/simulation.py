@@ -1,0 +1,221 @@
+"""One robot's processes on a simulated network, for one schedule that a seed decides."""
+
+import random
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+from particle_filter.sensor_model import SensorModel
+from protocol.codec import decode, encode
+from protocol.steps import OdometryReading, Scan
+from protocol.work import (
+    Checkpoint,
+    OrderAnswer,
+    Report,
+    TakeOver,
+    WorkerState,
+    WorkOrder,
+)
+from tests.simulation.coordinator_node import CoordinatorNode
+from tests.simulation.laws import LawBrokenError, Laws, demand
+from tests.simulation.network import SECOND, Action, Clock, Network, Node, ns
+from tests.simulation.processes import Bridge, WorkerNode
+from tests.simulation.schedule import Schedule
+
+N = TypeVar("N", bound=Node)
+WELL_WITHIN_S = 20.0
+"""After the last fault."""
+
+
+class Simulation:
+    """Everything of one robot.
+
+    Args:
+        seed: decides everything.
+        model: of the map; computing it takes longer than a schedule.
+    """
+
+    def __init__(self, seed: int, model: SensorModel) -> None:
+        self.seed, self.model = seed, model
+        self.rng = random.Random(seed)
+        self.clock = Clock()
+        self.network = Network(self.clock, self.rng)
+        self.schedule = Schedule(self.rng)
+        self.laws = Laws(self.clock, replays=seed % 8 == 0)
+        network, plan = self.network, self.schedule
+        network.loss, network.doubled = plan.loss, plan.doubled
+        network.least_s, network.jitter_s = plan.least_s, plan.jitter_s
+        self.bridge = Bridge("bridge", self, plan.offset_s(self.rng))
+        self.workers = {
+            name: WorkerNode(name, self, plan.offset_s(self.rng))
+            for name in (f"w{n}" for n in range(plan.workers))
+        }
+        self.coordinators = {
+            name: CoordinatorNode(name, self, plan.offset_s(self.rng), wall_us, plan.key)
+            for name, wall_us in zip(("c0", "c1"), plan.wall_us, strict=True)
+        }
+        network.nodes = {
+            node.name: node
+            for node in (self.bridge, *self.workers.values(), *self.coordinators.values())
+        }
+        self._driven = 0
+        self._is_calm, self._trouble = False, "faults"
+
+    def acting(self) -> CoordinatorNode | None:
+        """The coordinator whose beliefs count; None while there is none."""
+        acting = [node for node in self.coordinators.values() if node.acts]
+        return max(acting, key=lambda node: node.coordinator.status(0, {}).term, default=None)
+
+    # --- a schedule
+
+    def run(self) -> None:
+        """Live through the faults and the calm after them.
+
+        Raises:
+            LawBrokenError: with the seed.
+        """
+        try:
+            self._run()
+        except LawBrokenError as error:
+            raise LawBrokenError(f"seed {self.seed}, {self._at()}: {error}") from None
+        except Exception as error:
+            error.add_note(f"seed {self.seed}, {self._at()}")
+            raise
+
+    def _at(self) -> str:
+        return f"at {self.clock.now_ns / SECOND:.3f} s"
+
+    def _run(self) -> None:
+        for node in self.network.nodes.values():
+            self.clock.after(self.rng.uniform(0.0, 0.05), node.start)
+        self.clock.after(0.1, self._drive)
+        self.clock.after(0.15, self._move)
+        for at_s, fault in self.schedule.faults:
+            self.clock.after(at_s, lambda fault=fault: fault(self))  # type: ignore[misc]
+        while self.clock.now_ns < ns(self.schedule.calm_at_s):
+            self.clock.step()
+        self._calm()
+        until_ns = self.clock.now_ns + ns(WELL_WITHIN_S)
+        while self._trouble:
+            demand(self.clock.now_ns < until_ns, f"all is well in the end, not: {self._trouble}")
+            self.clock.step()
+        if self.laws.replays:
+            for life in self.laws.lives:
+                life.replay()
+
+    def _calm(self) -> None:
+        """No more faults."""
+        self._is_calm = True
+        network = self.network
+        network.loss = network.doubled = 0.0
+        for node in network.nodes.values():
+            node.slow_s = 0.0
+            if node.is_frozen:
+                node.thaw()
+            network.mend(node)
+            network.start(node)
+
+    def _look(self) -> str:  # noqa: PLR0911 - one for each trouble
+        """What is not as it should be, just before a step."""
+        acting = [node for node in self.coordinators.values() if node.acts]
+        if len(acting) != 1:
+            return f"{len(acting)} coordinators act"
+        coordinator = acting[0].coordinator
+        assert coordinator is not None
+        status = coordinator.status(acting[0].now_ns, {})
+        newest = self.bridge.newest_step
+        if status.step != newest:
+            return f"step {status.step} is believed, {newest} was driven"
+        if set(status.workers) != set(self.workers):
+            return f"workers {sorted(status.workers)} are known"
+        jobs = coordinator._state.placement.jobs
+        if waiting := jobs.by_worker().get(None):
+            return f"nobody has {sorted(waiting)}"
+        outcome = coordinator._state.outcome
+        if outcome is None or outcome.missing:
+            return f"no report of {outcome and outcome.missing}"
+        for name, worker in self.workers.items():
+            given = set(jobs.by_worker().get(name, {}).items())
+            if worker.jobs() != given:
+                return f"{name} has {sorted(worker.jobs())}, should have {sorted(given)}"
+        return ""
+
+    def _drive(self) -> None:
+        if self._is_calm:
+            self._trouble = self._look()
+        self.bridge.drive(self._driven)
+        self._driven += 1
+        self.clock.after(self.schedule.period_s, self._drive)
+
+    def _move(self) -> None:
+        self.bridge.odometry(self._driven)
+        for node in self.coordinators.values():
+            node.take(node.on_pose_asked)
+        self.clock.after(0.31, self._move)
+
+    # --- what goes over the network
+
+    def publish_scan(self, source: Bridge, scan: Scan) -> None:
+        """A step."""
+        self.laws.taken_ns[scan.stamp_ns] = self.clock.now_ns
+        for node in self._shuffled((*self.coordinators.values(), *self.workers.values())):
+            self.network.send(source, node, lambda node=node: node.on_scan(scan))  # type: ignore[misc]
+
+    def publish_odometry(self, source: Bridge, reading: OdometryReading) -> None:
+        """Where the robot is."""
+        self.laws.taken_ns[reading.stamp_ns] = self.clock.now_ns
+        for node in self.coordinators.values():
+            self.network.send(source, node, lambda node=node: node.on_odometry(reading))  # type: ignore[misc]
+
+    def publish_report(self, source: WorkerNode, report: Report) -> None:
+        """A job's step."""
+        for node in self.coordinators.values():
+            self.network.send(
+                source,
+                node,
+                lambda node=node: node.on_report(source.name, report),  # type: ignore[misc]
+            )
+
+    def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
+        """A coordinator's state, as bytes."""
+        payload = encode(checkpoint)
+        heard = decode(payload, Checkpoint)
+        for worker in self._shuffled(self.workers.values()):
+            self.network.send(
+                source,
+                worker,
+                lambda worker=worker: worker.on_checkpoint(heard, payload),  # type: ignore[misc]
+            )
+        for node in self.coordinators.values():
+            if node is not source:
+                self.network.send(source, node, lambda node=node: node.on_checkpoint(heard))  # type: ignore[misc]
+
+    def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
+        """A query to one worker."""
+        worker = self.workers[name]
+        self.network.send(source, worker, lambda: worker.on_order(source.name, order))
+
+    def answer_order(self, source: WorkerNode, asked_by: str, answer: OrderAnswer) -> None:
+        """A worker's answer."""
+        node = self.coordinators[asked_by]
+        self.network.send(source, node, lambda: node.on_order_answer(source.name, answer))
+
+    def send_take_over(self, source: CoordinatorNode, name: str, question: TakeOver) -> None:
+        """A query to one worker."""
+        worker = self.workers[name]
+        self.network.send(source, worker, lambda: worker.on_take_over(source.name, question))
+
+    def answer_state(self, source: WorkerNode, asked_by: str, state: WorkerState) -> None:
+        """A worker's answer."""
+        if asked_by in self.coordinators:
+            node, best = self.coordinators[asked_by], source.best_heard
+            self.network.send(source, node, lambda: node.on_state(source.name, state, best))
+
+    def ask_bridge(self, source: Node, answer: Callable[[Bridge], Action]) -> None:
+        """A query to the bridge; `answer` makes of it what happens where it was asked."""
+        bridge = self.bridge
+        self.network.send(source, bridge, lambda: self.network.send(bridge, source, answer(bridge)))
+
+    def _shuffled(self, nodes: Iterable[N]) -> list[N]:
+        shuffled = list(nodes)
+        self.rng.shuffle(shuffled)
+        return shuffled

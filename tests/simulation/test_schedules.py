@@ -1,0 +1,43 @@
+"""Coordinators, workers and the bridge keep the laws in thousands of schedules of faults.
+
+A seed that fails is run again by ``python -m tests.simulation --first SEED --schedules 1``.
+CLUSTERMCL_SCHEDULES=100000 pytest tests/simulation -o timeout=36000
+"""
+
+import os
+
+import pytest
+
+from particle_filter.sensor_model import SensorModel
+from tests.simulation.laws import LawBrokenError
+from tests.simulation.simulation import Simulation
+from tests.unit.coordinator.living import symmetric_room
+
+SCHEDULES = int(os.environ.get("CLUSTERMCL_SCHEDULES", "2000"))
+PARTS = 20
+"""Each a test, so that one stays within a test's time on a machine that has too much to do."""
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+@pytest.mark.parametrize("part", range(PARTS))
+def test_whatever_the_network_does_the_laws_are_kept(model: SensorModel, part: int) -> None:
+    broken = []
+    for seed in range(part, SCHEDULES, PARTS):
+        try:
+            Simulation(seed, model).run()
+        except LawBrokenError as error:
+            broken.append(str(error))
+    assert broken == []
+
+
+def test_a_seed_is_a_schedule(model: SensorModel) -> None:
+    seen = []
+    for seed in (3, 3, 4):
+        simulation = Simulation(seed, model)
+        simulation.run()
+        seen.append((simulation.clock.now_ns, sorted(simulation.laws.published)))
+    assert seen[0] == seen[1] != seen[2]

@@ -1,0 +1,44 @@
+"""The smallest world in which several places stay possible, and a filter with few particles."""
+
+from functools import cache
+
+from msgspec.structs import replace
+
+from particle_filter.settings import (
+    BeliefSettings,
+    ClusterSettings,
+    FilterSettings,
+    SearchSettings,
+    SensorSettings,
+)
+from process_runtime.settings import CoordinatorSettings
+from protocol.steps import Scan
+from tests.unit.coordinator import living
+
+MAP = living.MAP
+SETTINGS = FilterSettings(
+    seed=5,
+    sensor=SensorSettings(visibility_particles=0),
+    cluster=ClusterSettings(particles=12),
+    search=SearchSettings(
+        min_start_particles=60,
+        max_start_particles=60,
+        particles=24,
+        shards=2,
+        source_radius_m=2.0,
+        source_heading_rad=1.6,
+        annealing_steps=1,
+        max_steps=3,
+        hand_over_particles=10,
+    ),
+    belief=BeliefSettings(clusters=3, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
+)
+COORDINATOR = CoordinatorSettings(
+    step_deadline_s=0.3, take_over_after_s=1.0, snapshot_every_steps=3
+)
+
+
+@cache
+def scan_of(number: int) -> Scan:
+    """What the robot sees on its way, in every schedule alike."""
+    return replace(living.scan_of(number), live=True)

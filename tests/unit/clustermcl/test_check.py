@@ -1,0 +1,56 @@
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from clustermcl.command import app
+from protocol.errors import MapFileError, RecordingError
+
+
+@pytest.fixture
+def two_rooms(tmp_path: Path) -> Path:
+    """Twins: two rooms that mirror each other about the door between them, turned."""
+    cells = np.full((100, 240), 205, np.uint8)
+    room = np.full((100, 120), 254, np.uint8)
+    room[[0, 1, -2, -1], :] = room[:, [0, 1]] = 0
+    room[20:40, 30:60] = 0
+    room[:40, -2:] = room[60:, -2:] = 0
+    cells[:, :120], cells[:, 120:] = room, room[::-1, ::-1]
+    Image.fromarray(cells).save(tmp_path / "rooms.png")
+    yaml = tmp_path / "rooms.yaml"
+    yaml.write_text(
+        "image: rooms.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return yaml
+
+
+def test_twins_are_named_in_words(two_rooms: Path) -> None:
+    result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "6"])
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert lines[0].endswith("rooms.yaml: 240 x 100 cells of 0.05 m, 12.0 x 5.0 m")
+    assert lines[2].startswith("0 of 6 places look like no other")
+    assert "180 deg about x 6.0 m  y 2.5 m: so it is with 100% of the places" in lines[3]
+    assert lines[4] == "  these 2 places look alike:"
+    assert lines[-1].startswith("* 6 of 6 places look like others")
+
+
+def test_and_as_json(two_rooms: Path) -> None:
+    result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "6", "--json"])
+    report = json.loads(result.stdout)
+    assert report["ground"]["cell_m"] == 0.05
+    assert [len(place["look_alikes"]) for place in report["places"]] == [1] * 6
+    assert report["symmetries"][0]["about_m"] == pytest.approx([6.0, 2.5], abs=0.1)
+    assert report["agreement"] is None
+    assert len(report["remarks"]) == 1
+
+
+def test_what_cannot_be_read_is_refused(two_rooms: Path) -> None:
+    missing = CliRunner().invoke(app, ["check", "nowhere.yaml"])
+    assert isinstance(missing.exception, MapFileError)
+    no_log = CliRunner().invoke(app, ["check", str(two_rooms), "--recording", "nowhere.log"])
+    assert isinstance(no_log.exception, RecordingError)

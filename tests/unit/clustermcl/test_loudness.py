@@ -1,0 +1,79 @@
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from typer.testing import CliRunner
+
+from clustermcl.command import app
+from clustermcl.loudness import is_verbose, log_settings
+from process_runtime.logs import configure_logging, is_quiet
+from process_runtime.settings import Settings
+
+
+@pytest.fixture(autouse=True)
+def usual_logging() -> Iterator[None]:
+    """Handlers of pytest's own come back as they were."""
+    root = logging.getLogger()
+    handlers, level = root.handlers[:], root.level
+    root.handlers = []
+    configure_logging("clustermcl", "warning")
+    yield
+    root.handlers = handlers
+    root.setLevel(level)
+
+
+@pytest.fixture
+def told(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
+    settings: list[Settings] = []
+    monkeypatch.setattr("clustermcl.up.run_up", settings.append)
+    return settings
+
+
+@pytest.mark.parametrize("words", [["--quiet", "up"], ["up", "--quiet"], ["-q", "up"]])
+def test_quiet_is_understood_before_and_after_the_command(
+    words: list[str], told: list[Settings]
+) -> None:
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert is_quiet()
+    assert told[0].log.level == "error"
+
+
+def test_verbose_lets_the_processes_tell_all_unless_a_setting_says_else(
+    told: list[Settings],
+) -> None:
+    CliRunner().invoke(app, ["up", "-v"])
+    CliRunner().invoke(app, ["up", "-v", "--set", "log.level=warning"])
+    assert is_verbose()
+    assert [settings.log.level for settings in told] == ["debug", "warning"]
+
+
+def test_without_either_all_is_as_the_settings_say(told: list[Settings]) -> None:
+    CliRunner().invoke(app, ["up"])
+    assert not is_quiet()
+    assert not is_verbose()
+    assert log_settings() == []
+    assert told[0].log.level == Settings().log.level
+
+
+def completed(*words: str) -> list[str]:
+    """What bash offers for the last of the words."""
+    return subprocess.run(
+        [sys.executable, "-c", "from clustermcl.command import app; app(prog_name='clustermcl')"],
+        env={
+            **os.environ,
+            "_CLUSTERMCL_COMPLETE": "complete_bash",
+            "COMP_WORDS": " ".join(["clustermcl", *words]),
+            "COMP_CWORD": str(len(words)),
+        },
+        capture_output=True, text=True, timeout=60, check=True,
+    ).stdout.split()  # fmt: skip
+
+
+def test_a_shell_offers_commands_worlds_settings_and_algorithms() -> None:
+    assert completed("hyp") == ["hypotheses"]
+    assert completed("demo", "--recording", "sim:cross") == ["sim:cross", "sim:cross_feature"]
+    assert completed("up", "--set", "cluster.part") == ["cluster.particles="]
+    assert "mcl" in completed("evaluate", "a.log", "--algorithm", "m")

@@ -1,0 +1,26 @@
+"""What workers tell a coordinator that takes over is megabytes; it is needed for a moment."""
+
+import gc
+
+import pytest
+
+from coordinator.failover.state_recovery import Told
+from particle_filter.sensor_model import SensorModel
+from tests.unit.coordinator.living import Living, symmetric_room
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+def test_a_coordinator_that_has_taken_over_forgets_what_workers_told(model: SensorModel) -> None:
+    living = Living(model)
+    for step in range(12):
+        living.drive(step)
+    living.revive()
+    living.drive(12)
+    assert [belief.state for belief in living.beliefs[12]] != ["searching"]
+    gc.collect()
+    held = [told for told in gc.get_objects() if isinstance(told, Told)]
+    assert held == []

@@ -1,0 +1,73 @@
+from coordinator.events import TimePassed
+from coordinator.membership.straggler_policy import GIVEN_UP_AFTER, GIVEN_UP_LATER
+from coordinator.overload import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
+from particle_filter.settings import BeliefSettings
+from tests.unit.coordinator.reports import tracked
+from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH
+from tests.unit.coordinator.test_slow_workers import StoryWithFrozen, with_two_clusters
+
+
+def overloaded() -> OverloadDetector:
+    detector = OverloadDetector()
+    for _ in range(STEPS):
+        detector.step_decided(2 * LATE_NS)
+    return detector
+
+
+def test_most_steps_must_wait_not_a_few() -> None:
+    detector = OverloadDetector()
+    for number in range(5 * STEPS):
+        detector.step_decided(10 * LATE_NS if number % 5 < 2 else 1_000)
+        assert not detector.is_overloaded
+    assert overloaded().is_overloaded
+
+
+def test_it_is_over_when_steps_are_well_in_time_again() -> None:
+    detector = overloaded()
+    for _ in range(STEPS):
+        detector.step_decided(IN_TIME_NS + 1)
+    assert detector.is_overloaded, "it would soon be again"
+    for _ in range(STEPS):
+        detector.step_decided(IN_TIME_NS)
+    assert not detector.is_overloaded
+
+
+def slow(story: StoryWithFrozen, first: int, steps: int, *, south: float | None = 0.1) -> float:
+    """Steps whose reports come 0.3 s after their scan, or that must do without one."""
+    for step in range(first, first + steps):
+        story.scan(step, at_s=20.0 + step)
+        story.report(tracked("c0", step, 0.1, NORTH, epoch=story.epochs["c0"]), at_s=20.3 + step)
+        if south is not None:
+            other = tracked("c1", step, south, SOUTH, epoch=story.epochs["c1"])
+            story.report(other, at_s=20.3 + step)
+        story.tick(at_s=20.6 + step)
+    return 21.0 + first + steps
+
+
+def test_the_status_tells_of_an_overload() -> None:
+    story = with_two_clusters()
+    at_s = slow(story, 4, STEPS)
+    assert story.coordinator.status(int(at_s * SECOND), {}).overloaded
+
+
+def test_periodic_searches_wait_until_there_is_time() -> None:
+    story = with_two_clusters()
+    every = BeliefSettings().search_every_steps
+    slow(story, 4, every + STEPS)
+    assert not story.beliefs[-1].searching
+    first = 4 + every + STEPS
+    for step in range(first, first + 2 * STEPS):
+        story.tracks(step, at_s=100.0 + every + step, north=0.1, south=0.1)
+    assert any(belief.searching for belief in story.beliefs[-2 * STEPS :])
+
+
+def test_where_all_are_slow_one_that_is_slower_keeps_its_job_for_longer() -> None:
+    story = with_two_clusters()
+    slow(story, 4, STEPS)
+    slower = story.places["c1"]
+    story.frozen.add(slower)
+    slow(story, 4 + STEPS, GIVEN_UP_AFTER + 1, south=None)
+    assert story.places["c1"] == slower
+    slow(story, 5 + STEPS + GIVEN_UP_AFTER, GIVEN_UP_LATER, south=None)
+    story.follow(story.coordinator.handle(TimePassed(), 200 * SECOND))
+    assert story.places["c1"] != slower

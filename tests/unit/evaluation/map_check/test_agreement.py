@@ -1,0 +1,95 @@
+"""A recording whose laser and odometry are known, told right or wrong."""
+
+import itertools
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+import pytest
+
+from evaluation.map_check.agreement import Agreement, agreement_of
+from evaluation.map_check.mount import mount_of
+from evaluation.map_check.report import report_of
+from particle_filter.poses import compose
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import BridgeSettings
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from robot_simulator.lidar import LidarModel
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world
+
+MOUNT = (0.3, -0.1, 0.2)
+
+
+def wandering(steps: int, rng: np.random.Generator) -> np.ndarray:
+    """(N, 3) true poses of a robot that drives and turns."""
+    poses = [np.zeros(3)]
+    for _ in range(steps):
+        step = np.array([0.2, 0.0, rng.normal(0.0, 0.2)])
+        poses.append(compose(poses[-1], step))
+    return np.array(poses)
+
+
+def with_odometry_errors(poses: np.ndarray, distance: float, turn: float) -> np.ndarray:
+    told = [np.zeros(3)]
+    for before, after in itertools.pairwise(poses):
+        turned = after[2] - before[2]
+        drift = np.array([0.2 * distance, 0.0, (turned + np.pi) % (2 * np.pi) - np.pi])
+        told.append(compose(told[-1], drift * (1.0, 1.0, turn)))
+    return np.array(told)
+
+
+def test_the_mount_and_the_scales_of_odometry_are_found() -> None:
+    rng = np.random.default_rng(0)
+    poses = wandering(200, rng)
+    laser = compose(poses, np.array(MOUNT)) + rng.normal(0.0, 0.01, poses.shape)
+    found = mount_of(laser, with_odometry_errors(poses, distance=1.04, turn=0.97))
+    assert found is not None
+    assert found.robot_from_laser == pytest.approx(MOUNT, abs=0.03)
+    assert found.odometry_distance_scale == pytest.approx(1.04, abs=0.01)
+    assert found.odometry_turn_scale == pytest.approx(0.97, abs=0.01)
+    assert max(found.standard_errors) < 0.03
+
+
+def test_a_robot_that_never_turns_tells_nothing_of_its_laser() -> None:
+    straight = np.column_stack([np.arange(100) * 0.2, np.zeros(100), np.zeros(100)])
+    assert mount_of(straight, straight) is None
+    assert mount_of(straight[:6], straight[:6]) is None
+
+
+def recorded(told: PoseTuple) -> Iterator[Scan]:
+    """A robot in the hall whose laser sits at MOUNT, and is told to sit elsewhere."""
+    hall = world("hall")
+    robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=MOUNT))
+    source = SimulatedSource(robot, steps=120)
+    for scan, _ in simulated_steps(source, BridgeSettings(), hall.map.digest):
+        yield msgspec.structs.replace(scan, robot_from_laser=told)
+
+
+def remarks(agreement: Agreement) -> tuple[str, ...]:
+    plan = world("hall").map
+    return report_of(
+        "hall", plan, laser_range_m=12.0, places=1, seed=1, agreement=agreement
+    ).remarks
+
+
+def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
+    plan, settings = world("hall").map, FilterSettings()
+    right = agreement_of(recorded(MOUNT), plan, settings)
+    assert right.steps == 120
+    assert right.localized_share > 0.5
+    assert right.fitting_share is not None
+    assert right.fitting_share > 0.95
+    assert remarks(right) == ()
+    wrong = agreement_of(recorded((0.0, 0.0, 0.0)), plan, settings)
+    (remark,) = remarks(wrong)
+    assert remark.startswith("the laser is told to be at 0.00 m ahead, 0.00 m left, 0 deg, the map")
+
+
+def test_a_recording_of_another_building_is_noticed() -> None:
+    cross = world("cross_feature").map
+    agreement = agreement_of(recorded(MOUNT), cross, FilterSettings())
+    (remark,) = remarks(agreement)
+    assert "localized" in remark or "of the beams" in remark

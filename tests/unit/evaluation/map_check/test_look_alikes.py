@@ -1,0 +1,63 @@
+"""Which places of our worlds look alike is known: they were drawn so."""
+
+import math
+
+import numpy as np
+import pytest
+
+from evaluation.experiments.symmetry import turned_copies
+from evaluation.map_check.look_alikes import LookAlikes, LookAlikeSearch
+from evaluation.map_check.report import report_of
+from evaluation.map_check.symmetries import symmetries_of
+from evaluation.map_check.views import Viewer
+from particle_filter.poses import heading_distance
+from protocol.pose_arrays import pose_tuple
+from robot_simulator.worlds.catalogue import world
+
+
+def test_every_place_of_the_cross_looks_like_its_three_images() -> None:
+    rng = np.random.default_rng(3)
+    plan = world("cross").map
+    viewer = Viewer(plan, range_m=12.0)
+    search = LookAlikeSearch(plan, viewer, rng)
+    for _ in range(5):
+        view = viewer.random_view(rng)
+        found = search.places_like(view).places
+        assert len(found) == 4
+        for image in turned_copies(pose_tuple(view.map_from_robot), 4, (0.0, 0.0)):
+            near = np.hypot(*(found[:, :2] - image[:2]).T) < 0.1
+            near &= heading_distance(found[:, 2], image[2]) < math.radians(2.0)
+            assert np.count_nonzero(near) == 1
+
+
+def test_a_hall_with_a_difference_everywhere_has_no_look_alikes() -> None:
+    report = report_of(
+        "hall", world("hall").map, laser_range_m=12.0, places=8, seed=1, agreement=None
+    )
+    assert [place.look_alikes for place in report.places] == [()] * 8
+    assert (report.symmetries, report.remarks) == ((), ())
+
+
+def test_a_symmetric_hall_is_told_to_be_so() -> None:
+    plan = world("hall_symmetric").map
+    report = report_of("hall", plan, laser_range_m=12.0, places=8, seed=1, agreement=None)
+    (symmetry,) = report.symmetries
+    assert symmetry.share == 1.0
+    assert abs(symmetry.turn_rad) == pytest.approx(math.pi, abs=0.02)
+    assert symmetry.about_m == pytest.approx((0.0, 0.0), abs=0.05)
+    (remark,) = report.remarks
+    assert remark.startswith("8 of 8 places look like others")
+
+
+def test_a_short_sighted_laser_is_told_that_it_sees_nothing() -> None:
+    report = report_of(
+        "hall", world("hall").map, laser_range_m=0.5, places=4, seed=1, agreement=None
+    )
+    assert report.remarks[0].startswith("from 4 of 4 places most beams hit nothing within 0.5 m")
+
+
+def test_rooms_in_a_row_are_a_shift() -> None:
+    row = np.array([[10.0 * room, 2.0, 0.5] for room in range(4)])
+    found = [LookAlikes(np.vstack([row[room], np.delete(row, room, axis=0)])) for room in range(4)]
+    shifts = {symmetry.shift_m: symmetry.share for symmetry in symmetries_of(found, (15.0, 2.0))}
+    assert shifts == {(10.0, 0.0): 0.75, (-10.0, 0.0): 0.75}  # what only two have is chance

@@ -1,0 +1,69 @@
+"""The page of a report: one file, with every run in it."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from evaluation.experiments.trace import Trace, TracePlace, TraceStep
+from evaluation.report_page import TableText, report_page
+from grid_maps.grid_map import GridMap
+
+ROOM = GridMap(np.pad(np.zeros((20, 40), np.int8), 1, constant_values=1), 0.5, (-3.0, 2.0, 0.3))
+TABLE = TableText(["seed", "error m"], [["0", "0.07"], ["1", "<b>"]])
+
+
+def step(update: int, x: float, *, right: bool) -> TraceStep:
+    place = TracePlace(cluster=update % 2, probability=0.75, position=(x, 1.0))
+    return TraceStep(update, (float(update), 1.0, 0.0), right, 0.75 if right else 0.0, (place,))
+
+
+def page(*steps: TraceStep) -> str:
+    return report_page("cluster-mcl on <sim>", ROOM, [Trace(7, list(steps))], TABLE)
+
+
+def test_the_page_needs_nothing_from_elsewhere() -> None:
+    text = page(step(1, 1.0, right=True))
+    assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
+    assert "<script" not in text
+    assert "http" not in text
+
+
+def test_what_is_named_cannot_break_the_page() -> None:
+    text = page(step(1, 1.0, right=True))
+    assert "<sim>" not in text
+    assert "<td><b>" not in text
+    assert "&lt;sim&gt;" in text
+
+
+def test_every_drawing_is_well_formed() -> None:
+    text = page(step(1, 1.0, right=True), step(2, 9.0, right=False))
+    drawings = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
+    assert len(drawings) == 4  # the map for all; a run's map and two plots
+    for drawing in drawings:
+        ET.fromstring(drawing)
+
+
+def test_the_estimates_way_is_drawn_in_pieces_that_are_right_and_wrong() -> None:
+    text = page(step(1, 1.0, right=True), step(2, 1.5, right=True), step(3, 9.0, right=False))
+    lines = re.findall(r'<polyline points="([^"]+)" fill="none" stroke="(#\w+)"', text)
+    assert lines[:2] == [
+        ("1.00,1.00 1.50,1.00 1.50,1.00", "#0072B2"),
+        ("9.00,1.00 9.00,1.00", "#c0262d"),
+    ]
+
+
+def test_a_jump_is_no_way() -> None:
+    text = page(step(1, 1.0, right=True), step(2, 15.0, right=True))
+    assert "1.00,1.00 15.00,1.00" not in text
+
+
+def test_steps_without_a_place_are_drawn_all_the_same() -> None:
+    nothing = TraceStep(1, (1.0, 1.0, 0.0), False, 0.0, ())
+    assert "seed 7" in page(nothing, step(2, 1.0, right=True))
+
+
+def test_a_run_without_a_known_truth_is_in_the_table_alone() -> None:
+    text = page()
+    assert "seed 7" not in text
+    assert "0.07" in text

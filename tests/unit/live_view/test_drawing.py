@@ -1,0 +1,93 @@
+"""The map as a picture: everything stands where it is."""
+
+import re
+import zlib
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from live_view.colour_slots import SLOTS
+from live_view.drawing import PALETTE, drawn_picture
+from live_view.static_files import static_files
+from protocol.steps import MapMessage
+from tests.unit.live_view.messages import map_message
+
+WHITE, GREY, DARK = (255, 255, 255), (227, 230, 234), (42, 50, 59)
+CELL_M, MARGIN = 0.5, 24
+
+
+def room(*, turned: float = 0.0) -> MapMessage:
+    """20 m wide, 10 m high; the low right quarter is a wall."""
+    cells = np.zeros((20, 40), np.int8)
+    cells[:10, 20:] = 1
+    packed = zlib.compress(cells.tobytes())
+    return msgspec.structs.replace(
+        map_message(), rows=20, cols=40, map_from_grid=(-4.0, 2.0, turned), zlib_cells=packed
+    )
+
+
+def step(**changed: Any) -> dict[str, Any]:
+    place = {"cluster": 1, "slot": 1, "p": 0.5, "pose": (0.0, 8.0, 0.0),
+             "cov": (0.01, 0.0, 0.01, 0.01), "age": 1}  # fmt: skip
+    return {"step": 1, "places": [place], "scan": [], "truth": None, **changed}
+
+
+def pixel(image: Any, x_m: float, y_m: float) -> tuple[int, int, int]:
+    """Of a picture of `room()`, not turned: 1,400 pixels are 20 m."""
+    found: tuple[int, int, int] = image.getpixel(
+        (round(MARGIN + (x_m + 4.0) * 70), round(MARGIN + (12.0 - y_m) * 70))
+    )
+    return found
+
+
+def test_free_cells_walls_and_what_is_beyond_are_told_apart() -> None:
+    image = drawn_picture(room(), None)
+    assert image.size == (1448, 748)
+    assert pixel(image, 0.0, 8.0) == WHITE
+    assert pixel(image, 12.0, 8.0) == WHITE
+    assert pixel(image, 12.0, 3.0) == DARK
+    assert pixel(image, 0.0, 3.0) == WHITE
+    assert image.getpixel((5, 5)) == GREY
+
+
+def test_a_map_that_lies_turned_is_drawn_turned() -> None:
+    image = drawn_picture(room(turned=np.pi / 2), None)  # now 10 m wide, and to the left of x = -4
+    assert image.size == (748, 1448)
+    right_low, right_high = (700, 1400), (700, 48)
+    assert image.getpixel(right_low) == WHITE
+    assert image.getpixel(right_high) == DARK  # what was right is up, what was low is right
+
+
+def test_a_cluster_is_drawn_in_its_colour_where_it_is() -> None:
+    image = drawn_picture(room(), step())
+    assert "#{:02X}{:02X}{:02X}".format(*pixel(image, 0.0, 8.0)) == PALETTE[1]
+
+
+def test_the_scan_is_drawn_from_the_best_place() -> None:
+    image = drawn_picture(room(), step(scan=[300, 100]))
+    red, green, _ = pixel(image, 3.0, 9.0)
+    assert red > green + 80
+
+
+def test_the_true_pose_is_a_ring() -> None:
+    image = drawn_picture(room(), step(truth=(2.0, 5.0, 0.0)))
+    assert pixel(image, 2.0, 5.0) == WHITE
+    assert max(pixel(image, 2.0 - 18 / 70, 5.0)) < 120
+
+
+def test_the_colours_are_the_pages() -> None:
+    script = static_files()["palette.js"].decode()
+    assert tuple(re.findall(r'"(#[0-9A-F]{6})"', script)) == PALETTE
+    assert len(PALETTE) == SLOTS
+
+
+def test_no_place_yet_is_no_problem() -> None:
+    assert drawn_picture(room(), step(places=[])).size == (1448, 748)
+
+
+@pytest.mark.parametrize("probability", [1.0, 1e-9])
+def test_any_probability_can_be_drawn(probability: float) -> None:
+    place = {**step()["places"][0], "p": probability, "cov": (0.0, 0.0, 0.0, 0.0)}
+    assert drawn_picture(room(), step(places=[place])).size == (1448, 748)

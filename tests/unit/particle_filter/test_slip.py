@@ -1,0 +1,77 @@
+"""A robot that has not gone where its odometry says."""
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from particle_filter.arrays import Pose
+from particle_filter.cluster_filter import Cloud, Weighed, advanced
+from particle_filter.poses import compose
+from particle_filter.settings import ClusterSettings, MotionSettings
+from particle_filter.slip import slipped
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
+
+BEFORE = np.array([3.0, 3.0, 0.3])
+FORWARDS, BACKWARDS = np.array([0.4, 0.0, 0.0]), np.array([-0.4, 0.0, 0.0])
+WITH = MotionSettings()
+WITHOUT = replace(WITH, slip_probability=0.0)
+MODEL = model_of(plain_room())
+
+
+def after_a_drive(true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS) -> Weighed:
+    """A step of a cloud that knows where it was; odometry tells of a drive forwards."""
+    spread = np.random.default_rng(5).normal(0.0, [0.03, 0.03, 0.02], (1000, 3))
+    beams = seen_from(compose(BEFORE, true_motion), plain_room())
+    cloud, rng = Cloud.even(BEFORE + spread), np.random.default_rng(6)
+    still = np.zeros(3)
+    return advanced(cloud, still, told, beams, MODEL, settings, ClusterSettings(), rng)
+
+
+def error_m(result: Weighed, true_motion: Pose) -> float:
+    mean, _ = result.cloud.gaussian()
+    return math.dist(mean[:2], compose(BEFORE, true_motion)[:2])
+
+
+def test_a_robot_that_was_driven_backwards_unnoticed_is_followed() -> None:
+    assert error_m(after_a_drive(BACKWARDS, WITHOUT), BACKWARDS) > 0.6
+    assert error_m(after_a_drive(BACKWARDS, WITH), BACKWARDS) < 0.25
+
+
+def test_a_robot_whose_wheels_have_turned_in_vain_is_followed() -> None:
+    stood = np.zeros(3)
+    assert error_m(after_a_drive(stood, WITH), stood) < 0.2
+
+
+def test_where_scans_fit_odometry_is_believed_as_ever() -> None:
+    with_slip, without = after_a_drive(FORWARDS, WITH), after_a_drive(FORWARDS, WITHOUT)
+    poses = [result.cloud.map_from_robot for result in (with_slip, without)]
+    np.testing.assert_array_equal(*poses)
+    assert with_slip.log_weight_sum == without.log_weight_sum
+
+
+def test_particles_stay_as_many_and_weigh_as_much() -> None:
+    result = after_a_drive(BACKWARDS, WITH)
+    assert result.cloud.map_from_robot.shape == (1000, 3)
+    assert np.exp(result.cloud.log_weights).sum() == pytest.approx(1000.0)
+
+
+def test_a_slip_is_as_improbable_as_it_is_said_to_be() -> None:
+    """A slip ten times less probable makes the scan ten times less likely, where only it fits."""
+    often, seldom = (
+        after_a_drive(BACKWARDS, replace(WITH, slip_probability=share)).log_weight_sum
+        for share in (0.1, 0.01)
+    )
+    # What odometry says fits worse by ten nats: its share of the sum is under a tenth.
+    assert often - seldom == pytest.approx(math.log(10.0), abs=0.1)
+
+
+def test_a_slipped_robot_is_behind_where_odometry_says() -> None:
+    before = np.tile([1.0, 2.0, math.pi / 2], (2000, 1))
+    after = compose(before, np.array([0.4, 0.0, 0.1]))
+    back = slipped(before, after, np.array([0.4, 0.0, 0.1]), np.random.default_rng(1))
+    np.testing.assert_allclose(back[:, 0], after[:, 0], atol=1e-12)  # it drove along y
+    assert (back[:, 1].min(), back[:, 1].max()) == pytest.approx((2.0 - 0.6, 2.4), abs=0.01)
+    # Five standard deviations of a mean of 2,000.
+    assert back[:, 2].mean() == pytest.approx(math.pi / 2 + 0.1, abs=5 * 0.12 / math.sqrt(2000))

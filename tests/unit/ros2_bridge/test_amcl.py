@@ -1,0 +1,495 @@
+"""What stands in for AMCL: events in, outputs out."""
+
+from collections.abc import Iterable
+from math import inf, nan, pi
+from typing import Any
+
+import numpy as np
+import pytest
+
+from particle_filter.poses import compose, inverse
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
+from protocol.steps import LaserReading, OdometryReading
+from protocol.work import Particles
+from ros2_bridge import message_types as types
+from ros2_bridge import topics
+from ros2_bridge.amcl import Amcl
+from ros2_bridge.laser_scans import MAX_WAITING
+from ros2_bridge.message_types import decode, new
+from ros2_bridge.messages_out import header, pose, pose_stamped, transform
+from ros2_bridge.outputs import GiveMap, GivePose, Output, Publish, Refused, SearchEverywhere
+from ros2_bridge.rigid import Rigid, flat
+from tests.unit.ros2_bridge.beliefs import COVARIANCE, belief
+
+SECOND = 1_000_000_000
+PLACE = (5.0, -3.0, 1.0)
+
+
+def link(parent: str, child: str, at: Rigid) -> Any:
+    one = transform((0.0, 0.0, 0.0), 0, parent, child)
+    made = one.transforms[0]
+    made.transform.translation.x, made.transform.translation.y = at.x, at.y
+    turn = new("geometry_msgs/msg/Quaternion", x=at.qx, y=at.qy, z=at.qz, w=at.qw)
+    made.transform.rotation = turn
+    return one
+
+
+def scan(
+    stamp_ns: int, ranges: Iterable[float] = (1.0, 2.0, 3.0), frame: str = "laser", **more: Any
+) -> Any:
+    fields = {"angle_min": -0.5, "angle_increment": 0.25, "range_min": 0.1, "range_max": 10.0}
+    values = np.array(list(ranges), np.float32)
+    return new(types.LASER_SCAN, header=header(stamp_ns, frame), ranges=values, **fields | more)
+
+
+CELLS = (0, 100, -1, 50, 0, 0)
+
+
+def grid(
+    width: int = 3,
+    height: int = 2,
+    frame: str = "map",
+    *,
+    x: float = 0.0,
+    cells: tuple[int, ...] = CELLS,
+) -> Any:
+    origin = pose((x, 0.0, 0.0))
+    size = {"width": width, "height": height, "resolution": 0.05}
+    info = new("nav_msgs/msg/MapMetaData", origin=origin, **size)
+    data = np.array(cells, np.int8)
+    return new(types.OCCUPANCY_GRID, header=header(0, frame), info=info, data=data)
+
+
+class Robot:
+    """Tells one node what a robot tells, and keeps what it answers."""
+
+    def __init__(self, settings: Ros2Settings | None = None, *, active: bool = True) -> None:
+        self.amcl = Amcl(settings or Ros2Settings())
+        self.now_ns = 0
+        if active:
+            assert list(self.amcl.activate()) == []
+        mount = link("base_footprint", "laser", flat((0.2, 0.1, 0.3)))
+        assert list(self.amcl.on_transforms(mount, 0, fixed=True)) == []
+
+    def odometry(self, stamp_ns: int, at: PoseTuple) -> list[Output]:
+        message = transform(at, stamp_ns, "odom", "base_footprint")
+        return list(self.amcl.on_transforms(message, self.now_ns, fixed=False))
+
+    def scan(self, *arguments: Any, **more: Any) -> list[Output]:
+        return list(self.amcl.on_scan(scan(*arguments, **more), self.now_ns))
+
+    def drive(self, stamp_ns: int, at: PoseTuple) -> list[Output]:
+        return self.odometry(stamp_ns, at) + self.scan(stamp_ns)
+
+    def believe(self, stamp_ns: int, state: Any = "localized") -> list[Output]:
+        told = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
+        return list(self.amcl.on_belief(told))
+
+
+def readings(outputs: list[Output]) -> list[LaserReading]:
+    return [one for one in outputs if isinstance(one, LaserReading)]
+
+
+def causes(outputs: list[Output]) -> list[str]:
+    return [one.cause for one in outputs if isinstance(one, Refused)]
+
+
+def published(outputs: list[Output], topic: topics.Topic) -> list[Any]:
+    return [one.message for one in outputs if isinstance(one, Publish) and one.topic == topic]
+
+
+def map_from_odom(outputs: list[Output]) -> list[tuple[int, PoseTuple]]:
+    """Stamp and pose of each transform from map to odom."""
+    sent = []
+    for one in published(outputs, topics.Topics(Ros2Settings()).tf):
+        told = one.transforms[0]
+        assert (told.header.frame_id, told.child_frame_id) == ("map", "odom")
+        turn, at = told.transform.rotation, told.transform.translation
+        stamp_ns = told.header.stamp.sec * SECOND + told.header.stamp.nanosec
+        sent.append((stamp_ns, (at.x, at.y, 2.0 * float(np.arctan2(turn.z, turn.w)))))
+    return sent
+
+
+# --- scans
+
+
+def test_a_scan_becomes_a_reading_with_odometry_and_mount_of_its_time() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND + SECOND // 2) == []  # it waits for odometry
+    outputs = robot.odometry(2 * SECOND, (1.0, 0.0, 0.2))
+    odometry, reading = outputs
+    assert isinstance(odometry, OdometryReading)
+    assert odometry.stamp_ns == 2 * SECOND
+    assert odometry.odom_from_robot == pytest.approx((1.0, 0.0, 0.2))
+    assert isinstance(reading, LaserReading)
+    assert reading.stamp_ns == SECOND + SECOND // 2
+    np.testing.assert_allclose(reading.odom_from_robot or (), (0.5, 0.0, 0.1), atol=1e-12)
+    np.testing.assert_allclose(reading.robot_from_laser, (0.2, 0.1, 0.3), atol=1e-12)
+
+
+def test_ranges_below_the_least_are_no_return() -> None:
+    robot = Robot(Ros2Settings(laser_min_range_m=1.5))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (reading,) = readings(robot.scan(SECOND, (0.05, 1.4, 1.5, 2.0, nan, inf)))
+    np.testing.assert_array_equal(reading.ranges.array(), [0.0, 0.0, 1.5, 2.0, nan, inf])
+    (reading,) = readings(Robot().drive(SECOND, (0.0, 0.0, 0.0)))
+    np.testing.assert_array_equal(reading.ranges.array(), [1.0, 2.0, 3.0])
+
+
+def test_a_laser_upside_down_has_its_beams_put_in_order() -> None:
+    robot = Robot()
+    overhead = link("base_footprint", "roof", Rigid(0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
+    list(robot.amcl.on_transforms(overhead, 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (reading,) = readings(robot.scan(SECOND, (1.0, 2.0, 3.0), "roof"))
+    # Beams at -0.5, -0.25 and 0 rad of the laser are at 0.5, 0.25 and 0 seen from above.
+    assert (reading.angle_min_rad, reading.angle_step_rad) == (0.0, 0.25)
+    np.testing.assert_array_equal(reading.ranges.array(), [3.0, 2.0, 1.0])
+    np.testing.assert_allclose(reading.robot_from_laser, (0.2, 0.0, 0.0), atol=1e-12)
+
+
+def test_two_lasers_on_one_topic_keep_their_places() -> None:
+    robot = Robot()
+    behind = link("base_footprint", "rear", flat((-0.3, 0.0, pi - 0.001)))
+    list(robot.amcl.on_transforms(behind, 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    front, rear = readings(robot.scan(SECOND) + robot.scan(SECOND, frame="rear"))
+    assert front.robot_from_laser == pytest.approx((0.2, 0.1, 0.3))
+    assert rear.robot_from_laser == pytest.approx((-0.3, 0.0, pi - 0.001))
+
+
+def test_a_laser_without_a_transform_is_named_with_how_long_it_was_waited_for() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND, frame="mast") == []
+    robot.now_ns = 900_000_000
+    assert robot.scan(SECOND, frame="laser") != []  # another laser does not wait for it
+    robot.now_ns = 1_500_000_000
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert isinstance(refused, Refused)
+    assert refused.cause == "laser scan without transform: frames not connected"
+    assert refused.detail == (
+        "laser 'mast', waited for 1.5 s: no transform from 'base_footprint' to 'mast'; "
+        "tf has odom -> base_footprint, base_footprint -> laser"
+    )
+    assert robot.scan(SECOND, frame="mast") == []
+    robot.now_ns = 9_000_000_000
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert "waited for 9.0 s" in str(refused)
+
+
+def test_the_oldest_of_many_waiting_scans_gives_way() -> None:
+    robot = Robot()
+    for number in range(MAX_WAITING):
+        assert robot.scan(number + 1) == []
+    assert causes(robot.scan(99)) == ["laser scan without transform: frames not connected"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "detail"),
+    [
+        ({"ranges": ()}, "'laser': no beams"),
+        ({"angle_increment": 0.0}, "'laser': bad geometry"),
+        ({"angle_min": nan}, "'laser': not finite"),
+        ({"ranges": (nan, inf, 0.0)}, "'laser': no returns"),
+    ],
+)
+def test_a_scan_that_is_none_is_refused_and_the_next_one_used(
+    fields: dict[str, Any], detail: str
+) -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    assert robot.scan(SECOND, **fields) == [Refused("laser scan refused", detail)]
+    assert len(readings(robot.scan(SECOND))) == 1
+
+
+def test_a_laser_that_looks_at_the_floor_is_refused() -> None:
+    robot = Robot()
+    tilted = Rigid(0.0, 0.0, 0.0, 0.0, float(np.sin(0.2)), 0.0, float(np.cos(0.2)))
+    list(robot.amcl.on_transforms(link("base_footprint", "floor", tilted), 0, fixed=True))
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (refused,) = robot.scan(SECOND, frame="floor")
+    assert refused == Refused("laser scan refused", "the laser 'floor' is tilted by 23 degrees")
+
+
+# --- odometry
+
+
+def test_transforms_that_are_none_are_refused_and_the_others_used() -> None:
+    robot = Robot()
+    broken = transform((nan, 0.0, 0.0), SECOND, "odom", "base_footprint")
+    broken.transforms += transform((1.0, 0.0, 0.0), SECOND, "odom", "base_footprint").transforms
+    outputs = list(robot.amcl.on_transforms(broken, 0, fixed=False))
+    assert causes(outputs) == ["transform refused"]
+    assert isinstance(outputs[-1], OdometryReading)
+
+
+def test_tf_that_loops_is_named_and_mended() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    looping = link("laser", "base_footprint", flat((0.0, 0.0, 0.0)))
+    list(robot.amcl.on_transforms(looping, 0, fixed=False))
+    robot.scan(SECOND)
+    robot.now_ns = 2 * SECOND
+    (refused,) = robot.amcl.on_tick(robot.now_ns)
+    assert isinstance(refused, Refused)
+    assert refused.cause == "laser scan without transform: tf loops"
+    assert len(readings(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))) == 1
+
+
+def test_another_node_that_moves_the_map_is_noticed() -> None:
+    robot = Robot()
+    other = transform((1.0, 0.0, 0.0), SECOND, "map", "odom")
+    assert causes(list(robot.amcl.on_transforms(other, 0, fixed=False))) == [
+        "map to odom from another node"
+    ]
+
+
+def test_a_clock_that_is_set_back_begins_anew() -> None:
+    robot = Robot()
+    robot.drive(100 * SECOND, (1.0, 0.0, 0.0))
+    robot.believe(100 * SECOND)
+    outputs: list[Output] = []
+    for tick in range(25):
+        outputs += robot.drive(SECOND + tick * 50_000_000, (1.0, 0.0, 0.0))
+    assert causes(outputs).count("clock set back") == 1
+    assert len(readings(outputs)) >= 5
+    assert map_from_odom(outputs)[-1][0] == SECOND + 24 * 50_000_000 + SECOND
+
+
+def test_simulated_time_that_goes_back_forgets_what_moved() -> None:
+    robot = Robot(Ros2Settings(use_sim_time=True))
+
+    def clock(seconds: int) -> list[Output]:
+        message = new(types.CLOCK, clock=new("builtin_interfaces/msg/Time", sec=seconds))
+        return list(robot.amcl.on_clock(message))
+
+    assert clock(100) == []
+    robot.drive(100 * SECOND, (1.0, 0.0, 0.0))
+    assert causes(clock(5)) == ["clock set back"]
+    assert len(readings(robot.drive(5 * SECOND, (0.0, 0.0, 0.0)))) == 1
+
+
+# --- the pose
+
+
+def test_map_to_odom_is_told_with_every_scan_of_a_standing_robot() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (1.0, 2.0, 0.3))
+    robot.believe(SECOND)
+    sent = []
+    for tick in range(1, 11):
+        stamp_ns = SECOND + tick * SECOND // 10
+        sent += map_from_odom(robot.drive(stamp_ns, (1.0, 2.0, 0.3)))
+        assert sent[-1][0] == stamp_ns + SECOND  # transform_tolerance
+    expected = compose(np.array(PLACE), inverse(np.array((1.0, 2.0, 0.3))))
+    assert len(sent) == 10
+    np.testing.assert_allclose([one for _, one in sent], [expected] * 10, atol=1e-12)
+
+
+def test_map_to_odom_is_exact_after_odometry_has_jumped() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (1.0, 2.0, 0.3))
+    robot.believe(SECOND)
+    outputs = robot.drive(SECOND + SECOND // 10, (0.0, 0.0, 0.0))
+    assert causes(outputs) == ["odometry jumped"]
+    ((_, told),) = map_from_odom(outputs)
+    np.testing.assert_allclose(told, PLACE, atol=1e-12)  # it stands where it stood
+    outputs = robot.drive(SECOND + SECOND // 5, (0.5, 0.0, 0.0))
+    ((_, told),) = map_from_odom(outputs)
+    np.testing.assert_allclose(told, PLACE, atol=1e-12)
+    robot.believe(SECOND + SECOND // 5)
+    ((_, told),) = map_from_odom(robot.drive(2 * SECOND, (0.5, 0.0, 0.0)))
+    expected = compose(np.array(PLACE), inverse(np.array((0.5, 0.0, 0.0))))
+    np.testing.assert_allclose(told, expected, atol=1e-12)
+
+
+def test_nothing_is_told_before_a_place_is_known_nor_when_it_is_lost() -> None:
+    robot = Robot()
+    assert map_from_odom(robot.drive(SECOND, (0.0, 0.0, 0.0))) == []
+    assert published(robot.believe(SECOND, "ambiguous"), topics.AMCL_POSE) == []
+    assert map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0))) == []
+    assert published(robot.believe(2 * SECOND), topics.AMCL_POSE) != []
+    assert map_from_odom(robot.drive(3 * SECOND, (0.0, 0.0, 0.0))) != []
+    list(robot.amcl.on_belief(belief(3 * SECOND, state="searching")))
+    assert map_from_odom(robot.drive(4 * SECOND, (0.0, 0.0, 0.0))) == []
+
+
+def test_two_lasers_of_one_time_tell_map_to_odom_once() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    robot.believe(SECOND)
+    twice = robot.drive(2 * SECOND, (0.0, 0.0, 0.0)) + robot.scan(2 * SECOND)
+    assert len(map_from_odom(twice)) == 1
+
+
+def test_without_tf_broadcast_only_the_transform_is_missing() -> None:
+    robot = Robot(Ros2Settings(tf_broadcast=False))
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    assert published(robot.believe(SECOND), topics.AMCL_POSE) != []
+    assert map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0))) == []
+
+
+def test_the_pose_has_the_scans_stamp_and_the_covariance_of_ros() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    (told,) = published(robot.believe(SECOND), topics.AMCL_POSE)
+    assert (told.header.stamp.sec, told.header.frame_id) == (1, "map")
+    wide = np.reshape(told.pose.covariance, (6, 6))
+    np.testing.assert_array_equal(
+        wide[np.ix_((0, 1, 5), (0, 1, 5))], np.reshape(COVARIANCE, (3, 3))
+    )
+    assert np.count_nonzero(wide) == np.count_nonzero(COVARIANCE)
+
+
+def test_all_places_are_told_with_their_probabilities() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    outputs = robot.believe(SECOND, "ambiguous")
+    (state,) = published(outputs, topics.STATE)
+    (probability,) = published(outputs, topics.PROBABILITY)
+    assert (state.data, probability.data) == ("ambiguous", 0.95)
+    (told,) = published(outputs, topics.HYPOTHESIS_DETECTION)
+    results = [(one.hypothesis.class_id, one.hypothesis.score) for one in told.results]
+    assert results == [("1", 0.95), ("2", 0.05)]
+    (places,) = published(outputs, topics.HYPOTHESIS_POSES)
+    assert [(one.position.x, one.position.y) for one in places.poses] == [PLACE[:2], (0.0, 0.0)]
+    (drawn,) = published(outputs, topics.HYPOTHESES)
+    assert drawn.markers[0].action == 3  # all of before go
+    assert [one.ns for one in drawn.markers[1:4]] == ["arrow", "ellipse", "percentage"]
+    assert [one.text for one in drawn.markers if one.text] == ["95 %", "5 %"]
+    ellipse = drawn.markers[2]
+    axes = 4.0 * np.sqrt(np.linalg.eigvalsh(np.reshape(COVARIANCE, (3, 3))[:2, :2]))
+    np.testing.assert_allclose((ellipse.scale.y, ellipse.scale.x), axes)
+
+
+def test_particles_are_carried_forward_and_weigh_as_their_clusters() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    cloud = Particles(
+        step=0,
+        odom_from_robot=(-1.0, 0.0, 0.0),
+        map_from_robot=ArrayBlob.of(np.array([[1.0, 2.0, 0.0], [9.0, 9.0, 0.0]]), "float64"),
+        log_weights=ArrayBlob.of(np.array([0.0, -np.inf]), "float64"),
+    )
+    assert published(robot.believe(SECOND), topics.PARTICLE_CLOUD) == []
+    robot.amcl.on_particles(1, cloud)
+    (data,) = published(robot.believe(SECOND), topics.PARTICLE_CLOUD)
+    told = decode(data, types.PARTICLE_CLOUD)
+    assert len(told.particles) == 1900
+    assert {(one.pose.position.x, one.pose.position.y) for one in told.particles} == {(2.0, 2.0)}
+    assert sum(one.weight for one in told.particles) == pytest.approx(1.0)
+
+
+def test_a_belief_of_a_coordinator_that_was_taken_over_from_is_left_out() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    list(robot.amcl.on_belief(belief(SECOND, (1, 1.0, PLACE), state="localized", term=3)))
+    assert robot.believe(SECOND) == []  # of term 1
+
+
+# --- what is given
+
+
+def test_a_pose_of_the_past_has_the_odometry_since_then_added() -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    robot.odometry(2 * SECOND, (1.0, 0.0, 0.0))
+    message = pose_stamped((5.0, 5.0, pi / 2), COVARIANCE, SECOND, "map")
+    (given,) = robot.amcl.on_initial_pose(message)
+    assert isinstance(given, GivePose)
+    np.testing.assert_allclose(given.map_from_robot, (5.0, 6.0, pi / 2), atol=1e-12)
+    assert (given.covariance, given.stamp_ns) == (COVARIANCE, 2 * SECOND)
+
+
+@pytest.mark.parametrize("stamp_ns", [0, 5 * SECOND])
+def test_a_pose_of_now_or_of_the_future_is_one_of_now(stamp_ns: int) -> None:
+    robot = Robot()
+    robot.odometry(SECOND, (0.0, 0.0, 0.0))
+    (given,) = robot.amcl.on_initial_pose(pose_stamped(PLACE, COVARIANCE, stamp_ns, "map"))
+    assert isinstance(given, GivePose)
+    np.testing.assert_allclose(given.map_from_robot, PLACE, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("frame", "x", "covariance"),
+    [
+        ("odom", 0.0, COVARIANCE),
+        ("", 0.0, COVARIANCE),
+        ("map", nan, COVARIANCE),
+        ("map", 0.0, (-1.0, *COVARIANCE[1:])),
+        ("map", 0.0, (nan, *COVARIANCE[1:])),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(frame: str, x: float, covariance: Any) -> None:
+    message = pose_stamped((x, 0.0, 0.0), covariance, 0, frame)
+    assert causes(list(Robot().amcl.on_initial_pose(message))) == ["initial pose refused"]
+
+
+def test_a_pose_given_while_inactive_is_remembered() -> None:
+    robot = Robot(active=False)
+    message = pose_stamped(PLACE, COVARIANCE, 0, "map")
+    assert list(robot.amcl.on_initial_pose(message)) == []
+    (given,) = robot.amcl.activate()
+    assert isinstance(given, GivePose)
+    robot.amcl.deactivate()
+    assert list(robot.amcl.activate()) == []
+
+
+def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
+    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0, initial_heading_rad=0.5)
+    (given,) = Amcl(settings).activate()
+    assert isinstance(given, GivePose)
+    assert given.map_from_robot == (1.0, 0.0, 0.5)
+    assert given.covariance[0] == 0.25
+
+
+def test_a_reset_keeps_the_pose_unless_a_new_one_is_to_be_found() -> None:
+    for reset, outputs in ((False, []), (True, [SearchEverywhere()])):
+        amcl = Amcl(Ros2Settings(always_reset_initial_pose=reset))
+        assert list(amcl.activate()) == []
+        amcl.deactivate()
+        amcl.clean_up()
+        assert list(amcl.activate()) == outputs
+
+
+def test_while_inactive_scans_are_not_used_and_nothing_is_told() -> None:
+    robot = Robot()
+    robot.drive(SECOND, (0.0, 0.0, 0.0))
+    robot.amcl.deactivate()
+    assert robot.drive(2 * SECOND, (1.0, 0.0, 0.0)) == []
+    assert robot.believe(SECOND) == []
+    assert list(robot.amcl.activate()) == []
+    assert map_from_odom(robot.drive(3 * SECOND, (1.0, 0.0, 0.0))) != []
+
+
+# --- the map
+
+
+def test_a_map_is_given_once_and_again_when_it_changes() -> None:
+    amcl = Amcl(Ros2Settings())
+    (given,) = amcl.on_map(grid())
+    assert isinstance(given, GiveMap)
+    np.testing.assert_array_equal(given.grid_map.cells, [[0, 1, -1], [-1, 0, 0]])
+    assert given.grid_map.cell_m == 0.05
+    assert list(amcl.on_map(grid())) == []
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1
+    amcl.clean_up()
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1
+
+
+def test_only_the_first_map_counts_if_so_set() -> None:
+    amcl = Amcl(Ros2Settings(first_map_only=True))
+    assert len(list(amcl.on_map(grid()))) == 1
+    assert list(amcl.on_map(grid(x=1.0))) == []
+
+
+def test_a_map_that_is_none_is_refused_and_the_next_one_used() -> None:
+    amcl = Amcl(Ros2Settings())
+    for bad in (grid(0, 0), grid(4, 2), grid(x=nan), grid(cells=(100,) * 6)):
+        assert causes(list(amcl.on_map(bad))) == ["map refused"]
+    assert causes(list(amcl.on_map(grid(frame="world")))) == ["map of another frame"]
+    assert len(list(amcl.on_map(grid(x=1.0)))) == 1

@@ -1,0 +1,174 @@
+"""The tree of frames."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
+
+from particle_filter.poses import compose, inverse
+from protocol.message import PoseTuple
+from ros2_bridge.frames import (
+    CACHE_NS,
+    LATE_NS,
+    RESTART_AFTER,
+    FrameBuffer,
+    Kept,
+    TransformMissingError,
+)
+from ros2_bridge.rigid import HERE, Rigid, flat, rigid_of
+
+SECOND = 1_000_000_000
+OVERHEAD = Rigid(0.2, 0.1, 0.3, 1.0, 0.0, 0.0, 0.0)
+
+numbers = st.floats(-20.0, 20.0)
+poses = st.tuples(numbers, numbers, st.floats(-3.1, 3.1))
+turns = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: math.hypot(*q) > 0.1)
+
+
+def rigids() -> st.SearchStrategy[Rigid]:
+    def made(shift: PoseTuple, turn: tuple[float, ...]) -> Rigid:
+        return Rigid(*shift, *(part / math.hypot(*turn) for part in turn))
+
+    return st.builds(made, st.tuples(numbers, numbers, numbers), turns)
+
+
+def driving() -> FrameBuffer:
+    """odom -> base moves one metre a second from time 10 s to 12 s; base -> laser is fixed."""
+    frames = FrameBuffer()
+    for tick in range(11):
+        at = flat((0.2 * tick, 0.0, 0.0))
+        frames.add(10 * SECOND + tick * SECOND // 5, "odom", "base", at, fixed=False)
+    frames.add(0, "base", "laser", OVERHEAD, fixed=True)
+    return frames
+
+
+def missing(frames: FrameBuffer, outer: str, inner: str, stamp_ns: int) -> TransformMissingError:
+    with pytest.raises(TransformMissingError) as raised:
+        frames.lookup(outer, inner, stamp_ns)
+    return raised.value
+
+
+def test_a_link_that_moves_is_interpolated() -> None:
+    assert driving().lookup("odom", "base", 10_500_000_000).planar() == pytest.approx((0.5, 0, 0))
+
+
+def test_ways_lead_up_down_and_across() -> None:
+    frames = driving()
+    frames.add(0, "base", "camera", flat((-0.2, 0.0, 0.0)), fixed=True)
+    at_ns = 11 * SECOND
+    assert frames.lookup("odom", "laser", at_ns)[:3] == pytest.approx((1.2, 0.1, 0.3))
+    assert frames.lookup("camera", "laser", at_ns)[:3] == pytest.approx((0.4, 0.1, 0.3))
+    assert frames.lookup("base", "odom", at_ns).planar() == pytest.approx((-1.0, 0.0, 0.0))
+    assert frames.lookup("laser", "laser", 0) == HERE
+    assert frames.lookup("base", "laser", 0).up() == pytest.approx(-1.0)
+
+
+def test_what_has_not_been_told_yet_may_come() -> None:
+    late = missing(driving(), "odom", "laser", 12_350_000_000)
+    assert late.may_come
+    assert str(late) == "tf from 'odom' to 'base' ends 0.350 s before that time"
+
+
+def test_what_was_before_the_first_transform_never_comes() -> None:
+    assert not missing(driving(), "odom", "base", 9 * SECOND).may_come
+
+
+def test_frames_that_nothing_connects_are_named() -> None:
+    unknown = missing(driving(), "base", "laser2", 11 * SECOND)
+    assert unknown.may_come
+    known = "tf has odom -> base, base -> laser"
+    assert str(unknown) == f"no transform from 'base' to 'laser2'; {known}"
+
+
+def test_a_loop_is_named() -> None:
+    frames = FrameBuffer()
+    for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
+        frames.add(0, parent, child, HERE, fixed=True)
+    assert str(missing(frames, "odom", "b", 0)) == "tf loops: b -> c -> a -> b"
+    frames.add(0, "odom", "a", HERE, fixed=True)  # and mended
+    assert frames.lookup("odom", "c", 0) == HERE
+
+
+def test_the_newest_time_is_that_of_the_slowest_link() -> None:
+    frames = driving()
+    assert frames.newest_ns("odom", "laser") == 12 * SECOND
+    frames.add(11 * SECOND, "laser", "tip", HERE, fixed=False)
+    assert frames.newest_ns("odom", "tip") == 11 * SECOND
+    assert frames.newest_ns("base", "laser") is None
+    assert frames.newest_ns("odom", "nowhere") is None
+
+
+def test_no_more_is_remembered_than_the_cache_holds() -> None:
+    frames = driving()
+    frames.add(12 * SECOND + CACHE_NS, "odom", "base", HERE, fixed=False)
+    assert not missing(frames, "odom", "base", 11 * SECOND).may_come
+    assert frames.lookup("odom", "base", 12 * SECOND).x == pytest.approx(2.0)
+
+
+def test_a_late_transform_is_left_out_and_many_mean_that_the_clock_was_set_back() -> None:
+    frames = driving()
+    early = 12 * SECOND - LATE_NS - 100
+    kept = [
+        frames.add(early + tick, "odom", "base", HERE, fixed=False) for tick in range(RESTART_AFTER)
+    ]
+    assert kept == [Kept.NO] * (RESTART_AFTER - 1) + [Kept.CLOCK_SET_BACK]
+    assert frames.newest_ns("odom", "base") == early + RESTART_AFTER - 1
+    assert frames.lookup("base", "laser", 0) == OVERHEAD  # what is fixed stays
+
+
+def test_across_a_jump_nothing_is_interpolated() -> None:
+    frames = driving()
+    frames.add(12 * SECOND + 1, "odom", "base", flat((50.0, 0.0, 0.0)), fixed=False)
+    frames.keep_newest()
+    assert not missing(frames, "odom", "base", 12 * SECOND).may_come
+    assert frames.lookup("odom", "base", 12 * SECOND + 1).x == 50.0
+
+
+def test_a_child_may_get_another_parent() -> None:
+    frames = driving()
+    frames.add(0, "mast", "laser", HERE, fixed=True)
+    frames.add(0, "base", "mast", flat((1.0, 0.0, 0.0)), fixed=True)
+    assert frames.lookup("base", "laser", 0).x == 1.0
+
+
+@given(outer=rigids(), inner=rigids())
+def test_transforms_chain_and_turn_back_as_rotations_do(outer: Rigid, inner: Rigid) -> None:
+    expected = Rotation.from_quat(outer[3:]) * Rotation.from_quat(inner[3:])
+    chained = outer.of(inner)
+    assert (expected.inv() * Rotation.from_quat(chained[3:])).magnitude() < 1e-9
+    np.testing.assert_allclose(
+        chained[:3], outer[:3] + Rotation.from_quat(outer[3:]).apply(inner[:3]), atol=1e-9
+    )
+    np.testing.assert_allclose(outer.inverse().of(chained)[:3], inner[:3], atol=1e-9)
+
+
+@given(start=rigids(), end=rigids(), share=st.floats(0.0, 1.0))
+def test_turns_in_between_are_those_of_slerp(start: Rigid, end: Rigid, share: float) -> None:
+    ends = Rotation.from_quat([start[3:], end[3:]])
+    if (ends[0].inv() * ends[1]).magnitude() > 3.1:  # which way round is a matter of rounding
+        return
+    between = Rotation.from_quat(start.towards(end, share)[3:])
+    assert (Slerp([0.0, 1.0], ends)(share).inv() * between).magnitude() < 1e-6
+
+
+@given(outer=poses, inner=poses)
+def test_poses_in_the_plane_chain_as_in_the_filter(outer: PoseTuple, inner: PoseTuple) -> None:
+    expected = compose(np.array(outer), np.array(inner))
+    np.testing.assert_allclose(flat(outer).of(flat(inner)).planar(), expected, atol=1e-9)
+    back = inverse(np.array(outer))
+    np.testing.assert_allclose(flat(outer).inverse().planar(), back, atol=1e-9)
+
+
+def test_numbers_that_are_no_transform_are_refused() -> None:
+    good, bad = Rigid(0, 0, 0, 0, 0, 0, 1), Rigid(0, 0, 0, 0, 0, 0, 0)
+    for shift, turn in (((math.nan, 0, 0), good), ((0, 0, 0), bad)):
+        with pytest.raises(ValueError, match="no transform"):
+            rigid_of(_Fields(*shift), _Fields(*turn[3:]))
+
+
+class _Fields:
+    def __init__(self, x: float, y: float, z: float, w: float = 1.0) -> None:
+        self.x, self.y, self.z, self.w = x, y, z, w

@@ -1,0 +1,228 @@
+"""nav2's parameters: what becomes of them, and what their services answer."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from process_runtime.ros2_settings import Ros2Settings
+from process_runtime.settings import Settings
+from process_runtime.settings_file import load_settings
+from process_runtime.settings_table import TABLE
+from protocol.errors import InputFileError, SettingsError
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new, request_of
+from ros2_bridge.nav2_params import read_nav2_params
+from ros2_bridge.parameter_table import LIVE, PARAMETERS
+from ros2_bridge.parameters import Parameters
+
+PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
+BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
+
+
+def test_every_parameter_is_a_setting_or_says_why_not() -> None:
+    for parameter in PARAMETERS.values():
+        assert bool(parameter.setting) != bool(parameter.reason), parameter.name
+        assert not parameter.setting or parameter.setting in TABLE, parameter.name
+    assert set(TABLE) >= LIVE
+    assert len(PARAMETERS) >= 46
+
+
+def test_every_value_comes_back_from_its_setting() -> None:
+    settings = Settings()
+    for parameter in PARAMETERS.values():
+        value = parameter.value(settings)
+        assert type(value) is type(parameter.default), parameter.name
+        if parameter.setting:
+            section, _, key = parameter.setting.rpartition(".")
+            ours = getattr(getattr(settings, section) if section else settings, key)
+            assert parameter.to_setting(value) == pytest.approx(ours), parameter.name
+
+
+def test_the_page_tells_what_each_parameter_becomes() -> None:
+    rows = dict(re.findall(r"^\| `([\w.]+)` \| (.*) \|$", PAGE.read_text(), re.MULTILINE))
+    for parameter in PARAMETERS.values():
+        expected = f"`{parameter.setting}`" if parameter.setting else parameter.reason
+        assert expected in rows[parameter.name], parameter.name
+
+
+# --- a file of nav2
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "nav2_params.yaml"
+    path.write_text(text)
+    return path
+
+
+STOCK = """
+amcl:
+  ros__parameters:
+    alpha1: 0.25
+    base_frame_id: "base_link"
+    laser_max_range: -1.0
+    laser_model_type: "likelihood_field_prob"
+    max_beams: 90
+    pf_err: 0.05
+    robot_model_type: "nav2_amcl::OmniMotionModel"
+    save_pose_rate: 0.5
+    transform_tolerance: 2
+    update_min_d: 0.3
+    initial_pose: {x: 1.0, y: -2, z: 0.0, yaw: 0.5}
+    invented: 3
+bt_navigator:
+  ros__parameters:
+    global_frame: other
+"""
+
+
+def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
+    read = read_nav2_params(write(tmp_path, STOCK))
+    settings = load_settings(None, ["ros2.initial_x_m=7"], beneath=read.values)
+    assert settings.motion.turn_noise_per_turn == 0.5
+    assert settings.motion.model == "omnidirectional"
+    assert settings.sensor.max_beams == 90
+    assert settings.sensor.model == "likelihood_field"
+    assert settings.sensor.max_range_m == Settings().sensor.max_range_m
+    assert settings.bridge.gate_distance_m == 0.3
+    assert settings.coordinator.save_pose_every_s == 2.0
+    assert settings.ros2 == Ros2Settings(
+        enabled=True,
+        base_frame="base_link",
+        transform_tolerance_s=2.0,
+        initial_x_m=7.0,
+        initial_y_m=-2.0,
+        initial_heading_rad=0.5,
+    )
+    assert read.without_effect == {
+        "laser_max_range": "-1.0 leaves sensor.max_range_m as it is",
+        "pf_err": PARAMETERS["pf_err"].reason,
+        "initial_pose.z": PARAMETERS["initial_pose.z"].reason,
+        "invented": "AMCL has no such parameter",
+    }
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "robot1:\n  amcl:\n    ros__parameters: {max_beams: 90}\n",
+        "/robot1/amcl:\n  ros__parameters: {max_beams: 90}\n",
+        "amcl:\n  ros__parameters: {max_beams: 90}\n/**:\n  ros__parameters: {max_beams: 10}\n",
+    ],
+)
+def test_the_node_is_found_in_its_namespace_and_its_own_values_count(
+    tmp_path: Path, text: str
+) -> None:
+    assert read_nav2_params(write(tmp_path, text)).values["sensor.max_beams"] == 90
+
+
+def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
+    text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
+    assert read_nav2_params(write(tmp_path, text)).values["ros2.use_sim_time"] is True
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("a: [", "not YAML"),
+        ("- 1", "it is not a mapping"),
+        ("planner:\n  ros__parameters: {x: 1}\n", "it has those of: planner"),
+        ("amcl:\n  ros__parameters: {max_beams: many}\n", "max_beams = 'many': nav2 takes a int"),
+        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 takes a bool"),
+    ],
+)
+def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    with pytest.raises(InputFileError, match=problem):
+        read_nav2_params(write(tmp_path, text))
+
+
+def test_a_value_out_of_its_range_is_refused_with_the_file(tmp_path: Path) -> None:
+    path = write(tmp_path, "amcl:\n  ros__parameters: {max_beams: 0}\n")
+    values = read_nav2_params(path).values
+    with pytest.raises(SettingsError, match=r"nav2_params.yaml: sensor.max_beams = 0"):
+        load_settings(None, [], beneath=values, beneath_from=str(path))
+
+
+# --- services
+
+
+def get(parameters: Parameters, *names: str) -> list[Any]:
+    request = new(request_of(types.GET_PARAMETERS), names=list(names))
+    values: list[Any] = parameters.get(request).values
+    return values
+
+
+def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
+    told = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
+    one = new("rcl_interfaces/msg/Parameter", name=name, value=told)
+    request = new(request_of(types.SET_PARAMETERS), parameters=[one])
+    return parameters.set(request).results[0]
+
+
+def test_values_are_told_with_their_types() -> None:
+    names = ("tf_broadcast", "max_beams", "alpha1", "odom_frame_id", "what")
+    values = get(Parameters(Settings()), *names)
+    assert [one.type for one in values] == [BOOL, INTEGER, DOUBLE, STRING, 0]
+    assert (values[0].bool_value, values[1].integer_value) == (True, 60)
+    assert (values[2].double_value, values[3].string_value) == (pytest.approx(0.04), "odom")
+    request = new(request_of(types.GET_PARAMETER_TYPES), names=list(names))
+    assert list(Parameters(Settings()).kinds(request).types) == [BOOL, INTEGER, DOUBLE, STRING, 0]
+
+
+def test_what_is_the_bridges_own_can_be_set() -> None:
+    parameters = Parameters(Settings())
+    assert set_one(parameters, "publish", STRING, string_value="best").successful
+    assert set_one(parameters, "initial_pose.x", DOUBLE, double_value=3.0).successful
+    assert parameters.settings.ros2 == Ros2Settings(publish="best", initial_x_m=3.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "value", "reason"),
+    [
+        ("what", DOUBLE, {"double_value": 1.0}, "there is no parameter what"),
+        ("publish", STRING, {"string_value": "all"}, "expected"),
+        ("publish", BOOL, {"bool_value": True}, "publish is a str"),
+        ("transform_tolerance", DOUBLE, {"double_value": -1.0}, "ros2.transform_tolerance_s"),
+        ("max_beams", INTEGER, {"integer_value": 9}, "sensor.max_beams is read at the start"),
+        ("pf_err", DOUBLE, {"double_value": 9.0}, PARAMETERS["pf_err"].reason),
+    ],
+)
+def test_what_cannot_be_set_says_why(
+    name: str, number: int, value: dict[str, Any], reason: str
+) -> None:
+    parameters = Parameters(Settings())
+    result = set_one(parameters, name, number, **value)
+    assert not result.successful
+    assert reason in result.reason
+    assert parameters.settings == Settings()
+
+
+def test_the_value_it_has_already_can_always_be_set() -> None:
+    parameters = Parameters(Settings())
+    assert set_one(parameters, "max_beams", INTEGER, integer_value=60).successful
+
+
+@pytest.mark.parametrize(
+    ("prefixes", "depth", "found"),
+    [
+        ([], 0, len(PARAMETERS)),
+        (["initial_pose"], 0, 4),
+        (["initial_pose"], 1, 4),
+        (["initial"], 0, 0),
+        ([], 1, len(PARAMETERS) - 4),
+    ],
+)
+def test_names_are_listed_by_prefix_and_depth(prefixes: list[str], depth: int, found: int) -> None:
+    request = new(request_of(types.LIST_PARAMETERS), prefixes=prefixes, depth=depth)
+    assert len(Parameters(Settings()).names(request).result.names) == found
+
+
+def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> None:
+    names = ["transform_tolerance", "max_beams", "pf_err", "what"]
+    request = new(request_of(types.DESCRIBE_PARAMETERS), names=names)
+    told = Parameters(Settings()).describe(request).descriptors
+    assert [one.read_only for one in told] == [False, True, True, False]
+    assert told[0].description == "ros2.transform_tolerance_s"
+    assert told[2].description.startswith("without effect: particles are for each cluster")
+    assert told[3].type == 0

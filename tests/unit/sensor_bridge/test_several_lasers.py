@@ -1,0 +1,177 @@
+"""Robots with several lasers, and lasers mounted on their heads."""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from particle_filter.scan_points import points_in_robot
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
+from protocol.reading_checks import MAX_LASERS
+from protocol.steps import LaserBeams, LaserReading, Scan
+from sensor_bridge.laser_inputs import beams_of
+from sensor_bridge.reading import Reading
+from sensor_bridge.step_maker import RESTART_AFTER, StepMaker, steps_from
+from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
+
+FRONT: PoseTuple = (0.3, 0.0, 0.0)
+REAR: PoseTuple = (-0.3, 0.1, math.pi)
+
+
+def laser(name: str, at_s: float, mount: PoseTuple, ranges: Sequence[float] = (1, 2, 3)) -> Reading:
+    reading = laser_reading(at_s, None, ranges)
+    return msgspec.structs.replace(reading, laser=name, robot_from_laser=mount)
+
+
+def drive(seconds: float = 4.0) -> list[Reading]:
+    """A metre a second; odometry at 20 Hz, the front laser at 10 and the rear one at 5 Hz."""
+    readings: list[Reading] = []
+    for tick in range(int(20 * seconds)):
+        at_s = tick / 20
+        readings.append(odometry_reading(at_s, (at_s, 0.0, 0.0)))
+        if tick % 2 == 0:
+            readings.append(laser("front", at_s + 0.01, FRONT, (1, 2, 1 + at_s)))
+        if tick % 4 == 1:
+            readings.append(laser("rear", at_s + 0.02, REAR, (4, 5, 1 + at_s)))
+    return readings
+
+
+def made_of(*readings: Reading, maker: StepMaker | None = None) -> list[Scan]:
+    return list(steps_from(readings, maker or StepMaker(BridgeSettings(), "digest", "bridge")))
+
+
+def test_a_step_has_what_the_other_laser_saw_a_moment_before() -> None:
+    steps = made_of(*drive())
+    driven_m = np.diff([step.odom_from_robot[0] for step in steps])
+    assert np.all(driven_m >= 0.2), "together they make no more steps than one does"
+    for step in steps[1:]:
+        (other,) = step.others
+        assert {step.ranges.array()[0], other.ranges.array()[0]} == {1.0, 4.0}
+        is_front = other.ranges.array()[0] == 1.0
+        mount, delay_s = (FRONT, 0.01) if is_front else (REAR, 0.02)
+        assert {step.robot_from_laser, mount} == {FRONT, REAR}
+        # The robot has driven on since, a metre a second, and left the laser's place behind.
+        since_m = step.odom_from_robot[0] - (other.ranges.array()[2] - 1 + delay_s)
+        assert 0.0 < since_m < 0.2
+        at = np.subtract(other.robot_from_laser, (mount[0] - since_m, *mount[1:]))
+        np.testing.assert_allclose(np.abs(at) % math.tau, 0.0, atol=1e-6)
+
+
+def is_rear(reading: Reading) -> bool:
+    return isinstance(reading, LaserReading) and reading.laser == "rear"
+
+
+def test_no_scan_is_used_twice() -> None:
+    steps = made_of(*drive())
+    used = [other.ranges.data for step in steps for other in step.others]
+    used += [step.ranges.data for step in steps]
+    assert len(set(used)) == len(used)
+
+
+def test_a_scan_of_long_ago_joins_no_step() -> None:
+    readings = [one for one in drive() if not is_rear(one) or one.stamp_ns < 1_000_000_000]
+    late = [step for step in made_of(*readings) if step.odom_from_robot[0] > 1.5]
+    assert late
+    assert all(step.others == () for step in late)
+
+
+def test_when_the_first_laser_falls_silent_the_other_makes_the_steps() -> None:
+    silent = [one for one in drive() if one.stamp_ns < 10**9 or is_rear(one) or not is_laser(one)]
+    steps = made_of(*silent)
+    assert [step.robot_from_laser for step in steps[-3:]] == [REAR] * 3
+
+
+def is_laser(reading: Reading) -> bool:
+    return isinstance(reading, LaserReading)
+
+
+def test_a_laser_alone_makes_the_same_steps_whatever_it_is_called() -> None:
+    unnamed = [one for one in drive() if not is_rear(one)]
+    for one, other in zip(made_of(*unnamed), made_of(*map(nameless, unnamed)), strict=True):
+        assert one == other
+
+
+def nameless(reading: Reading) -> Reading:
+    return msgspec.structs.replace(reading, laser="") if is_laser(reading) else reading
+
+
+@given(
+    ahead_s=st.sampled_from([-1e6, -30.0, -1.5, 1.5, 30.0, 1e6]),
+    odometry=st.sampled_from([None, (500.0, 0.0, 0.0)]),
+)
+def test_a_second_laser_with_a_wrong_clock_disturbs_nobody(
+    ahead_s: float, odometry: PoseTuple | None
+) -> None:
+    def wrong(reading: Reading) -> Reading:
+        if not is_rear(reading):
+            return reading
+        late_ns = int(ahead_s * 1e9)
+        return msgspec.structs.replace(
+            reading, stamp_ns=reading.stamp_ns + late_ns, odom_from_robot=odometry
+        )
+
+    quiet, maker = [one for one in drive() if not is_rear(one)], a_maker()
+    assert made_of(*map(wrong, drive()), maker=maker) == made_of(*quiet)
+    assert maker.dropped == {"strayed_in_time_or_place": sum(map(is_rear, drive()))}
+
+
+def a_maker() -> StepMaker:
+    return StepMaker(BridgeSettings(), "digest", "bridge")
+
+
+def test_lasers_that_bring_their_odometry_need_none_besides_when_the_first_falls_silent() -> None:
+    def scan(name: str, at_s: float) -> Reading:
+        reading = laser(name, at_s, FRONT)
+        return msgspec.structs.replace(reading, odom_from_robot=(at_s, 0.0, 0.0))
+
+    before = [scan(name, tick / 10) for tick in range(10) for name in ("a", "b")]
+    after = [scan("b", 1 + tick / 10) for tick in range(3 * RESTART_AFTER)]
+    steps = made_of(*before, *after)
+    assert steps[-1].odom_from_robot[0] == pytest.approx(1 + (3 * RESTART_AFTER - 1) / 10, abs=0.2)
+
+
+def test_too_many_lasers_are_counted() -> None:
+    maker = a_maker()
+    readings = [laser(f"laser {n}", n / 100, FRONT) for n in range(MAX_LASERS + 2)]
+    made_of(odometry_reading(0.0), *readings, odometry_reading(0.5), maker=maker)
+    assert maker.dropped["too_many_lasers"] == 2
+
+
+# --- what a laser says of itself ----------------------------------------------------------------
+
+
+def test_what_is_nearer_than_the_least_range_is_no_return() -> None:
+    reading = laser_reading(0.0, (0.0, 0.0, 0.0), [0.05, 0.1, 2.0, math.inf, math.nan])
+    reading = msgspec.structs.replace(reading, range_min_m=0.1)
+    assert made_of(reading)[0].ranges.array().tolist()[:4] == [0.0, pytest.approx(0.1), 2, math.inf]
+    near = msgspec.structs.replace(reading, range_min_m=3.0)
+    maker = a_maker()
+    assert made_of(near, maker=maker) == []
+    assert maker.dropped == {"no_returns": 1}
+
+
+def points(beams: LaserBeams) -> np.ndarray:
+    ranges = beams.ranges.array()
+    angles = beams.angle_min_rad + beams.angle_step_rad * np.arange(len(ranges))
+    return points_in_robot(ranges, angles, np.array(beams.robot_from_laser))
+
+
+def test_a_laser_on_its_head_sees_mirrored() -> None:
+    reading = LaserReading(
+        sender="robot", stamp_ns=0, ranges=ArrayBlob.of(np.array([1.0, 2.0, 3.0]), "float32"),
+        angle_min_rad=0.2, angle_step_rad=0.5, range_max_m=10.0, robot_from_laser=(0.5, 0.0, 0.1),
+    )  # fmt: skip
+    upright = points(beams_of(reading)) - (0.5, 0.0)
+    head = beams_of(msgspec.structs.replace(reading, upside_down=True))
+    assert head.angle_step_rad > 0
+    c, s = math.cos(0.1), math.sin(0.1)
+    along, across = np.array([c, s]), np.array([-s, c])  # of the laser
+    mirrored = (points(head) - (0.5, 0.0))[::-1]
+    np.testing.assert_allclose(mirrored @ along, upright @ along, atol=1e-6)
+    np.testing.assert_allclose(mirrored @ across, -(upright @ across), atol=1e-6)
