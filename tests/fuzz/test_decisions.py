@@ -24,11 +24,18 @@ from protocol.codec import decode, encode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Scan
 from protocol.validity import problem_of
-from protocol.work import Assignment, Report, SearchJob, SearchReport, TrackReport
+from protocol.work import (
+    Assignment,
+    ElsewhereReport,
+    Report,
+    SearchJob,
+    SearchReport,
+    TrackReport,
+)
 from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
-from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
+from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
 from tests.unit.coordinator.test_coordinator import SECOND, Story
 from tests.unit.worker.test_job_table import SETTINGS, cloud, order, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
@@ -114,9 +121,19 @@ def test_whatever_scans_come_a_worker_reports_what_is_valid(
 
 # --- the coordinator ------------------------------------------------------------------------------
 
-JOBS = st.sampled_from(["c0", "c1", "c2", "s0.0", "s1.0", "c9", ""])
+JOBS = st.sampled_from(["c0", "c1", "c2", "s0.0", "s1.0", "e0", "c9", ""])
 STEPS = st.integers(0, 12) | st.integers(0, 2**53 - 1)
 LOGS = st.floats(-50.0, 50.0) | st.floats(allow_nan=False, allow_infinity=False)
+
+
+BELIEF = {
+    "kidnapping_probability": 0.01,
+    "transition_probability": 1e-4,
+    "evidence_misfit": 0.25,
+    "evidence_noise": 0.3,
+    "view_distance_m": 0.8,
+    "least_probability": 1e-4,
+}
 
 
 @st.composite
@@ -129,10 +146,13 @@ def reports(draw: st.DrawFn) -> Report:
         return searched(
             job, step, shares, log_evidence=draw(LOGS), left_out_gap=draw(st.floats(0.0, 20.0))
         )
+    if job == "e0":
+        return elsewhere(step, draw(LOGS))
     report = tracked(job, step, 1.0, pose, snapshot=draw(st.none() | st.just(cloud_at(pose, step))))
     return msgspec.structs.replace(
         report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),
         effective_sample_size=draw(st.floats(0.0, 1e9)), particles=draw(st.integers(1, 10**6)),
+        moved_m=draw(st.floats(0.0)), turned_rad=draw(st.floats(0.0)),
     )  # fmt: skip
 
 
@@ -150,7 +170,7 @@ EVENTS = st.one_of(
 def test_whatever_happens_the_coordinators_belief_is_one(
     events: list[tuple[float, tuple[str, Any]]], begun: bool
 ) -> None:
-    story = Story("a", "b")
+    story = Story("a", "b", **BELIEF)
     if begun:
         story.bootstrapped()
     now_ns = SECOND
@@ -162,7 +182,7 @@ def test_whatever_happens_the_coordinators_belief_is_one(
         encode(story.coordinator.status(now_ns, {}))
     for belief in story.beliefs:
         probabilities = [place.probability for place in belief.hypotheses]
-        assert not probabilities or sum(probabilities) == pytest.approx(1.0)
+        assert sum(probabilities) + belief.elsewhere_probability == pytest.approx(1.0)
 
 
 def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
@@ -171,7 +191,7 @@ def happen(story: Story, what: str, told: Any, now_ns: int) -> None:
         case "scan":
             story.follow(coordinator.handle(ScanArrived(told), now_ns))
         case "report":
-            assert isinstance(told, TrackReport | SearchReport)
+            assert isinstance(told, TrackReport | SearchReport | ElsewhereReport)
             epoch = story.epochs.get(told.job_id, 0)
             worker = story.places.get(told.job_id, "a")
             told = msgspec.structs.replace(told, epoch=epoch)

@@ -52,10 +52,11 @@ class Story:
         *workers: str,
         rules: CoordinatorSettings = CoordinatorSettings(),  # noqa: B008 - frozen
         last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+        **belief: object,
     ) -> None:
         settings = FilterSettings(
             search=SearchSettings(shards=1),
-            belief=literal_bayes(max_clusters=3),
+            belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
         self.coordinator = Coordinator(
             "coordinator", settings, rules, "test", 0, last_poses=last_poses
