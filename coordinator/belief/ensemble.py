@@ -275,7 +275,8 @@ class Ensemble:
             odom_from_robot = first[0].sample.odom_from_robot
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
         self._prior_pose, self._founding = None, True
-        self.clusters.explain(min(math.fsum(place.share for place, _ in entering), 1.0))
+        explained = min(math.fsum(place.share for place, _ in entering), 1.0)
+        self.clusters.explain(self._evidence.newly_explained(explained))
         self._admit(entering, step)
 
     def _admit_newcomers(self, pool: Pool, step: int) -> None:
@@ -292,7 +293,7 @@ class Ensemble:
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
         found = admission(pool, tuple(held), self.clusters.room(step), log_weight, self.settings)
-        self.clusters.explain(found.explained)
+        self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         self._admit(entering, step, protected_until=step + rules.grace_steps)
 
@@ -340,7 +341,7 @@ class Ensemble:
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
-        if not len(self.clusters):
+        if not len(self.clusters) or (self._founding and self._lost):
             return "searching"
         if self._lost:
             return "lost"

@@ -13,6 +13,7 @@ class SearchEvidenceState(msgspec.Struct, frozen=True):
 
     log_elsewhere: float
     gathered: tuple[tuple[int, float], ...]
+    explained: float
 
 
 class SearchEvidence:
@@ -27,6 +28,7 @@ class SearchEvidence:
         self._gathered: dict[int, float] = {}
         """Log-likelihood of all scans since the search began, up to each of the last steps."""
         self._total = 0.0
+        self._explained = 0.0
 
     def gather(self, step: int, log_likelihood: float) -> None:
         """A step's scan was that likely before it was known where the robot is."""
@@ -45,14 +47,21 @@ class SearchEvidence:
         gathered = self._gathered.get(step)
         return -math.inf if gathered is None else self._log_elsewhere + log_evidence - gathered
 
+    def newly_explained(self, share: float) -> float:
+        """Of what is elsewhere still, how much is explained now that `share` of the search is."""
+        before, self._explained = self._explained, max(share, self._explained)
+        return 1.0 - (1.0 - self._explained) / (1.0 - before) if before < 1.0 else 0.0
+
     def state(self) -> SearchEvidenceState:
         """To be handed on."""
-        return SearchEvidenceState(self._log_elsewhere, tuple(self._gathered.items()))
+        return SearchEvidenceState(
+            self._log_elsewhere, tuple(self._gathered.items()), self._explained
+        )
 
     @classmethod
     def restored(cls, state: SearchEvidenceState) -> "SearchEvidence":
         """As another had it."""
         made = cls(state.log_elsewhere)
-        made._gathered = dict(state.gathered)
+        made._gathered, made._explained = dict(state.gathered), state.explained
         made._total = state.gathered[-1][1] if state.gathered else 0.0
         return made

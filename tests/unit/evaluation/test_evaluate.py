@@ -181,7 +181,9 @@ def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -
 
 
 def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(SettingsError, match="--algorithm slam: there is cluster-mcl or paper-letter or mcl or mcl"):
+    with pytest.raises(
+        SettingsError, match="slam: there is cluster-mcl or paper-letter or mcl or mcl"
+    ):
         algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="slam"))
 
 
