@@ -163,6 +163,7 @@ class CoordinatorState:
         outcome = self.ensemble.advance(ready.scan.step, ready.reports, _moved(ready))
         patient = self.overload.is_overloaded
         self.placement.step_decided(expected, outcome.missing, now_ns, patient=patient)
+        self.placement.jobs.step_applied(ready.scan.step)
         self.steps_applied += 1
         self.reports_missing += len(outcome.missing)
         if not outcome.missing or set(weighing) - set(outcome.missing):

@@ -13,11 +13,10 @@ import zenoh
 
 from particle_filter.arrays import OCCUPIED
 from protocol import keys
-from protocol.answers import Relocalize
+from protocol.answers import Relocalize, SetPose, Update
 from protocol.arrays import ArrayBlob
 from protocol.message import Message
-from protocol.steps import LaserReading, OdometryReading
-from ros2_bridge.core_messages import GivenPose, MapReading, Update
+from protocol.steps import LaserReading, MapReading, OdometryReading
 from ros2_bridge.outputs import GiveMap, GivePose, LookOnce, Reading, SearchEverywhere
 from zenoh_link.wire import Asked, EventSink, Publisher, Received, ask_later, serve, subscribe
 
@@ -111,7 +110,7 @@ class CoreLink:
         name, command_id = self._name, uuid.uuid4().hex
         match command:
             case GivePose(map_from_robot=pose, covariance=covariance, stamp_ns=stamp_ns):
-                return keys.SET_POSE, GivenPose(
+                return keys.SET_POSE, SetPose(
                     sender=name,
                     command_id=command_id,
                     map_from_robot=pose,

@@ -16,7 +16,6 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
-from ros2_bridge.core_messages import NamedLaserReading
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
 from ros2_bridge.outputs import Refused
 from ros2_bridge.rigid import Rigid
@@ -143,7 +142,7 @@ def laser_reading(
     start, step, ranges = counter_clockwise(
         float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
     )
-    return NamedLaserReading(
+    return LaserReading(
         sender=settings.node_name,
         stamp_ns=stamp_of(scan.header),
         ranges=ArrayBlob.of(ranges, "float32"),

@@ -116,11 +116,15 @@ class Jobs:
         job = self._jobs[report.job_id]
         job.reported = True
         job.in_step |= in_time
-        match job.job:
-            case TrackJob(cluster=cluster) if isinstance(report, TrackReport) and report.snapshot:
-                job.job = TrackJob(cluster=cluster, start=report.snapshot, exact=True)
-            case ElsewhereJob(first_step=first):
-                job.job = ElsewhereJob(first_step=max(first, report.step + 1))
+        snapshot = report.snapshot if isinstance(report, TrackReport) else None
+        if snapshot is not None and isinstance(job.job, TrackJob):
+            job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
+
+    def step_applied(self, step: int) -> None:
+        """Nobody has to look elsewhere at this step any more."""
+        for job in self._jobs.values():
+            if isinstance(job.job, ElsewhereJob) and job.job.first_step <= step:
+                job.job = ElsewhereJob(first_step=step + 1)
 
     # --- whose reports count, and how long they are waited for
 
@@ -201,6 +205,7 @@ class Jobs:
             if job is None or held.epoch < job.epoch:
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
-            job.job = held.job
+            if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied
+                job.job = held.job
             kept.append(held)
         return kept

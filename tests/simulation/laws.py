@@ -197,10 +197,10 @@ class Laws:
         """Everybody is told."""
         self.steps += 1
         probabilities = [hypothesis.probability for hypothesis in belief.hypotheses]
+        probabilities.append(belief.elsewhere_probability)
         demand(all(0.0 <= p <= 1.0 for p in probabilities), "probabilities are from 0 to 1")
-        if probabilities:
-            total = math.fsum(probabilities)
-            demand(abs(total - 1.0) <= SUM_TOLERANCE, f"probabilities sum to one, not to {total}")
+        total = math.fsum(probabilities)
+        demand(abs(total - 1.0) <= SUM_TOLERANCE, f"probabilities sum to one, not to {total}")
 
     def pose_told(self, life: Life, pose: PoseAnswer) -> None:
         """Somebody has asked where the robot is.

@@ -66,6 +66,10 @@ class Bridge(Node):
         )
 
 
+SLICE_S = 0.001
+"""A slice of a search takes so long."""
+
+
 class WorkerNode(Node):
     """A worker's core and what its loop does at its rim."""
 
@@ -77,10 +81,12 @@ class WorkerNode(Node):
         self.best_heard = (False, 0, 0)
         """The highest rank of a checkpoint that this process has had in its hands."""
         self._questions = dict[int, str]()
+        self._is_searching = False
 
     def start(self) -> None:
         """Begin without any job."""
         self.core = Worker(self.name, self.life)
+        self._is_searching = False
         self._unread.clear()
         self.best_heard = (False, 0, 0)
         self._simulation.network.declare(self, self.name)
@@ -127,6 +133,13 @@ class WorkerNode(Node):
     def _tell(self, event: events.Event) -> None:
         for instruction in self.core.handle(event):
             self._carry_out(instruction)
+        if self.core.searches and not self._is_searching:
+            self._is_searching = True
+            self.later(SLICE_S, self._search_on)
+
+    def _search_on(self) -> None:
+        self._is_searching = False
+        self._tell(events.TimeToSearch())
 
     def _carry_out(self, instruction: instructions.Instruction) -> None:
         simulation = self._simulation

@@ -21,17 +21,21 @@ SETTINGS = FilterSettings(
     sensor=SensorSettings(visibility_particles=0),
     cluster=ClusterSettings(particles=12),
     search=SearchSettings(
-        min_start_particles=60,
-        max_start_particles=60,
-        particles=24,
+        poses=60,
+        heading_step_rad=0.5,
         shards=2,
         source_radius_m=2.0,
         source_heading_rad=1.6,
-        annealing_steps=1,
         max_steps=3,
         hand_over_particles=10,
     ),
-    belief=BeliefSettings(clusters=3, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2),
+    belief=BeliefSettings(
+        max_clusters=3,
+        elsewhere_poses=20,
+        search_every_steps=6,
+        newcomer_min_share=0.01,
+        grace_steps=2,
+    ),
 )
 COORDINATOR = CoordinatorSettings(
     step_deadline_s=0.3, take_over_after_s=1.0, snapshot_every_steps=3

@@ -12,9 +12,8 @@ from protocol import keys
 from protocol.answers import CommandDone, State, Status
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading
+from protocol.steps import LaserReading, MapReading, OdometryReading
 from protocol.work import TrackReport
-from ros2_bridge.core_messages import MapReading
 from tests.unit.ros2_bridge.beliefs import belief
 
 
