@@ -5,11 +5,11 @@ from collections.abc import Iterable
 
 import msgspec
 
-from protocol.work import Report, TrackReport
+from protocol.work import Report, SearchReport, TrackReport
 
 KEPT_STEPS = 300
 """As many as the bridge keeps scans of: older steps cannot be applied any more."""
-KEPT_SEARCH_STEPS = 4
+KEPT_SEARCH_STEPS = 16
 """A search tells all anew each step, and its reports are large: half a megabyte with all places.
 Shards need one step in common, and are seldom further apart."""
 
@@ -24,8 +24,8 @@ class RecentReports:
         """Remember a report."""
         kept = self._of.get(report.job_id)
         if kept is None:
-            tracked = isinstance(report, TrackReport)
-            kept = deque(maxlen=KEPT_STEPS if tracked else KEPT_SEARCH_STEPS)
+            is_search = isinstance(report, SearchReport)
+            kept = deque(maxlen=KEPT_SEARCH_STEPS if is_search else KEPT_STEPS)
             self._of[report.job_id] = kept
         if kept and isinstance(last := kept[-1], TrackReport) and last.snapshot is not None:
             kept[-1] = msgspec.structs.replace(last, snapshot=None)
@@ -46,7 +46,7 @@ class RecentReports:
                 report
                 for kept in self._of.values()
                 for report in kept
-                if report.step > step or not isinstance(report, TrackReport)
+                if report.step > step or isinstance(report, SearchReport)
             ),
             key=lambda report: (report.step, report.job_id),
         )

@@ -49,12 +49,16 @@ def test_a_search_may_move_before_its_first_report_and_a_cluster_always() -> Non
     assert made.may_move("c0")
 
 
-def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_that_was_weighed() -> None:
+def test_who_weighs_scans_elsewhere_carries_on_after_the_newest_step_that_is_over() -> None:
     made = Jobs()
     made.begin({"e0": ElsewhereJob(first_step=3)})
     made.reported(elsewhere(7, -2.0), in_time=True)
-    made.reported(elsewhere(6, -2.0), in_time=False)
-    assert made.assignment("e0").job == ElsewhereJob(first_step=8)
+    assert made.assignment("e0").job == ElsewhereJob(first_step=3)
+    made.step_applied(6)
+    assert made.assignment("e0").job == ElsewhereJob(first_step=7)
+    ahead = Assignment(job_id="e0", epoch=9, job=ElsewhereJob(first_step=9))
+    made.held("w1", [ahead], 0)
+    assert made.assignment("e0").job == ElsewhereJob(first_step=7), "nobody has applied 7 and 8"
     assert made.may_move("e0")
 
 
