@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from coordinator.belief.search_pool import Pool
 from particle_filter.overlaps import is_near
-from particle_filter.settings import BeliefSettings, FilterSettings
+from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.work import Place
 
@@ -48,6 +48,8 @@ def admission(
     room: Sequence[float],
     log_weight: float,
     settings: FilterSettings,
+    *,
+    founding: bool = False,
 ) -> Admission:
     """The places of a search that no cluster holds and that are probable enough.
 
@@ -62,12 +64,15 @@ def admission(
             place.
         log_weight: log of the weight of all that the search has found, beside the belief.
         settings: how near is near.
+        founding: the clusters are this search's own places, so it tells none from those beside it.
     """
     rules, search = settings.belief, settings.search
+    reach_m = search.source_radius_m if founding else rules.merge_distance_m
+    reach_rad = search.source_heading_rad if founding else rules.merge_heading_rad
     fresh = list[tuple[Place, Place]]()
     explained = 0.0
     for place in pool.places:
-        if is_near(place.mean, held, rules.merge_distance_m, rules.merge_heading_rad):
+        if is_near(place.mean, held, reach_m, reach_rad):
             explained += place.share
         elif place.share > 0.0:
             weight = math.exp(min(log_weight + math.log(place.share), MOST_LOG))
@@ -83,7 +88,7 @@ def admission(
 
 
 def log_weight_of_held(
-    pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: BeliefSettings
+    pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: SearchSettings
 ) -> float | None:
     """Log of the weight of a whole search by what it shares with the clusters; None: nothing.
 
@@ -94,19 +99,16 @@ def log_weight_of_held(
         held: where the clusters were at the step of the pool, and how probable they are.
         rules: how near is near.
     """
+    reach = (rules.source_radius_m, rules.source_heading_rad)
     near = [
         (mean, probability)
         for mean, probability in held
-        if is_near(
-            mean, [p.mean for p in pool.places], rules.merge_distance_m, rules.merge_heading_rad
-        )
+        if is_near(mean, [place.mean for place in pool.places], *reach)
     ]
     share = math.fsum(
         place.share
         for place in pool.places
-        if is_near(
-            place.mean, [mean for mean, _ in near], rules.merge_distance_m, rules.merge_heading_rad
-        )
+        if is_near(place.mean, [mean for mean, _ in near], *reach)
     )
     probability = math.fsum(probability for _, probability in near)
     return math.log(probability / share) if probability > 0.0 and share > 0.0 else None

@@ -23,6 +23,8 @@ from protocol.work import Place, TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
 """So far away, or turned, nearly all of a scan is news of whether the robot is at any cluster."""
+ALTERNATIVE = 0.1
+"""Of the best cluster's probability: who has so much is where the robot may well be."""
 LEAST_LOG = -1e6
 """Of a probability that is as good as zero: it stays finite, and comes back if it must."""
 
@@ -250,6 +252,18 @@ class ClusterSet:
         """
         free = self._rules.max_clusters - len(self._clusters)
         return [0.0] * free + [c.probability for c in self._leaving(step)]
+
+    def protect_alternatives(self, until: int) -> None:
+        """Let nobody take the place of those that the robot may well be at, before this step.
+
+        A scan or two that fit badly, for people stand around, make a robot look lost; what is found
+        then shall not put out the place where it was all along.
+        """
+        ordered = self.by_probability()
+        for cluster in ordered:
+            if cluster.probability >= ALTERNATIVE * ordered[0].probability:
+                protected = replace(cluster, protected_until=max(cluster.protected_until, until))
+                self._clusters[cluster.cluster] = protected
 
     def drop_improbable(self, step: int) -> list[Ended]:
         """Give up clusters under the threshold; the robot is elsewhere then, if it was there."""

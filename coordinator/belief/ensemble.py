@@ -230,6 +230,7 @@ class Ensemble:
                 search=self.searches, shard=shard, first_step=first_step, near=near
             )
         self.searches += 1
+        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         self._search = search
         self._evidence = SearchEvidence(self.clusters.log_elsewhere)
 
@@ -287,15 +288,17 @@ class Ensemble:
         """
         then = self._means[pool.step]
         held = {then[cluster.job_id]: cluster.probability for cluster in self.clusters.all()}
-        rules, log_weight = self.settings.belief, None
-        if self._founding:
-            log_weight = log_weight_of_held(pool, tuple(held.items()), rules)
+        settings, founding, log_weight = self.settings, self._founding, None
+        if founding:
+            log_weight = log_weight_of_held(pool, tuple(held.items()), settings.search)
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
-        found = admission(pool, tuple(held), self.clusters.room(step), log_weight, self.settings)
+        room = self.clusters.room(step)
+        found = admission(pool, tuple(held), room, log_weight, settings, founding=founding)
         self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
-        self._admit(entering, step, protected_until=step + rules.grace_steps)
+        grace = 0 if founding else settings.belief.grace_steps
+        self._admit(entering, step, protected_until=step + grace)
 
     def _admit(
         self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1

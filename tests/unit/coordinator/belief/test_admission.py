@@ -67,6 +67,13 @@ def test_a_place_with_much_of_its_search_gets_a_trial_whatever_it_weighs() -> No
     assert entered(found, NO_EVIDENCE, newcomer_probability=0.0) == {}
 
 
+def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> None:
+    found = pool((0.6, BESIDE), (0.4, FAR))
+    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, founding=True)
+    assert [place.mean for place in came.entering] == [FAR]
+    assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
+
+
 def test_a_place_beside_a_cluster_has_to_earn_its_place() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
     assert entered(found, NO_EVIDENCE) == {FAR: 0.02}
@@ -127,10 +134,10 @@ def test_a_search_that_found_the_clusters_weighs_as_they_say() -> None:
     """It holds places with half of it that have 0.4 of the belief: the whole weighs 0.8."""
     found = pool((0.3, HELD[0]), (0.2, FAR), (0.5, FARTHER))
     held: list[tuple[PoseTuple, float]] = [(HELD[0], 0.25), (FAR, 0.15), (LEAST, 0.6)]
-    weight = log_weight_of_held(found, held, SETTINGS.belief)
+    weight = log_weight_of_held(found, held, SETTINGS.search)
     assert weight == pytest.approx(math.log(0.8))
-    assert log_weight_of_held(found, [(LEAST, 1.0)], SETTINGS.belief) is None
-    assert log_weight_of_held(pool(), held, SETTINGS.belief) is None
+    assert log_weight_of_held(found, [(LEAST, 1.0)], SETTINGS.search) is None
+    assert log_weight_of_held(pool(), held, SETTINGS.search) is None
 
 
 def test_a_given_cloud_has_the_mean_and_covariance_that_were_given() -> None:

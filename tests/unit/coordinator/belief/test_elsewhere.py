@@ -123,6 +123,16 @@ def test_after_a_false_alarm_a_search_leaves_the_belief_where_it_was() -> None:
     assert not outcome.searching
 
 
+def test_a_false_alarm_puts_nobody_out_who_was_probable_before_it() -> None:
+    made = bootstrapped({NORTH: 0.9, SOUTH: 0.1}, max_clusters=2, grace_steps=5)
+    bad: list[Report] = [tracked("c0", 1, 1e-9, NORTH), tracked("c1", 1, 1e-9, SOUTH)]
+    assert made.advance(1, [elsewhere(1, -1.0), *bad]).state == "lost"
+    bad = [tracked("c0", 2, 1e-9, NORTH), tracked("c1", 2, 1e-9, SOUTH)]
+    found = searched("s1.0", 2, {EAST: 0.6, (9.0, 9.0, 0.0): 0.4})
+    outcome = made.advance(2, [elsewhere(2, -1.0), *bad, found])
+    assert {0, 1} <= {h.cluster for h in outcome.hypotheses}
+
+
 def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
     """B0 at the search's start x its evidence x share, against what the clusters gathered."""
     made = bootstrapped({NORTH: 0.95}, search_every_steps=1, kidnapping_probability=1e-12)
