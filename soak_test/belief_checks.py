@@ -1,4 +1,4 @@
-"""Of every belief: its probabilities sum to one; which clusters came and went."""
+"""Of every belief: its probabilities, with that of elsewhere, sum to one; which clusters came and went."""
 
 import math
 
@@ -21,7 +21,8 @@ class Probabilities:
         if not belief.hypotheses:
             return
         self._beliefs += 1
-        off = abs(math.fsum(h.probability for h in belief.hypotheses) - 1.0)
+        here = math.fsum(h.probability for h in belief.hypotheses)
+        off = abs(here + belief.elsewhere_probability - 1.0)
         self._worst = max(self._worst, off)
         if not off <= SUM_WITHIN:
             self._breaks.append(Break(at_ns, f"off by {off:.1e} at step {belief.step}"))

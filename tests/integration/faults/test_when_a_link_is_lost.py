@@ -68,6 +68,7 @@ def test_a_partition_of_ten_seconds_costs_the_steps_it_lasted_and_nothing_else(
         steps = [belief.step for belief in tested.since(step_before)]
         assert steps == sorted(set(steps)), "none was decided twice"
         for belief in tested.since(step_before):
-            assert sum(h.probability for h in belief.hypotheses) == pytest.approx(1.0)
+            here = sum(h.probability for h in belief.hypotheses)
+            assert here + belief.elsewhere_probability == pytest.approx(1.0)
         with tested.client as client:
             assert client.status().steps_lost == 0

@@ -46,7 +46,8 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
     best = answer["hypotheses"][0]
     assert (best["x_m"], best["y_m"]) == (answer["pose"]["x_m"], answer["pose"]["y_m"])
     assert best["probability"] == answer["probability"]
-    assert math.fsum(place["probability"] for place in answer["hypotheses"]) == pytest.approx(1.0)
+    here = math.fsum(place["probability"] for place in answer["hypotheses"])
+    assert here + answer["elsewhere_probability"] == pytest.approx(1.0)
     assert answer["final_error_m"] >= 0.0, "the simulator tells where the robot was"
     assert 0.0 <= answer["final_error_rad"] <= math.pi
 

@@ -64,10 +64,10 @@ def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
 
 
 def test_hypotheses_are_sorted_and_sum_to_one(system: Settings) -> None:
-    places = json.loads(typed(system, "hypotheses", "--json").stdout)["hypotheses"]
-    probabilities = [place["probability"] for place in places]
+    answer = json.loads(typed(system, "hypotheses", "--json").stdout)
+    probabilities = [place["probability"] for place in answer["hypotheses"]]
     assert probabilities == sorted(probabilities, reverse=True)
-    assert sum(probabilities) == pytest.approx(1.0)
+    assert sum(probabilities) + answer["elsewhere_probability"] == pytest.approx(1.0)
 
 
 def test_hypotheses_above_a_probability_are_those(system: Settings) -> None:
