@@ -1,4 +1,4 @@
-"""Of every belief: its probabilities, with that of elsewhere, sum to one; which clusters came and went."""
+"""Of every belief: its probabilities and elsewhere sum to one; which clusters came and went."""
 
 import math
 

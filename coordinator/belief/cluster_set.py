@@ -132,13 +132,12 @@ class ClusterSet:
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
                 )
-        news = max(map(self._news_of_elsewhere, reports.values()), default=1.0)
+        if not reports:
+            return 0.0  # nothing but evidence moves probabilities
+        news = max(map(self._news_of_elsewhere, reports.values()))
         log_here, log_there = self._kidnapped(news)
         among = belief.normalised_logs(self._log_probabilities()[:-1])
         reported = ~np.isnan(evidence)
-        if not np.any(reported):
-            self._set(np.append(among + log_here, log_there))
-            return 0.0
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         told = counted(evidence, self._share_that_counts(reports), self._rules.evidence_noise)

@@ -29,7 +29,7 @@ def test_without_workers_status_and_pose_say_so_and_it_recovers_when_one_appears
                 step = tested.step
                 wait_until(lambda: len(tested.since(step)) >= 4)
                 without = tested.since(step)[-2:]
-                assert all(len(belief.missing) == 4 for belief in without)
+                assert all(len(belief.missing) == 5 for belief in without), "and elsewhere"
                 first, second = (
                     {h.cluster: h.probability for h in belief.hypotheses} for belief in without
                 )

@@ -38,8 +38,8 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
 def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
     answer = as_json(*SHORT, "--rate", "0", *SMALL_FILTER, environment=environment)
     assert set(answer) == {
-        "state", "pose", "probability", "hypotheses", "steps", "steps_lost", "wall_s",
-        "final_error_m", "final_error_rad",
+        "state", "pose", "probability", "elsewhere_probability", "hypotheses", "steps",
+        "steps_lost", "wall_s", "final_error_m", "final_error_rad",
     }  # fmt: skip
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}
@@ -86,7 +86,7 @@ def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
 
 @pytest.mark.parametrize(
     ("after", "number"),
-    [("0 of 4 workers are ready", signal.SIGINT), ("step 0: searching", signal.SIGTERM)],
+    [("0 of 4 workers are ready", signal.SIGINT), ("step 0: ", signal.SIGTERM)],
 )
 def test_an_interrupted_demo_leaves_nothing(
     after: str, number: int, environment: dict[str, str], tmp_path: Path
@@ -104,6 +104,6 @@ def test_a_demo_that_is_killed_takes_its_processes_with_it(
     environment: dict[str, str], tmp_path: Path
 ) -> None:
     with typed(*SHORT, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
-        demo.wait_for("step 0: searching")
+        demo.wait_for("step 0: ")
         assert demo.end(signal.SIGKILL) == -signal.SIGKILL
         demo.assert_nothing_runs()

@@ -19,7 +19,8 @@ SEED, STEPS = 2, 390
 
 def test_a_search_drives_no_true_room_out() -> None:
     world = eight_rooms()
-    settings = load_settings(None, ["belief.max_clusters=8", f"seed={SEED}"])
+    often = "belief.search_every_steps=25"
+    settings = load_settings(None, ["belief.max_clusters=8", often, f"seed={SEED}"])
     every_scan = BridgeSettings(gate_distance_m=0.0, gate_turn_rad=0.0)
     source = SimulatedSource(Simulation(world, SEED), steps=STEPS)
     steps = simulated_steps(source, every_scan, world.map.digest)
