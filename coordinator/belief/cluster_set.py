@@ -25,6 +25,8 @@ NEWS_M, NEWS_RAD = 0.1, 0.2
 """So far away, or turned, nearly all of a scan is news of whether the robot is at any cluster."""
 ALTERNATIVE = 0.1
 """Of the best cluster's probability: who has so much is where the robot may well be."""
+STILL_PROBABLE = 0.05
+"""Of one that was such an alternative, after newcomers came: the alarm may have been false."""
 LEAST_LOG = -1e6
 """Of a probability that is as good as zero: it stays finite, and comes back if it must."""
 
@@ -263,6 +265,15 @@ class ClusterSet:
             if cluster.probability >= ALTERNATIVE * ordered[0].probability:
                 protected = replace(cluster, protected_until=max(cluster.protected_until, until))
                 self._clusters[cluster.cluster] = protected
+
+    def lift_alternatives(self, step: int) -> None:
+        """Let those be worth a look that were probable before newcomers came; see above."""
+        for cluster in self.all():
+            old = cluster.born_step < step < cluster.protected_until
+            if old and cluster.probability < STILL_PROBABLE:
+                lifted = replace(cluster, log_probability=math.log(STILL_PROBABLE))
+                self._clusters[cluster.cluster] = lifted
+        self._normalise()
 
     def drop_improbable(self, step: int) -> list[Ended]:
         """Give up clusters under the threshold; the robot is elsewhere then, if it was there."""

@@ -299,6 +299,8 @@ class Ensemble:
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         grace = 0 if founding else settings.belief.grace_steps
         self._admit(entering, step, protected_until=step + grace)
+        if found.entering and not founding:
+            self.clusters.lift_alternatives(step)
 
     def _admit(
         self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
