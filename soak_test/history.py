@@ -56,7 +56,8 @@ class History:
                 self._repeated += same is not None
                 if same is False:
                     self._other.append(Break(at_ns, f"another belief of step {belief.step}"))
-                total = math.fsum(h.probability for h in belief.hypotheses)
+                here = math.fsum(h.probability for h in belief.hypotheses)
+                total = here + belief.elsewhere_probability
                 if belief.hypotheses and abs(total - 1.0) > WITHIN:
                     self._sums.append(Break(at_ns, f"{total} at step {belief.step}"))
                 if self._rules:

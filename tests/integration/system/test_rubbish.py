@@ -91,12 +91,13 @@ def test_rubbish_on_every_key_is_counted_by_cause_and_changes_no_belief(
         assert process.memory_bytes < MAX_MEMORY_BYTES, process.sender
 
 
+REPORT = "TrackReport or SearchReport or ElsewhereReport"
 EXPECTED = {
     "coordinator": {
         "scan of another map", "scan repeated or late", "report of an old epoch",
         "dropped scan too large", "dropped query too large", "malformed worker name: impossible",
         *(f"malformed {message}: {kind}"
-          for message in ("Scan", "TrackReport or SearchReport", "SetPose", "Relocalize", "Health")
+          for message in ("Scan", REPORT, "SetPose", "Relocalize", "Health")
           for kind in ("not MessagePack", "schema", "field", "impossible")),
     },
     "worker": {
