@@ -103,8 +103,9 @@ def assert_all_can_be_read(done: Iterable[Instruction]) -> None:
     for do in done:
         match do:
             case PublishBelief(belief):
-                told = decode(encode(belief), Belief).hypotheses
-                assert not told or sum(one.probability for one in told) == pytest.approx(1.0)
+                told = decode(encode(belief), Belief)
+                here = sum(one.probability for one in told.hypotheses)
+                assert here + told.elsewhere_probability == pytest.approx(1.0)
             case SendOrder(order=order):
                 decode(encode(order), WorkOrder)
             case PublishCheckpoint(checkpoint):
