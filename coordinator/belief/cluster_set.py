@@ -266,10 +266,15 @@ class ClusterSet:
                 protected = replace(cluster, protected_until=max(cluster.protected_until, until))
                 self._clusters[cluster.cluster] = protected
 
-    def lift_alternatives(self, step: int) -> None:
-        """Let those be worth a look that were probable before newcomers came; see above."""
+    def lift_alternatives(self, step: int, first_step: int) -> None:
+        """Let those be worth a look that were probable before newcomers came; see above.
+
+        Args:
+            step: the last one.
+            first_step: of the search that found the newcomers; who came by it is none of them.
+        """
         for cluster in self.all():
-            old = cluster.born_step < step < cluster.protected_until
+            old = cluster.born_step < first_step and step < cluster.protected_until
             if old and cluster.probability < STILL_PROBABLE:
                 lifted = replace(cluster, log_probability=math.log(STILL_PROBABLE))
                 self._clusters[cluster.cluster] = lifted

@@ -257,7 +257,7 @@ class Ensemble:
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            self._admit_newcomers(fresh, step)
+            self._admit_newcomers(fresh, self._search.first_step, step)
         if self._search.finished(fresh, self.settings.belief.max_clusters):
             self._stop_search(step, "search over")
 
@@ -280,27 +280,28 @@ class Ensemble:
         self.clusters.explain(self._evidence.newly_explained(explained))
         self._admit(entering, step)
 
-    def _admit_newcomers(self, pool: Pool, step: int) -> None:
+    def _admit_newcomers(self, pool: Pool, first_step: int, step: int) -> None:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
         The scans since the search began tell what it is worth; of the first search, its places
         that are clusters do.
         """
         then = self._means[pool.step]
-        held = {then[cluster.job_id]: cluster.probability for cluster in self.clusters.all()}
+        held = [(then[cluster.job_id], cluster.probability) for cluster in self.clusters.all()]
         settings, founding, log_weight = self.settings, self._founding, None
         if founding:
-            log_weight = log_weight_of_held(pool, tuple(held.items()), settings.search)
+            log_weight = log_weight_of_held(pool, held, settings.search)
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
         room = self.clusters.room(step)
-        found = admission(pool, tuple(held), room, log_weight, settings, founding=founding)
+        means = [mean for mean, _ in held]
+        found = admission(pool, means, room, log_weight, settings, founding=founding)
         self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         grace = 0 if founding else settings.belief.grace_steps
         self._admit(entering, step, protected_until=step + grace)
         if found.entering and not founding:
-            self.clusters.lift_alternatives(step)
+            self.clusters.lift_alternatives(step, first_step)
 
     def _admit(
         self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import LEAST_LOG, NEWS_M, ClusterSet, Newcomer
+from coordinator.belief.cluster_set import (
+    LEAST_LOG,
+    NEWS_M,
+    STILL_PROBABLE,
+    ClusterSet,
+    Newcomer,
+)
 from particle_filter.evidence_model import misfit
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
@@ -255,3 +261,15 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         assert all(math.isfinite(cluster.log_probability) for cluster in made.all())
         if hazard == 0.0 and len(made):
             assert made.elsewhere == 0.0
+
+
+def test_only_who_was_there_before_a_search_is_lifted_after_its_newcomers() -> None:
+    made = first(0.9, 0.09)
+    made.protect_alternatives(20)
+    made.admit([(place(50.0, SOUTH, 5), "restart"), (place(0.01, NORTH, 5), "restart")], 5,
+               protected_until=20)  # fmt: skip
+    made.lift_alternatives(6, first_step=4)
+    old, _, strong, weak = probabilities(made)[:4]
+    assert old == pytest.approx(STILL_PROBABLE / (1.0 + STILL_PROBABLE), rel=0.1)
+    assert strong > 0.8
+    assert weak < 0.01, "found by the search itself"
