@@ -80,7 +80,9 @@ def _(message: WorkOrder) -> str | None:
         number_problem("order", message.order)
         or number_problem("term", message.term)
         or number_problem("snapshot_every_steps", message.snapshot_every_steps)
-        or first_problem(assignment_problem(given) for given in message.begin)
+        or first_problem(
+            assignment_problem(given) for given in (*message.begin, *message.new_copies)
+        )
     )
 
 
@@ -101,7 +103,7 @@ def _(message: TakeOver) -> str | None:
 @problem_of.register
 def _(message: WorkerState) -> str | None:
     return number_problem("term", message.term) or first_problem(
-        assignment_problem(held) for held in message.holds
+        assignment_problem(held) for held in (*message.holds, *message.copies)
     )
 
 

@@ -37,6 +37,8 @@ class Told(msgspec.Struct, frozen=True):
     reports: tuple[Report, ...]
     earlier: tuple[Checkpoint, ...] = ()
     """Others to carry on from."""
+    copies: tuple[Assignment, ...] = ()
+    """Of other workers' clusters."""
 
     @property
     def checkpoints(self) -> tuple[Checkpoint, ...]:
@@ -61,6 +63,7 @@ def told_by(payload: bytes, trust: Trust) -> Told:
         checkpoint=checkpoints[0] if checkpoints else None,
         reports=tuple(reports),
         earlier=tuple(checkpoints[1:]),
+        copies=state.copies,
     )
 
 

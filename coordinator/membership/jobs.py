@@ -47,6 +47,9 @@ class PlacedJob:
     reported: bool = False
     in_step: bool = False
     """Its worker has reported a step in time: what has been handed over has arrived."""
+    copy_step: int | None = None
+    """The particles are those of another worker's copy of this step; -1: drawn anew; None: its
+    worker's own."""
 
 
 class Jobs:
@@ -76,6 +79,14 @@ class Jobs:
         for job_id, job in self._jobs.items():
             found.setdefault(job.worker, {})[job_id] = job.epoch
         return found
+
+    def tracks(self) -> dict[str, PlacedJob]:
+        """Jobs of clusters that somebody tracks."""
+        return {
+            job_id: job
+            for job_id, job in self._jobs.items()
+            if isinstance(job.job, TrackJob) and job.worker is not None
+        }
 
     def searching(self) -> set[str | None]:
         """Workers with a shard of a search."""
@@ -118,6 +129,7 @@ class Jobs:
         job.in_step |= in_time
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
         if snapshot is not None and isinstance(job.job, TrackJob):
+            job.copy_step = None
             job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
@@ -169,7 +181,12 @@ class Jobs:
         """
         self._jobs = {
             job.job_id: PlacedJob(
-                job.job or rebuilt(job.job_id), job.epoch, job.worker, now_ns, reported=True
+                job.job or rebuilt(job.job_id),
+                job.epoch,
+                job.worker,
+                now_ns,
+                reported=True,
+                copy_step=None if job.job else -1,
             )
             for job in jobs
         }
@@ -206,6 +223,15 @@ class Jobs:
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied
-                job.job = held.job
+                job.job, job.copy_step = held.job, None
             kept.append(held)
         return kept
+
+    def copied(self, copies: Iterable[Assignment]) -> None:
+        """A worker tells the copies that it has: better than particles drawn anew."""
+        for copy in copies:
+            match self._jobs.get(copy.job_id), copy.job:
+                case PlacedJob(job=TrackJob(cluster=number)) as job, TrackJob() as copied:
+                    older = job.copy_step is not None and job.copy_step < copied.start.step
+                    if older and copied.cluster == number:
+                        job.job, job.copy_step = copied, copied.start.step

@@ -153,6 +153,7 @@ def _told(told: Told) -> Told:
         checkpoint=told.checkpoint and _checkpoint(told.checkpoint),
         reports=tuple(map(_report, told.reports)),
         earlier=tuple(map(_checkpoint, told.earlier)),
+        copies=tuple(map(_assignment, told.copies)),
     )
 
 

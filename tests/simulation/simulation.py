@@ -32,14 +32,20 @@ class Simulation:
     Args:
         seed: decides everything.
         model: of the map; computing it takes longer than a schedule.
+        schedule: made of a generator of chance; by itself anything may happen.
     """
 
-    def __init__(self, seed: int, model: SensorModel) -> None:
+    def __init__(
+        self,
+        seed: int,
+        model: SensorModel,
+        schedule: Callable[[random.Random], Schedule] = Schedule,
+    ) -> None:
         self.seed, self.model = seed, model
         self.rng = random.Random(seed)
         self.clock = Clock()
         self.network = Network(self.clock, self.rng)
-        self.schedule = Schedule(self.rng)
+        self.schedule = schedule(self.rng)
         self.laws = Laws(self.clock, replays=seed % 8 == 0)
         network, plan = self.network, self.schedule
         network.loss, network.doubled = plan.loss, plan.doubled

@@ -6,6 +6,7 @@ from collections import defaultdict
 
 import zenoh
 
+from clustermcl.stack import COORDINATOR
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Job
 from coordinator.process import filter_settings
@@ -75,7 +76,6 @@ def heard(tested: System) -> Snapshots:
 
 def test_whoever_tracks_a_cluster_has_the_same_particles() -> None:
     """One worker is killed, then two, then all at once: no standby is left."""
-    expected = undisturbed(PACED)
     with system(PACED, "--steps", str(STEPS)) as tested:
         snapshots = heard(tested)
         for step, count in ((15, 1), (27, 2), (41, 4)):
@@ -86,7 +86,26 @@ def test_whoever_tracks_a_cluster_has_the_same_particles() -> None:
         assert all(belief.missing == () for belief in tested.beliefs), "no update was lost"
         steps = [belief.step for belief in tested.beliefs]
         assert steps == sorted(set(steps)), "and none was counted twice"
-    late = [(job, step) for job, step in snapshots if step > 41]
-    assert len(late) >= 4, "clusters were compared after the last death"
+    assert_same(snapshots, after=41)
+
+
+def test_a_worker_that_dies_with_the_coordinator_takes_no_particles_along() -> None:
+    with system(PACED, "--steps", str(STEPS)) as tested:
+        snapshots = heard(tested)
+        for step in (15, 41):
+            wait_until(lambda s=step: tested.step >= s, 60.0)  # type: ignore[misc] # a default
+            os.kill(tested.pid(COORDINATOR), signal.SIGKILL)
+            os.kill(tested.worker_pids()[0], signal.SIGKILL)
+            wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
+            tested.mend()
+        wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last, 60.0)
+        assert all(belief.missing == () for belief in tested.beliefs), "no update was lost"
+    assert_same(snapshots, after=41)
+
+
+def assert_same(snapshots: Snapshots, *, after: int) -> None:
+    """All that was heard is what one process comes to, also after the last death."""
+    expected = undisturbed(PACED)
+    assert len([step for _, step in snapshots if step > after]) >= 4
     for (job, step), particles in snapshots.items():
         assert particles == expected[job, step], f"{job} after step {step}"

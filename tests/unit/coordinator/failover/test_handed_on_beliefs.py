@@ -102,20 +102,38 @@ def test_without_any_worker_clusters_are_kept_and_go_on_as_soon_as_one_appears(
     assert_same(living, undisturbed)
 
 
-def test_a_coordinator_that_dies_with_a_worker_loses_no_hypothesis(
+@hypothesis.settings(deadline=None, max_examples=12)
+@hypothesis.given(dies_at=st.integers(1, STEPS - 2), name=st.sampled_from(("w0", "w1", "w2")))
+def test_a_worker_that_dies_with_the_coordinator_changes_no_belief(
+    model: SensorModel, undisturbed: Living, dies_at: int, name: str
+) -> None:
+    """Another worker has a copy of its clusters, and the bridge the scans since."""
+    living = Living(model)
+    for step in range(STEPS):
+        if step == dies_at:
+            living.coordinator = None
+            living.kill_worker(name)
+            living.revive()
+            living.wait(1.6)  # its worker might have come back
+        living.drive(step)
+    assert_same(living, undisturbed)
+
+
+def test_with_two_workers_gone_at_once_a_cluster_goes_on_from_its_gaussian(
     model: SensorModel, undisturbed: Living
 ) -> None:
-    """The cluster's particles are gone with both; it goes on from its Gaussian."""
+    """No hypothesis is lost, though nobody has its particles."""
     living = Living(model)
     for step in range(18):
         living.drive(step)
     living.coordinator = None
-    living.kill_worker("w1")
+    for name in ("w1", "w2"):
+        living.kill_worker(name)
     living.revive()
     (before,) = undisturbed.beliefs[17]
     assert essence(living.beliefs[17][-1]) == essence(before)
     living.drive(18)
-    living.wait(1.6)  # its worker might have come back
+    living.wait(1.6)  # their workers might have come back
     (after,) = undisturbed.beliefs[18]
     (believed,) = living.beliefs[18]
     assert {h.cluster for h in believed.hypotheses} == {h.cluster for h in after.hypotheses}
