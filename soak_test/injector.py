@@ -2,7 +2,7 @@
 
 import signal
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -75,8 +75,8 @@ class Injector:
         while self._waiting and self._at_ns(self._waiting[0]) <= now_ns:
             fault = self._waiting[0]
             begun = self._begin(fault, now_ns)
-            if begun is not None:
-                done.append(begun)
+            if begun:
+                done += begun
             elif now_ns < self._at_ns(fault) + TRY_FOR_S * 1e9:
                 break
             else:
@@ -93,24 +93,40 @@ class Injector:
     def _at_ns(self, fault: Fault) -> int:
         return self._start_ns + int(fault.at_s * 1e9)
 
-    def _begin(self, fault: Fault, now_ns: int) -> DoneFault | None:
-        """None: there is nobody to hit now."""
+    def _begin(self, fault: Fault, now_ns: int) -> list[DoneFault]:
+        """What was done; nothing where there is nobody to hit now."""
         robot = sorted(self._robots)[int(fault.choice * len(self._robots))]
+        if fault.kind is Kind.WORKER_AND_COORDINATOR_KILLED:
+            together = (Kind.COORDINATOR_KILLED, Kind.WORKER_KILLED)
+            return self._kill([replace(fault, kind=kind) for kind in together], robot, now_ns)
         if fault.kind in _KILLED:
-            victim = self._victim(_KILLED[fault.kind], robot, fault, now_ns)
-            if victim is None or not self._signal(victim.process, signal.SIGKILL):
-                return None
-            return _done(fault, victim, now_ns)
+            return self._kill([fault], robot, now_ns)
         if fault.kind in _FROZEN:
             victim = self._victim(_FROZEN[fault.kind], robot, fault, now_ns)
             if victim is None or not self._freeze(victim.process, fault, now_ns):
-                return None
-            return _done(fault, victim, now_ns)
+                return []
+            return [_done(fault, victim, now_ns)]
         side = self._robots[robot]
         count = self._speak(fault.kind, side)
         if count == 0:
-            return None
-        return DoneFault(fault.kind, now_ns, now_ns, robot, f"{count} messages")
+            return []
+        return [DoneFault(fault.kind, now_ns, now_ns, robot, f"{count} messages")]
+
+    def _kill(self, faults: Sequence[Fault], robot: str, now_ns: int) -> list[DoneFault]:
+        """All of them, where each has somebody to hit; told one by one."""
+        victims = [self._victim(_KILLED[fault.kind], robot, fault, now_ns) for fault in faults]
+        hit = [
+            (fault, victim)
+            for fault, victim in zip(faults, victims, strict=True)
+            if victim is not None
+        ]
+        if len(hit) < len(faults):
+            return []
+        return [
+            _done(fault, victim, now_ns)
+            for fault, victim in hit
+            if self._signal(victim.process, signal.SIGKILL)
+        ]
 
     def _victim(self, role: str, robot: str, fault: Fault, now_ns: int) -> Part | None:
         owner = "" if role == ROUTER else robot

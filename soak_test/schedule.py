@@ -14,6 +14,7 @@ class Kind(StrEnum):
     WORKER_FROZEN = "worker frozen"
     ALL_WORKERS_KILLED = "all workers killed"
     COORDINATOR_KILLED = "coordinator killed"
+    WORKER_AND_COORDINATOR_KILLED = "worker and coordinator killed"
     COORDINATOR_FROZEN = "coordinator frozen"
     BRIDGE_KILLED = "bridge killed"
     ROBOT_FROZEN = "robot frozen"
@@ -37,6 +38,7 @@ _RULES = {
     Kind.WORKER_FROZEN: _Rule(4, (0.5, 5.0)),
     Kind.ALL_WORKERS_KILLED: _Rule(1),
     Kind.COORDINATOR_KILLED: _Rule(3),
+    Kind.WORKER_AND_COORDINATOR_KILLED: _Rule(2),
     Kind.COORDINATOR_FROZEN: _Rule(2, (0.5, 4.0)),
     Kind.BRIDGE_KILLED: _Rule(1),
     Kind.ROBOT_FROZEN: _Rule(2, (1.5, 4.0)),
