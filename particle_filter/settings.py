@@ -172,7 +172,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
-    ] = 0.95
+    ] = 0.98
     source_radius_m: Annotated[
         float, described("points this near a cluster's source point belong to it", "m", gt=0)
     ] = 1.0

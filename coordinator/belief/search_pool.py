@@ -24,8 +24,6 @@ class SearchState(msgspec.Struct, frozen=True):
     search: int
     first_step: int
     evidence: SearchEvidenceState
-    founding: bool
-    """It has found the first clusters, and looks on."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +51,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, evidence: SearchEvidenceState, *, founding: bool) -> SearchState:
+    def state(self, evidence: SearchEvidenceState) -> SearchState:
         """The search as it is handed on, with what it is compared with."""
-        return SearchState(self.search, self.first_step, evidence, founding)
+        return SearchState(self.search, self.first_step, evidence)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
