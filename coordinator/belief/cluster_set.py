@@ -242,10 +242,7 @@ class ClusterSet:
             self._next_cluster += 1
         self._normalise()
         admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
-        pushing = admitted[len(admitted) - len(leaving) :]
-        events: list[JobEvent] = [
-            _ended(cluster, "pushed out", by) for cluster, by in zip(leaving, pushing, strict=False)
-        ]
+        events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
             for cluster, (_, cause) in zip(admitted, newcomers, strict=True)
@@ -398,6 +395,19 @@ class ClusterSet:
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
             self._clusters[cluster.cluster] = finite
+
+
+def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
+    """Each by a newcomer of its own, the last ones.
+
+    More leave than come where clusters were protected, so that there were too many before: the
+    last newcomer pushed out those, too.
+    """
+    pushing = admitted[-len(leaving) :]
+    return [
+        _ended(cluster, "pushed out", *(pushing[place : place + 1] or pushing[-1:]))
+        for place, cluster in enumerate(leaving)
+    ]
 
 
 def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:

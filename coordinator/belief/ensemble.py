@@ -336,8 +336,10 @@ class Ensemble:
     # --- what it comes to
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        begin, self._begin = self._begin, {}
         events, self._events = tuple(self._events), []
+        ended = {event.job_id for event in events if isinstance(event, Ended)}
+        begin = {job_id: job for job_id, job in self._begin.items() if job_id not in ended}
+        self._begin = {}
         tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
         return Outcome(
             step=step,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import msgspec
 
+from coordinator.failover.term import APART_US
 from coordinator.membership.balance import Move
 from protocol.work import (
     Assignment,
@@ -47,6 +48,18 @@ class PlacedJob:
     reported: bool = False
     in_step: bool = False
     """Its worker has reported a step in time: what has been handed over has arrived."""
+    handed_on_by: int | None = None
+    """The term of the coordinator that handed it on; None: it began here."""
+
+    def is_held_with(self, epoch: int) -> bool:
+        """Whether what a worker holds under this job's id, with this epoch, is this job.
+
+        Who handed it on may have given it to that worker since. Another coordinator that went on
+        from an earlier state, or from none, gave its own jobs the same ids.
+        """
+        if epoch == self.epoch or self.handed_on_by is None:
+            return epoch == self.epoch
+        return epoch > self.epoch and 0 < epoch - self.handed_on_by <= APART_US
 
 
 class Jobs:
@@ -158,6 +171,8 @@ class Jobs:
         rebuilt: Callable[[str], TrackJob],
         present: Container[str],
         now_ns: int,
+        *,
+        term: int,
     ) -> None:
         """Take over another's jobs; workers that are not here yet keep theirs for a while.
 
@@ -166,10 +181,16 @@ class Jobs:
             rebuilt: makes a job of a cluster whose particles only its worker holds.
             present: workers that are here.
             now_ns: by the clock of all events.
+            term: of the other.
         """
         self._jobs = {
             job.job_id: PlacedJob(
-                job.job or rebuilt(job.job_id), job.epoch, job.worker, now_ns, reported=True
+                job.job or rebuilt(job.job_id),
+                job.epoch,
+                job.worker,
+                now_ns,
+                reported=True,
+                handed_on_by=term,
             )
             for job in jobs
         }
@@ -197,12 +218,13 @@ class Jobs:
         """A worker tells which jobs it has, and from where another could carry on.
 
         Returns:
-            Those of them that it has now; the others are over, or another's by a newer epoch.
+            Those of them that it has now; the others are over, another's by a newer epoch, or of
+            a coordinator that this one does not carry on from.
         """
         kept = []
         for held in holds:
             job = self._jobs.get(held.job_id)
-            if job is None or held.epoch < job.epoch:
+            if job is None or not job.is_held_with(held.epoch):
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied

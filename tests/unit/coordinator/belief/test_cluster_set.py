@@ -184,6 +184,24 @@ def test_who_is_pushed_out_is_told_by_whom() -> None:
     ]
 
 
+def test_all_who_leave_are_told_where_protection_had_kept_too_many() -> None:
+    """A place given by a person came while nobody could be replaced."""
+    made = first(0.5, 0.3, 0.2, max_clusters=3)
+    made.protect_alternatives(5)
+    made.admit([(place(1.0, EAST, 1), "given")], 1)
+    assert len(made) == 4
+    _, events = made.admit([(place(1.0, EAST, 5), "restart")], 5)
+    left = [(event.job_id, event.by) for event in events if isinstance(event, Ended)]
+    assert left == [("c2", ("c4",)), ("c1", ("c4",))]
+    assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
+
+
+def test_who_leaves_while_nobody_comes_is_told() -> None:
+    made = first(0.5, 0.3, 0.2, max_clusters=2)
+    _, events = made.admit([], 1)
+    assert [(event.job_id, event.cause) for event in events] == [("c2", "pushed out")]
+
+
 def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
     made = first(1.0, 0.0)
     first_one, second = made.by_probability()

@@ -247,6 +247,15 @@ def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability(
     assert set(outcome.begin) == {"c2", "c3"}
 
 
+def test_a_part_that_is_given_up_in_the_step_in_which_it_began_has_no_job() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, least_probability=0.1)
+    parts = (place(0.9, (0.0, 5.0, 0.0), 1), place(0.1, (0.0, 8.0, 0.0), 1))
+    apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
+    outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
+    assert outcome.end == ("c0", "c3")
+    assert set(outcome.begin) == {"c2"}
+
+
 def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.22, EAST: 0.18}, least_probability=0.15)
     told: dict[str, tuple[float, PoseTuple]] = {

@@ -156,7 +156,7 @@ def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
     made = placement("b")
-    made.restore(before.state(), track_again, 0)
+    made.restore(before.state(), track_again, 0, term=0)
     made.jobs.begin({"c1": track(1)})
     follow(made, due(made, 0))
     for step in range(GIVEN_UP_AFTER):
