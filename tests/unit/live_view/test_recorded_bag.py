@@ -113,7 +113,7 @@ def test_a_bag_without_beliefs_is_refused_with_what_to_do_instead(tmp_path: Path
 
 def test_what_a_killed_recorder_has_written_is_shown(file: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    cut.write_bytes(file.read_bytes()[: file.stat().st_size * 85 // 100])
     with BagFile(cut, RecordingError) as bag:
         told = RecordedRun(bag_run(bag, cut), None, {"robot": "run"})
         while told.replay_for(0.01):
