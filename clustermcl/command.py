@@ -397,7 +397,10 @@ def watch(
 def serve_view(
     recording: Annotated[
         Path | None,
-        typer.Argument(metavar="[FOLDER]", help="A flight recording: show that finished run."),
+        typer.Argument(
+            metavar="[FILE.mcap|FOLDER]",
+            help="A finished run, of 'record' or of the flight recorder, instead of a live one.",
+        ),
     ] = None,
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")

@@ -80,6 +80,7 @@ def test_a_stranger_reads_all_that_was_recorded(run: Recorded) -> None:
     found = messages_in(run.file)
     assert {topic: len(messages) for topic, messages in found.items() if topic != "/tf"} == {
         "/map": 1, "/tf_static": 1, "/scan": STEPS, "/particle_cloud": STEPS, "/hypotheses": STEPS,
+        "/belief": STEPS,
         "/amcl_pose": sum(bool(outcome.hypotheses) for outcome in run.outcomes),
     }  # fmt: skip
     (grid,) = found["/map"]

@@ -75,7 +75,7 @@ def test_what_runs_is_pinned_exactly_as_what_was_tested() -> None:
 def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development() -> None:
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    run = [*project["dependencies"], *extras["metrics"], *extras["ros2"]]
+    run = [*project["dependencies"], *extras["metrics"], *extras["ros2"], *extras["view"]]
     needed = {normal(requirement) for requirement in run}
     tools = {normal(requirement) for requirement in project["optional-dependencies"]["dev"]}
     assert needed <= pinned(RUN_LOCK).keys()
