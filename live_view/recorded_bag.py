@@ -155,7 +155,8 @@ def _nearest(poses: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray
     """Of each of (N, 3) poses, the row of the nearest of (K, 3) places."""
     apart = poses[:, None] - places[None]
     turned = np.abs((apart[..., 2] + np.pi) % (2.0 * np.pi) - np.pi)
-    return np.argmin(np.hypot(apart[..., 0], apart[..., 1]) + _M_PER_RAD * turned, axis=1)
+    distance = np.hypot(apart[..., 0], apart[..., 1]) + _M_PER_RAD * turned
+    return np.asarray(np.argmin(distance, axis=1))
 
 
 def _heading(turn: Any) -> float:
