@@ -5,11 +5,12 @@ CLUSTERMCL_SCHEDULES=100000 pytest tests/simulation -o timeout=36000
 """
 
 import os
+from collections.abc import Iterator
+from multiprocessing.pool import Pool
 
 import pytest
 
-from particle_filter.sensor_model import SensorModel
-from tests.simulation.laws import LawBrokenError
+from tests.simulation.many import broken, processes
 from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room
 
@@ -19,23 +20,18 @@ PARTS = 20
 
 
 @pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
+def pool() -> Iterator[Pool]:
+    with processes() as made:
+        yield made
 
 
 @pytest.mark.parametrize("part", range(PARTS))
-def test_whatever_the_network_does_the_laws_are_kept(model: SensorModel, part: int) -> None:
-    broken = []
-    for seed in range(part, SCHEDULES, PARTS):
-        try:
-            Simulation(seed, model).run()
-        except LawBrokenError as error:
-            broken.append(str(error))
-    assert broken == []
+def test_whatever_the_network_does_the_laws_are_kept(pool: Pool, part: int) -> None:
+    assert list(broken(pool, range(part, SCHEDULES, PARTS))) == []
 
 
-def test_a_seed_is_a_schedule(model: SensorModel) -> None:
-    seen = []
+def test_a_seed_is_a_schedule() -> None:
+    model, seen = symmetric_room(), []
     for seed in (3, 3, 4):
         simulation = Simulation(seed, model)
         simulation.run()
