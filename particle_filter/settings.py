@@ -9,19 +9,22 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from particle_filter.regions import REGIONS_FORM, REGIONS_PATTERN
+
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """`sensor_models.model_class` has a class for each."""
 
 
-def described(meaning: str, unit: str = "", **bounds: float | str) -> Meta:
+def described(meaning: str, unit: str = "", form: str = "", **bounds: float | str) -> Meta:
     """Bounds, unit and meaning of one setting, for checks and for `clustermcl settings`.
 
     Args:
         meaning: what it is, in a few words.
         unit: of the number.
+        form: of a text, in words, where a pattern checks it.
         **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length` as msgspec has them.
     """
-    return Meta(description=meaning, extra={"unit": unit}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
+    return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 
 
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -187,6 +190,15 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
     ] = 0.0001
+    regions: Annotated[
+        str,
+        described(
+            "where `relocalize --region` searches: two corners of a rectangle, or a polygon's",
+            "m",
+            form=REGIONS_FORM,
+            pattern=REGIONS_PATTERN,
+        ),
+    ] = ""
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

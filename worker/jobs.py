@@ -187,7 +187,7 @@ class Searching:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
         self._model, self._settings = model, settings
-        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near)
+        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
         self._odom_from_robot: Pose | None = None
 
     def handed_on(self) -> Assignment:
