@@ -9,14 +9,9 @@ from particle_filter.poses import between
 Corners = tuple[tuple[float, float], ...]
 """x [m], y [m] in the map: two opposite ones of a rectangle along the axes, or all of a polygon."""
 
-_NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
-_CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
-REGIONS_FORM = "NAME: X Y, X Y; NAME: X Y, X Y, X Y; ..."
-REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[ ]*\Z"
-
 
 def parsed_regions(text: str) -> dict[str, Corners]:
-    """The regions that a text of the form `REGIONS_FORM` names."""
+    """The regions that a text in the setting `search.regions` names."""
     regions = {}
     for region in filter(str.strip, text.split(";")):
         name, _, corners = region.partition(":")

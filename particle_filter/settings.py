@@ -9,10 +9,13 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from particle_filter.regions import REGIONS_FORM, REGIONS_PATTERN
-
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """`sensor_models.model_class` has a class for each."""
+
+_NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
+_CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
+_REGIONS_FORM = "NAME: X Y, X Y; NAME: X Y, X Y, X Y; ..."
+_REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[ ]*\Z"
 
 
 def described(meaning: str, unit: str = "", form: str = "", **bounds: float | str) -> Meta:
@@ -195,8 +198,8 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         described(
             "where `relocalize --region` searches: two corners of a rectangle, or a polygon's",
             "m",
-            form=REGIONS_FORM,
-            pattern=REGIONS_PATTERN,
+            form=_REGIONS_FORM,
+            pattern=_REGIONS_PATTERN,
         ),
     ] = ""
 

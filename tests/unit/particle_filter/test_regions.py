@@ -1,11 +1,11 @@
 """Regions of a map, as the settings name them."""
 
-import re
-
+import msgspec
 import numpy as np
 import pytest
 
-from particle_filter.regions import REGIONS_PATTERN, is_region, parsed_regions
+from particle_filter.regions import is_region, parsed_regions
+from particle_filter.settings import SearchSettings
 
 HERE = np.zeros(3)
 
@@ -20,7 +20,7 @@ def inside(corners: tuple[tuple[float, float], ...], map_from_grid: np.ndarray =
 
 def test_regions_have_names_and_corners() -> None:
     text = "hall: 0 0, 10.5 -5; floor-2: 0 0, 4 0, 4 4;"
-    assert re.search(REGIONS_PATTERN, text)
+    assert msgspec.convert({"regions": text}, SearchSettings).regions == text
     assert parsed_regions(text) == {
         "hall": ((0.0, 0.0), (10.5, -5.0)),
         "floor-2": ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0)),
@@ -30,7 +30,8 @@ def test_regions_have_names_and_corners() -> None:
 
 @pytest.mark.parametrize("text", ["hall", "hall: 1 2", "hall: 1, 2", ": 0 0, 1 1", "a: x 0, 1 1"])
 def test_what_names_no_region_is_refused(text: str) -> None:
-    assert not re.search(REGIONS_PATTERN, text)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert({"regions": text}, SearchSettings)
 
 
 def test_two_corners_are_those_of_a_rectangle_in_any_order() -> None:
