@@ -13,7 +13,7 @@ HERE = np.zeros(3)
 def inside(corners: tuple[tuple[float, float], ...], map_from_grid: np.ndarray = HERE) -> list[str]:
     """Rows of tiles of 1 m, from the lowest on."""
     return [
-        "".join(".#"[tile] for tile in row)
+        "".join(".#"[int(tile)] for tile in row)
         for row in is_region(corners, (4, 5), 1.0, map_from_grid)
     ]
 
