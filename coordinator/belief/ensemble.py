@@ -21,7 +21,7 @@ from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
-from protocol.message import Circle, PoseTuple
+from protocol.message import Circle, Corners, PoseTuple
 from protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
@@ -143,7 +143,11 @@ class Ensemble:
         return self._outcome(step, ())
 
     def relocalize(
-        self, step: int, cause: EndedCause = "forgotten", near: Circle | None = None
+        self,
+        step: int,
+        cause: EndedCause = "forgotten",
+        near: Circle | None = None,
+        corners: Corners = (),
     ) -> Outcome:
         """Forget all clusters and search from the next step on.
 
@@ -151,12 +155,13 @@ class Ensemble:
             step: the last one.
             cause: why the clusters end.
             near: where to search first; None: everywhere. Later searches look everywhere.
+            corners: of a region, likewise; empty: everywhere.
         """
         self._events += self.clusters.clear(cause)
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
-        self._start_search(step + 1, near)
+        self._start_search(step + 1, near, corners)
         return self._outcome(step, ())
 
     def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
@@ -196,6 +201,7 @@ class Ensemble:
         self._means.clear()
         if (search := state.search) is not None:
             self._search = SearchPool(search.search, search.first_step, self.settings.search)
+            self._search.progress = search.progress
             self._evidence = SearchEvidence.restored(search.evidence)
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
@@ -220,11 +226,17 @@ class Ensemble:
 
     # --- the search
 
-    def _start_search(self, first_step: int, near: Circle | None = None) -> None:
+    def _start_search(
+        self, first_step: int, near: Circle | None = None, corners: Corners = ()
+    ) -> None:
         search = SearchPool(self.searches, first_step, self.settings.search)
         for shard, job_id in enumerate(search.job_ids):
             self._begin[job_id] = SearchJob(
-                search=self.searches, shard=shard, first_step=first_step, near=near
+                search=self.searches,
+                shard=shard,
+                first_step=first_step,
+                near=near,
+                corners=corners,
             )
         self.searches += 1
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
@@ -350,6 +362,7 @@ class Ensemble:
             missing=missing,
             begin=begin,
             events=events,
+            search_progress=self._search.progress if self._search else 0.0,
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:

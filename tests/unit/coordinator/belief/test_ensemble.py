@@ -233,6 +233,14 @@ def test_relocalize_near_a_place_searches_there_and_later_everywhere() -> None:
     assert [job.near for job in later if isinstance(job, SearchJob)] == [None, None]
 
 
+def test_relocalize_in_a_region_searches_there_and_later_everywhere() -> None:
+    made, corners = bootstrapped({NORTH: 0.5, SOUTH: 0.5}), ((0.0, 0.0), (4.0, 5.0))
+    first = made.relocalize(0, corners=corners).begin.values()
+    later = made.relocalize(1).begin.values()
+    assert [job.corners for job in first if isinstance(job, SearchJob)] == [corners, corners]
+    assert [job.corners for job in later if isinstance(job, SearchJob)] == [(), ()]
+
+
 def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
     parts = (place(0.75, (0.0, 5.0, 0.0), 1), place(0.25, (0.0, 8.0, 0.0), 1))
