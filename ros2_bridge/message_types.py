@@ -114,7 +114,8 @@ CDR_HEADER = b"\x00\x01\x00\x00"
 
 
 @cache
-def _store() -> Typestore:
+def typestore() -> Typestore:
+    """All types that are spoken, for the library."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in _MESSAGES.items():
         store.register(get_types_from_msg(text, name))
@@ -135,7 +136,7 @@ def type_hash(ros_type: str, *, humble: bool) -> str:
         return HUMBLE_HASH
     if ros_type in _SERVICE_HASHES:
         return _HASH_FORM + _SERVICE_HASHES[ros_type]
-    return _store().hash_rihs01(ros_type)
+    return typestore().hash_rihs01(ros_type)
 
 
 def request_of(service: str) -> str:
@@ -160,12 +161,12 @@ def new(ros_type: str, **fields: Any) -> Any:
     Raises:
         TypeError: the type has no such field.
     """
-    return _store().types[ros_type](**_defaults(ros_type) | fields)
+    return typestore().types[ros_type](**_defaults(ros_type) | fields)
 
 
 def encode(message: Any, ros_type: str) -> bytes:
     """The message as CDR."""
-    return bytes(_store().serialize_cdr(message, ros_type))
+    return bytes(typestore().serialize_cdr(message, ros_type))
 
 
 def decode(data: bytes, ros_type: str) -> Any:
@@ -175,7 +176,7 @@ def decode(data: bytes, ros_type: str) -> Any:
         MalformedMessageError: the bytes are no such message.
     """
     try:
-        return _store().deserialize_cdr(data, ros_type)
+        return typestore().deserialize_cdr(data, ros_type)
     except SerdeError as error:
         name = ros_type.rpartition("/")[2]
         raise MalformedMessageError(expected=name, problem=str(error), kind="not CDR") from None
@@ -183,7 +184,7 @@ def decode(data: bytes, ros_type: str) -> Any:
 
 @cache
 def _defaults(ros_type: str) -> dict[str, Any]:
-    return {name: _default(kind) for name, kind in _store().fielddefs[ros_type][1]}
+    return {name: _default(kind) for name, kind in typestore().fielddefs[ros_type][1]}
 
 
 def _default(kind: Any) -> Any:
