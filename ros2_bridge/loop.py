@@ -31,6 +31,7 @@ from ros2_bridge.outputs import (
     Refused,
     SearchEverywhere,
 )
+from ros2_bridge.robot_session import node_name
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
@@ -83,7 +84,9 @@ class BridgeLoop:
         self._settings, self._inbox, self._link = settings, inbox, link
         self._publishers, self._bond = publishers, bond
         self._amcl = Amcl(settings.ros2)
-        self.services = Services(self._amcl, settings, self._clock_ns)
+        name = node_name(settings.ros2)
+        node = name.topic(name.name)
+        self.services = Services(self._amcl, settings, self._clock_ns, node)
         self._topics = Topics(settings.ros2)
         self._causes = CauseCounter()
         self._next_status_s = 0.0

@@ -30,6 +30,7 @@ STRING = "std_msgs/msg/String"
 FLOAT64 = "std_msgs/msg/Float64"
 BOND_STATUS = "bond/msg/Status"
 TRANSITION_EVENT = "lifecycle_msgs/msg/TransitionEvent"
+PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 
 EMPTY = "std_srvs/srv/Empty"
 TRIGGER = "std_srvs/srv/Trigger"
@@ -40,6 +41,7 @@ GET_AVAILABLE_STATES = "lifecycle_msgs/srv/GetAvailableStates"
 GET_AVAILABLE_TRANSITIONS = "lifecycle_msgs/srv/GetAvailableTransitions"
 GET_PARAMETERS = "rcl_interfaces/srv/GetParameters"
 SET_PARAMETERS = "rcl_interfaces/srv/SetParameters"
+SET_PARAMETERS_ATOMICALLY = "rcl_interfaces/srv/SetParametersAtomically"
 LIST_PARAMETERS = "rcl_interfaces/srv/ListParameters"
 DESCRIBE_PARAMETERS = "rcl_interfaces/srv/DescribeParameters"
 GET_PARAMETER_TYPES = "rcl_interfaces/srv/GetParameterTypes"
@@ -80,6 +82,10 @@ _SERVICES = {
         "rcl_interfaces/Parameter[] parameters\n",
         "rcl_interfaces/SetParametersResult[] results\n",
     ),
+    SET_PARAMETERS_ATOMICALLY: (
+        "rcl_interfaces/Parameter[] parameters\n",
+        "rcl_interfaces/SetParametersResult result\n",
+    ),
     LIST_PARAMETERS: (
         "string[] prefixes\nuint64 depth\n",
         "rcl_interfaces/ListParametersResult result\n",
@@ -102,6 +108,7 @@ _SERVICE_HASHES = {
     GET_AVAILABLE_TRANSITIONS: "59b7ecefce0982a8a844b9f2c4f14764c1c4543cc55e72924e2aa4adad83e9bc",
     GET_PARAMETERS: "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
     SET_PARAMETERS: "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
+    SET_PARAMETERS_ATOMICALLY: "0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd",
     LIST_PARAMETERS: "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
     DESCRIBE_PARAMETERS: "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
     GET_PARAMETER_TYPES: "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
