@@ -2,6 +2,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
 BROWSER_LOCK = (REPOSITORY / "requirements-browser.lock").read_text()
@@ -50,6 +52,15 @@ def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() 
     assert all(hashes for _, hashes in browser.values())
     for name in browser.keys() & development.keys():
         assert browser[name][0] == development[name][0], name
+
+
+@pytest.mark.parametrize("release", ["jazzy", "kilted"])
+def test_what_speaks_for_ros_is_locked_with_hashes(release: str) -> None:
+    text = (REPOSITORY / f"requirements-ros-{release}.lock").read_text()
+    packages = pinned(text)
+    assert {"ros-rclpy", "mcap-ros2-support"} <= set(packages)
+    assert len(packages) == text.count("==")
+    assert all(hashes for _, hashes in packages.values())
 
 
 def test_the_lock_names_no_place_to_fetch_from() -> None:
