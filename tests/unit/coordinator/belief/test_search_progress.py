@@ -37,4 +37,4 @@ def test_it_ends_with_its_time() -> None:
 def test_it_is_handed_on() -> None:
     search = SearchPool(0, 1, SETTINGS)
     search.progress = 0.4
-    assert search.state(SearchEvidence().state(), founding=False).progress == 0.4
+    assert search.state(SearchEvidence().state()).progress == 0.4
