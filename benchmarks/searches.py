@@ -1,56 +1,93 @@
-"""How well and how fast the first search finds a robot: `python -m benchmarks.searches`.
+"""How well searches find a robot: `python -m benchmarks.searches KIND WORLD [--seeds 20]`.
 
-Offices of several sizes, drawn by the simulator's generator; a robot starts anywhere. For each:
-whether the truth is among the places from which tracking begins when the search says that it is
-done, after how many scans that is, and the CPU time of its shards one after the other.
+A robot starts anywhere in an office of the simulator's generator, or in a symmetric world. Each
+run is one line of JSON in `--out`, written at once; runs that the file has already are left out,
+so a study may be stopped and taken up again. `python -m benchmarks.searches` sums the file up.
+
+Kinds:
+    search: a first search until it says that it is done: is the truth among its places?
+    localize: 200 updates of the whole filter in one process: from when on is its estimate right?
+    kidnap: the same, lifted elsewhere after 60 updates: right again within how many?
+    cbgl: the first scan by CBGL's cumulative absolute error per ray (`benchmarks.cbgl`).
 """
 
 import argparse
-import resource
+import json
+import os
 import statistics
 import time
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
 
+from benchmarks import cbgl
 from coordinator.belief.search_pool import SearchPool
-from evaluation.judge import pose_error
+from evaluation.experiments.symmetry import middle_of, turned_copies
+from evaluation.in_process import outcomes
+from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
+from protocol.message import PoseTuple
+from protocol.steps import Scan
 from protocol.work import Assignment, SearchJob, SearchReport
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world as named_world
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.world import World
 from worker.jobs import running
 from worker.map_model import default_cache_folder, sensor_model
 
-SIZES = {"5,900": (5, 18), "13,000": (7, 28), "50,000": (14, 54)}
+OFFICES = {"5,900": (5, 18), "13,000": (7, 28), "50,000": (14, 54)}
 """About so many square metres: wings, and rooms on a side of one."""
+SYMMETRIES = {"cross": 4, "rectangle": 2, "hall_symmetric": 2}
+"""Worlds that look the same after so many turns."""
+UPDATES, KIDNAPPED_AT, IN_A_ROW = 200, 60, 5
+
+Result = dict[str, Any]
+_OUT = Path(__file__).parent / "reports" / "2026-11-22-searches.jsonl"
 
 
-@dataclass(frozen=True)
-class Found:
-    """One search."""
+class Place:
+    """A world, ready to be searched."""
 
-    rank: int | None
-    """Of the truth among its places; None: it is none of them."""
-    steps: int
-    first_s: float
-    later_s: float
+    def __init__(self, name: str, settings: Settings) -> None:
+        self.settings = settings
+        self.world: World = office(*OFFICES[name]) if name in OFFICES else named_world(name)
+        self.model: SensorModel = sensor_model(
+            self.world.map, settings.sensor, default_cache_folder()
+        )
+        self._turns, self._middle = SYMMETRIES.get(name, 1), middle_of(self.world.map)
+
+    def steps(self, seed: int, **robot: int) -> Iterator[tuple[Scan, PoseTuple]]:
+        """What a robot that starts anywhere sees, and where it is."""
+        source = SimulatedSource(Simulation(self.world, seed), **robot)
+        return simulated_steps(source, self.settings.bridge, self.world.map.digest)
+
+    def ranks(self, places: list[PoseTuple], truth: PoseTuple) -> list[int | None]:
+        """Of the truth and each of its copies: its place in a list; None: it is not there."""
+        found = []
+        for copy in turned_copies(truth, self._turns, self._middle):
+            right = [pose_error(place, copy).right for place in places]
+            found.append(right.index(True) if any(right) else None)
+        return found
 
 
-def searched(world: World, model: SensorModel, settings: Settings, seed: int) -> Found:
-    """Search for a robot that starts anywhere until the search says that it is done."""
-    rules, took_s = settings.search, list[float]()
-    source = SimulatedSource(Simulation(world, seed))
-    for scan, truth in simulated_steps(source, settings.bridge, world.map.digest):
+def search(place: Place, seed: int) -> Result:
+    """A first search until it says that it is done; its shards run one after the other."""
+    settings, took_s = place.settings, list[float]()
+    rules, most = settings.search, settings.belief.max_clusters
+    for scan, truth in place.steps(seed):
         if not took_s:
             pool = SearchPool(0, scan.step, rules)
             jobs = [
                 running(
                     Assignment(job_id=job_id, epoch=0, job=SearchJob(search=0, shard=shard,
                                first_step=scan.step)),
-                    model, settings, sender="benchmark",
+                    place.model, settings, sender="benchmark",
                 )
                 for shard, job_id in enumerate(pool.job_ids)
             ]  # fmt: skip
@@ -61,39 +98,131 @@ def searched(world: World, model: SensorModel, settings: Settings, seed: int) ->
             pool.add(report)
         pooled = pool.pooled()
         took_s.append(time.process_time() - start_s)
-        if pooled is not None and pool.finished(pooled, rules.places_with_particles):
-            right = [pose_error(place.mean, truth).right for place in pooled.places]
-            rank = right.index(True) if any(right) else None
-            return Found(rank, len(took_s), took_s[0], sum(took_s[1:]))
+        if pooled is None:
+            continue
+        ranks = place.ranks([found.mean for found in pooled.places], truth)
+        if len(took_s) == 1:
+            first_ranks = ranks
+        if pool.finished(pooled, most):
+            return {
+                "held": all(rank is not None and rank < most for rank in ranks),
+                "first_ranks": first_ranks,
+                "ranks": ranks,
+                "scans": len(took_s),
+                "first_s": took_s[0],
+                "later_s": sum(took_s[1:]),
+            }
     raise AssertionError("a simulated robot drives for ever")
 
 
+def localize(place: Place, seed: int) -> Result:
+    """From which of 200 updates on the estimate is right, and what an update costs."""
+    return _judged(place, place.steps(seed, steps=UPDATES), 0)
+
+
+def kidnap(place: Place, seed: int) -> Result:
+    """As `localize`, from being lifted elsewhere on; 60 updates."""
+    steps = place.steps(seed, steps=2 * KIDNAPPED_AT, kidnap_at=KIDNAPPED_AT)
+    return _judged(place, steps, KIDNAPPED_AT)
+
+
+def _judged(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -> Result:
+    truths = list[PoseTuple]()
+
+    def scans() -> Iterator[Scan]:
+        for scan, truth in steps:
+            truths.append(truth)
+            yield scan
+
+    start_s, right, sure = time.process_time(), list[bool](), list[bool]()
+    for _, outcome in outcomes(scans(), place.model, place.settings):
+        best = outcome.hypotheses[0] if outcome.hypotheses else None
+        told = best is not None and outcome.state not in ("searching", "lost")
+        right.append(told and pose_error(best.mean, truths[-1]).right)
+        sure.append(told and best.probability >= CONFIDENT_PROBABILITY)
+    return {
+        "right_before": right[after - 1] if after else None,
+        "right_after": _first_of_some(right[after:]),
+        "right_at_end": right[-1],
+        "sure_and_wrong": sum(s and not r for r, s in zip(right, sure, strict=True)),
+        "update_ms": 1e3 * (time.process_time() - start_s) / len(right),
+    }
+
+
+def _first_of_some(right: list[bool]) -> int | None:
+    """The first of five updates in a row that are right, counted from 1."""
+    for first in range(len(right) - IN_A_ROW + 1):
+        if all(right[first : first + IN_A_ROW]):
+            return first + 1
+    return None
+
+
+def by_cbgl(place: Place, seed: int) -> Result:
+    """The first scan by the sum of absolute errors of its rays."""
+    scan, truth = next(place.steps(seed))
+    start_s = time.process_time()
+    poses = cbgl.places(scan, place.world.map, place.settings.belief.max_clusters, seed)
+    took_s = time.process_time() - start_s
+    ranks = place.ranks(poses, truth)
+    return {"held": None not in ranks, "ranks": ranks, "first_s": took_s}
+
+
+KINDS: dict[str, Callable[[Place, int], Result]] = {
+    "search": search,
+    "localize": localize,
+    "kidnap": kidnap,
+    "cbgl": by_cbgl,
+}
+
+
+def summed_up(file: Path) -> None:
+    """One line of a table for each kind and world."""
+    runs = defaultdict[tuple[str, str], list[Result]](list)
+    for run in _read(file):
+        runs[run["kind"], run["world"]].append(run)
+    for (kind, world), some in sorted(runs.items()):
+        words = [f"{kind} {world}: {len(some)} runs"]
+        if "held" in some[0]:
+            words.append(
+                f"truth and all its copies among the places {sum(r['held'] for r in some)}"
+            )
+        if "right_after" in some[0]:
+            found = sorted(r["right_after"] for r in some if r["right_after"])
+            words.append(f"right {len(found)}, at the end {sum(r['right_at_end'] for r in some)}")
+            words.append(f"after {found}, sure and wrong {[r['sure_and_wrong'] for r in some]}")
+        for name in ("scans", "first_s", "later_s", "update_ms"):
+            if name in some[0]:
+                values = [r[name] for r in some]
+                words.append(f"{name} {statistics.median(values):.3g} (most {max(values):.3g})")
+        print("; ".join(words))
+
+
+def _read(file: Path) -> list[Result]:
+    return [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+
+
 def main() -> None:
-    arguments = argparse.ArgumentParser()
-    arguments.add_argument("sizes", nargs="*", default=list(SIZES))
-    arguments.add_argument("--starts", type=int, default=20)
-    arguments.add_argument("--set", action="append", default=[])
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("kind", nargs="?", choices=KINDS)
+    arguments.add_argument("worlds", nargs="*", metavar="WORLD")
+    arguments.add_argument("--seeds", type=int, default=20)
+    arguments.add_argument("--out", type=Path, default=_OUT)
+    arguments.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
     given = arguments.parse_args()
-    settings = load_settings(None, given.set)
-    for size in given.sizes:
-        world = office(*SIZES[size])
-        start_s = time.process_time()
-        model = sensor_model(world.map, settings.sensor, default_cache_folder())
-        print(f"## {world.summary}; its model took {time.process_time() - start_s:.1f} s")
-        found = []
-        for seed in range(given.starts):
-            found.append(searched(world, model, settings, seed))
-            print(seed, found[-1], flush=True)
-        most = settings.search.places_with_particles
-        held = sum(run.rank is not None and run.rank < most for run in found)
-        print(
-            f"the truth is among the places in {held} of {len(found)}; "
-            f"median {statistics.median(run.steps for run in found)} scans; "
-            f"the first {statistics.median(run.first_s for run in found):.2f} s, "
-            f"all others {statistics.median(run.later_s for run in found):.2f} s; "
-            f"{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6:.2f} GB",
-            flush=True,
-        )
+    if given.kind is None:
+        summed_up(given.out)
+        return
+    done = {(run["kind"], run["world"], run["seed"]) for run in _read(given.out)}
+    settings, ready = load_settings(None, given.set), cache(Place)
+    for world in given.worlds:
+        for seed in range(given.seeds):
+            if (given.kind, world, seed) not in done:
+                result = KINDS[given.kind](ready(world, settings), seed)
+                result = {"kind": given.kind, "world": world, "seed": seed, **result}
+                result["load"] = round(os.getloadavg()[0], 1)
+                with given.out.open("a") as out:
+                    out.write(json.dumps(result) + "\n")
+                print(result, flush=True)
 
 
 if __name__ == "__main__":

@@ -48,6 +48,7 @@ def belief_object(belief: Belief) -> JsonObject:
         "elsewhere_probability": belief.elsewhere_probability,
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
         "searching": belief.searching,
+        "search_progress": belief.search_progress,
         "missing": list(belief.missing),
         "last": belief.last,
     }

@@ -77,9 +77,15 @@ def _last_scan(scan_age_s: float) -> str:
     return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan came yet"
 
 
+def progress_text(search_progress: float) -> str:
+    """How near a search is to its end, with a space before; nothing where it has not begun."""
+    return f" {100.0 * search_progress:.0f} %" if search_progress > 0.0 else ""
+
+
 def belief_line(belief: Belief) -> str:
     """One belief in one line."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
+    search += progress_text(belief.search_progress)
     blind = ", blind" if is_unweighed(belief) else ""
     head = f"step {belief.step}: {belief.state}{search}{blind}"
     if not belief.hypotheses:
@@ -106,6 +112,7 @@ def status_lines(status: Status) -> Iterator[str]:
     """How the system is."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
+    search += progress_text(status.search_progress)
     scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "blind" else ""
     yield f"state     {status.state}, {status.freshness}{age}{scan}"
     yield (

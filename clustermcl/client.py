@@ -168,18 +168,19 @@ class Client:
             raise ValueError(f"{map_from_robot} cannot be told: {problem}")
         self._tell(keys.SET_POSE, command)
 
-    def relocalize(self, near: Circle | None = None) -> None:
+    def relocalize(self, near: Circle | None = None, region: str = "") -> None:
         """Have it forget all places, the last of an earlier life too, and search.
 
         Args:
             near: x, y and radius of where to search [m]; None: everywhere.
+            region: the name of one of `search.regions`, likewise; empty: everywhere.
 
         Raises:
             ValueError: `near` is no circle.
         """
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
-        command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near)
+        command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near, region=region)
         self._tell(keys.RELOCALIZE, command)
 
     def update(self) -> None:

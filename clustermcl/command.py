@@ -397,7 +397,10 @@ def watch(
 def serve_view(
     recording: Annotated[
         Path | None,
-        typer.Argument(metavar="[FOLDER]", help="A flight recording: show that finished run."),
+        typer.Argument(
+            metavar="[FILE.mcap|FOLDER]",
+            help="A finished run, of 'record' or of the flight recorder, instead of a live one.",
+        ),
     ] = None,
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
@@ -504,15 +507,18 @@ def relocalize(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y RADIUS", help="Search in this circle only [m]."),
     ] = None,
+    region: Annotated[
+        str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
+    ] = "",
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Forget all places and search everywhere, or near a place."""
+    """Forget all places and search everywhere, near a place, or in a region."""
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle is two finite numbers and a positive radius")
     from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the module
 
-    tell(load_settings(settings_file, assignments or ()), near)
+    tell(load_settings(settings_file, assignments or ()), near, region)
 
 
 @app.command()

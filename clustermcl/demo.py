@@ -1,6 +1,7 @@
 """The demo: everything on this machine, on a recording or a simulated robot, until its end."""
 
 import os
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -24,6 +25,7 @@ from evaluation.judge import PoseError, pose_error
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
 from grid_maps.load import load_map_with_obstacles, map_file_of
+from live_view.admission import Address
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
@@ -123,9 +125,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
     started_s = time.monotonic()
     if options.record is not None:
         check_output_file(options.record)
-    if options.view_at is not None:
-        _say_where(options.view_at)
-    elif options.by_hand:
+    page = None if options.view_at is None else _page_at(options.view_at)
+    if page is None and options.by_hand:
         problem = "--drive: the robot is driven on the page: give --view, too"
         raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
@@ -144,7 +145,7 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             page_arguments=_page_arguments(options),
         )
         with running(stack):
-            result = _run(stack, met, show, view, stop, options.record)
+            result = _run(stack, met, show, view, stop, options.record, page)
     wall_s = time.monotonic() - started_s
     if options.as_json:
         _print(dumped(_as_object(result, wall_s)))
@@ -158,8 +159,8 @@ def _page_arguments(options: DemoOptions) -> list[str] | None:
     return ["--listen", options.view_at, *(["--by-hand"] if options.by_hand else [])]
 
 
-def _say_where(view_at: str) -> None:
-    """Say what to open.
+def _page_at(view_at: str) -> Address:
+    """Where a person is going to look.
 
     Raises:
         SettingsError: others would reach it: that wants a token, as of `clustermcl view`.
@@ -168,7 +169,20 @@ def _say_where(view_at: str) -> None:
     if not address.is_loopback or not address.port:
         problem = "--listen: a demo is shown on this machine alone, at a port that is named"
         raise SettingsError(key="--listen", problem=problem)
-    say_link(f"http://{address.netloc}/")
+    return address
+
+
+def _say_where(page: Address, check: Callable[[], None]) -> None:
+    """Say what to open, once it can be."""
+    while True:
+        check()
+        try:
+            socket.create_connection((page.host, page.port), timeout=_POLL_S).close()
+        except OSError:
+            time.sleep(_POLL_S)
+        else:
+            say_link(f"http://{page.netloc}/")
+            return
 
 
 def _prepared(options: DemoOptions, settings: Settings) -> _Show:
@@ -250,19 +264,21 @@ def _run(
     view: View,
     stop: StopFlag,
     record: Path | None,
+    page: Address | None,
 ) -> _Result:
+    def check() -> None:
+        stop.check()
+        stack.check()
+
     stack.start_without_coordinator()
     try:
+        if page is not None:
+            _say_where(page, check)
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
             recorded(session, record),
             view,
         ):
-
-            def check() -> None:
-                stop.check()
-                stack.check()
-
             audience = _Audience(session, show, view, check)
             audience.wait_for_workers(settings.worker.count)
             stack.start_coordinator()

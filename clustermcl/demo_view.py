@@ -17,6 +17,7 @@ from clustermcl.as_text import (
     event_line,
     is_unweighed,
     pose_text,
+    progress_text,
     spread,
     spread_text,
 )
@@ -173,7 +174,8 @@ class LiveView:
         belief, truth = self._belief, self._truth
         if belief is None:
             return Group(self._title, self._progress)
-        search = "  (a search for other places runs)" if belief.searching else ""
+        done = progress_text(belief.search_progress)
+        search = f"  (a search for other places runs{done})" if belief.searching else ""
         blind = "  (blind: no worker has weighed this step)" if is_unweighed(belief) else ""
         lines = [f"step {belief.step}  [bold]{belief.state}[/bold]{search}{blind}"]
         if belief.hypotheses:

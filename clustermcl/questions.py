@@ -85,10 +85,10 @@ def set_pose(
         )
 
 
-def relocalize(settings: Settings, near: Circle | None) -> None:
-    """Forget all places and search, everywhere or in a circle."""
+def relocalize(settings: Settings, near: Circle | None, region: str) -> None:
+    """Forget all places and search, everywhere, in a circle or in a region."""
     with Client(settings) as client:
-        client.relocalize(near)
+        client.relocalize(near, region)
 
 
 def update(settings: Settings) -> None:

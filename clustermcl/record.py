@@ -119,8 +119,7 @@ class Listener:
             case keys.ODOMETRY:
                 recorder.on_odometry(decode(received.payload, OdometryReading))
             case keys.BELIEF:
-                belief = decode(received.payload, Belief)
-                recorder.on_belief(belief.stamp_ns, belief.odom_from_robot, belief.hypotheses)
+                recorder.on_belief(decode(received.payload, Belief))
 
     def _on_scan(self, recorder: RunRecorder, scan: Scan) -> None:
         last = self._last

@@ -1,23 +1,28 @@
 """`clustermcl view`: the page that draws the clusters, until Ctrl-C."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import assert_never
+from typing import TYPE_CHECKING, assert_never
 
 from coordinator.recorder.replay import recorded_bridge, replayed
 from grid_maps.load import load_map, map_file_of
 from grid_maps.map_message import to_message
 from live_view.admission import Address, parsed_address
+from process_runtime.bag_file import BagFile, is_bag
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
-from protocol.errors import ClusterMclError
+from protocol.errors import ClusterMclError, MapFileError, RecordingError
 from protocol.steps import MapMessage
 from robot_simulator.source import simulated_world
+
+if TYPE_CHECKING:
+    from live_view.recorded_run import RecordedRun
 
 
 class PageNotInstalledError(ClusterMclError):
@@ -40,7 +45,7 @@ class ViewOptions:
     robots: Sequence[str] = ()
     """Names; none: the one of the settings."""
     recording: Path | None = None
-    """A flight recorder's folder, or a file in it; None: a system that runs."""
+    """A flight recorder's folder, or a file in it, or a recorded bag; None: a system that runs."""
     map_file: Path | None = None
     """Of the recording; None: the one that its settings name."""
 
@@ -63,12 +68,12 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
     Raises:
         PageNotInstalledError: what serves it is not installed.
         SettingsError: the address, a certificate or a name cannot be used.
-        FlightRecordingError: there is no recording, or one that cannot be read.
+        InputFileError: there is no recording, or one that cannot be read.
         MapFileError: the map of the recording cannot be read.
     """
     address = page_address(options.listen)
     from live_view.process import serve_page  # noqa: PLC0415 - needs the extra
-    from live_view.recorded_run import RecordedRun, serve_recording  # noqa: PLC0415 - so does this
+    from live_view.recorded_run import serve_recording  # noqa: PLC0415 - so does this
     from live_view.serving import PageOptions  # noqa: PLC0415 - and this
 
     page = PageOptions(
@@ -81,11 +86,36 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
     if options.recording is None:
         serve_page(settings, stop_on_signals(), page, say_link, robots=options.robots)
         return
-    folder = options.recording.parent if options.recording.is_file() else options.recording
-    drawn = _map_of(folder, options.map_file)
+    with _opened_run(options.recording, options.map_file) as run:
+        serve_recording(run, stop_on_signals(), page, say_link)
+
+
+@contextmanager
+def _opened_run(path: Path, map_file: Path | None) -> "Iterator[RecordedRun]":
+    """A recording, whichever it is."""
+    from live_view.recorded_bag import bag_run  # noqa: PLC0415 - needs the extra
+    from live_view.recorded_run import RecordedRun, flight_run  # noqa: PLC0415 - so does this
+
+    if is_bag(path):
+        with BagFile(path, RecordingError) as bag:
+            telling = bag_run(bag, path)
+            yield RecordedRun(telling, _map_of_bag(path, map_file), {"robot": path.stem})
+        return
+    folder = path.parent if path.is_file() else path
+    drawn = _map_of(folder, map_file)
     happenings = replayed(folder, version("clustermcl"), drawn.digest if drawn else None)
-    about = {"robot": folder.resolve().name}
-    serve_recording(RecordedRun(happenings, drawn, about), stop_on_signals(), page, say_link)
+    yield RecordedRun(flight_run(happenings), drawn, {"robot": folder.resolve().name})
+
+
+def _map_of_bag(path: Path, named: Path | None) -> MapMessage | None:
+    """The map that is named, else the one in the bag; None: there is none in it."""
+    try:
+        return to_message(load_map(named or path), "recording")
+    except MapFileError as error:
+        if named:
+            raise
+        _say(f"no map is drawn, name it by --map: {error}")
+        return None
 
 
 def _map_of(folder: Path, named: Path | None) -> MapMessage | None:

@@ -56,6 +56,7 @@ class Answers:
             map_digest=self._state.map_digest,
             clusters=len(self._state.ensemble.clusters),
             searching=self._state.outcome.searching if self._state.outcome else False,
+            search_progress=self._state.outcome.search_progress if self._state.outcome else 0.0,
             workers=self._state.placement.workers,
             counters=dict(sorted((self._state.counters + Counter(counters)).items())),
             uptime_s=(now_ns - self._started_ns) / 1e9,
@@ -100,4 +101,5 @@ class Answers:
             last=scan.last,
             term=self._term.number,
             elsewhere_probability=outcome.elsewhere_probability,
+            search_progress=outcome.search_progress,
         )

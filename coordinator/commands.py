@@ -1,5 +1,7 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
+from collections.abc import Mapping
+
 import msgspec
 from msgspec.structs import replace
 
@@ -9,8 +11,10 @@ from coordinator.belief.outcome import Outcome
 from coordinator.pose.dead_reckoning import carried
 from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.random_streams import Purpose
+from particle_filter.regions import parsed_regions
 from particle_filter.settings import MotionSettings
 from protocol.answers import Relocalize, SetPose
+from protocol.errors import printable
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 
@@ -79,7 +83,7 @@ class Commands:
         Returns:
             None where nothing is done now: it waits, or is refused.
         """
-        commanded, problem = _held(command, odometry)
+        commanded, problem = _held(command, odometry, ensemble.settings.search.regions)
         self._problems[command.command_id] = problem
         while len(self._problems) > KEPT_COMMANDS:
             del self._problems[next(iter(self._problems))]
@@ -108,7 +112,9 @@ class Commands:
 
     def _outcome(self, commanded: Commanded, ensemble: Ensemble, applied: Scan) -> Outcome:
         if isinstance(commanded.command, Relocalize):
-            return ensemble.relocalize(applied.step, near=commanded.command.near)
+            asked = commanded.command
+            corners = parsed_regions(ensemble.settings.search.regions).get(asked.region, ())
+            return ensemble.relocalize(applied.step, near=asked.near, corners=corners)
         self._set_poses += 1
         settings = ensemble.settings
         mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
@@ -136,9 +142,13 @@ class Commands:
         self._waiting = state.waiting or self._waiting
 
 
-def _held(command: SetPose | Relocalize, odometry: OdometryHistory) -> tuple[Commanded, str]:
+def _held(
+    command: SetPose | Relocalize, odometry: OdometryHistory, regions: str
+) -> tuple[Commanded, str]:
     """The command with the odometry of its time, and why it cannot be carried out, if so."""
-    if isinstance(command, Relocalize) or odometry.oldest_ns is None:
+    if isinstance(command, Relocalize):
+        return Commanded(command), _region_problem(command.region, parsed_regions(regions))
+    if odometry.oldest_ns is None:
         return Commanded(command), ""
     found = odometry.at(command.stamp_ns)
     if found is None:
@@ -146,6 +156,13 @@ def _held(command: SetPose | Relocalize, odometry: OdometryHistory) -> tuple[Com
         problem = f"the pose is of {ago_s:.1f} s before the oldest odometry that is known; "
         return Commanded(command), problem + "give a newer one, or one without a stamp"
     return Commanded(command, *found), ""
+
+
+def _region_problem(region: str, known: Mapping[str, object]) -> str:
+    if not region or region in known:
+        return ""
+    names = ", ".join(known) or "none"
+    return f"unknown region {printable(region)!r}; search.regions names {names}"
 
 
 def _at_step(

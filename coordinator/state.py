@@ -4,6 +4,7 @@ Everything here that decides can be handed on to another coordinator, and be tak
 """
 
 from collections import Counter
+from functools import partial
 
 import numpy as np
 from msgspec.structs import replace
@@ -285,16 +286,17 @@ class CoordinatorState:
         if newest and applied and newest.step < applied.step:
             self.counters["checkpoint of another count of steps"] += 1
             return None
-        self._restore(state, now_ns)
+        self._restore(state, checkpoint.term, now_ns)
         self._founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
         return search.first_step if search else 0
 
-    def _restore(self, state: CheckpointState, now_ns: int) -> None:
+    def _restore(self, state: CheckpointState, term: int, now_ns: int) -> None:
         self._map_digest = state.map_digest
         self.ensemble.restore(state.ensemble)
-        self.placement.restore(state.jobs, lambda job_id: self._rebuilt(job_id, state), now_ns)
+        rebuilt = partial(self._rebuilt, state)
+        self.placement.restore(state.jobs, rebuilt, now_ns, term)
         self._begin_standing_jobs(state.collector.applied)
         self.collector.restore(state.collector)
         self.commands.restore(state.commands)
@@ -319,7 +321,7 @@ class CoordinatorState:
         jobs = self.placement.jobs
         jobs.begin({job_id: job for job_id, job in standing.items() if jobs.get(job_id) is None})
 
-    def _rebuilt(self, job_id: str, state: CheckpointState) -> TrackJob:
+    def _rebuilt(self, state: CheckpointState, job_id: str) -> TrackJob:
         """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
         applied = state.collector.applied
         assert applied is not None  # `state_checks` has looked

@@ -142,6 +142,7 @@ def _search_problem(state: SearchState, searches: int, applied: Scan | None) -> 
         or items_problem(state.evidence.gathered)
         or first_problem(map(_gathered_problem, state.evidence.gathered))
         or (None if 0.0 <= state.evidence.explained <= 1.0 else "a search that explains too much")
+        or (None if 0.0 <= state.progress <= 1.0 else "a search beyond its end")
         or _elsewhere_problem(state.evidence.log_elsewhere)
     )
 

@@ -44,7 +44,8 @@ class GridMap:
             raise ValueError(f"map_from_grid must be three finite numbers: {self.map_from_grid}")
         cells = np.ascontiguousarray(self.cells)
         if cells.flags.writeable:
-            cells = cells.copy()
+            if np.may_share_memory(cells, self.cells):
+                cells = cells.copy()
             cells.flags.writeable = False
         object.__setattr__(self, "cells", cells)
 

@@ -5,6 +5,7 @@ import zlib
 import numpy as np
 
 from grid_maps.grid_map import MAX_CELLS, GridMap
+from grid_maps.known_part import known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MalformedMessageError
 from protocol.steps import MapMessage, MapReading
@@ -57,7 +58,7 @@ def from_reading(reading: MapReading) -> GridMap:
     if occupancy.dtype != np.int8 or occupancy.ndim != 2:
         raise _malformed(f"{occupancy.dtype} of {occupancy.shape}, expected int8 of rows and cols")
     try:
-        return GridMap(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
+        return known_part(cells_of(occupancy), reading.cell_m, reading.map_from_grid)
     except ValueError as error:
         raise _malformed(str(error)) from error
 

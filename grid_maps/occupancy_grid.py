@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from grid_maps.grid_map import MAX_CELLS, GridMap
+from grid_maps.known_part import known_part
 from grid_maps.map_message import cells_of
 from process_runtime.bag_file import OCCUPANCY_GRID, BagFile
 from protocol.errors import MapFileError
@@ -74,4 +75,4 @@ def grid_map_of(message: Any) -> GridMap:
     origin = (position.x, position.y, math.remainder(heading, math.tau))
     # As a number with few digits, as map files have it: 0.05 and not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
-    return GridMap(cells.reshape(info.height, info.width), cell_m, origin)
+    return known_part(cells.reshape(info.height, info.width), cell_m, origin)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from grid_maps.grid_map import MAX_CELLS, GridMap
+from grid_maps.known_part import known_part
 from grid_maps.ros_map import RosMapHeader
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
@@ -50,7 +51,7 @@ def parse_ros_image(content: bytes, path: Path, header: RosMapHeader) -> GridMap
             f"negate {int(header.negate)}, mode {header.mode}"
         )
         raise MapFileError(path, problem)
-    return GridMap(cells, header.resolution, header.origin)
+    return known_part(cells, header.resolution, header.origin)
 
 
 def _open(content: bytes, path: Path) -> Image.Image:
@@ -100,17 +101,21 @@ def _channel_mode(image: Image.Image) -> str:
     return "L" if grey else "RGB"
 
 
-def _pixels(strip: Image.Image, mode: str) -> NDArray[np.int32]:
-    """(rows, cols, channels) of numbers."""
+def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
+    """(rows, cols, channels) of numbers, wide enough to be summed where there are several."""
     if mode not in ("I", strip.mode):
         strip = strip.convert(mode)
     pixels = np.asarray(strip)
     if pixels.ndim == 2:
         pixels = pixels[..., np.newaxis]
+    if pixels.dtype == np.uint8 and mode == "L":
+        return pixels
     return np.asarray(np.clip(pixels, 0, 65_535), np.int32)
 
 
-def _channel_sum(pixels: NDArray[np.int32], mode: str, *, with_alpha: bool) -> NDArray[np.int32]:
+def _channel_sum(
+    pixels: NDArray[np.integer], mode: str, *, with_alpha: bool
+) -> NDArray[np.integer]:
     """(rows, cols) sums over red, green, blue and perhaps alpha; grey is three equal colours."""
     if mode in ("L", "I"):
         return pixels[..., 0]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
+from grid_maps.known_part import known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
 
@@ -45,7 +46,7 @@ def parse_wean_map(content: bytes, path: Path) -> GridMap:
     cells[(free_probability >= 0.0) & (free_probability < OCCUPIED_BELOW)] = OCCUPIED
     if not np.any(cells == FREE):
         raise MapFileError(path, f"no free space: no number above {FREE_ABOVE}")
-    return GridMap(np.ascontiguousarray(cells.T), cell_m, (0.0, 0.0, 0.0))
+    return known_part(np.ascontiguousarray(cells.T), cell_m, (0.0, 0.0, 0.0))
 
 
 def _header(lines: list[str], path: Path) -> tuple[float, tuple[int, int], int]:

@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 
 from protocol import keys
-from protocol.answers import Drive, Kidnap, Relocalize, SetPose
+from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, Message
 
@@ -52,6 +52,12 @@ class SearchAgain(
     """A person has said yes to forgetting all places."""
 
 
+class LookOnce(
+    msgspec.Struct, frozen=True, tag_field="type", tag="update", forbid_unknown_fields=True
+):
+    """A person wants a step of the next scan, although the robot stands."""
+
+
 class KidnapRobot(
     msgspec.Struct, frozen=True, tag_field="type", tag="kidnap", forbid_unknown_fields=True
 ):
@@ -72,7 +78,7 @@ class DriveRobot(
 
 
 Question: TypeAlias = ShowPast | ShowEarlier
-Command: TypeAlias = PlaceRobot | SearchAgain | KidnapRobot | DriveRobot
+Command: TypeAlias = PlaceRobot | SearchAgain | LookOnce | KidnapRobot | DriveRobot
 Request: TypeAlias = Drawn | Question | Command
 
 MAX_REQUEST_BYTES = 1000
@@ -104,6 +110,8 @@ def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Mes
             )
         case SearchAgain():
             return keys.RELOCALIZE, Relocalize(sender=sender, command_id=command_id)
+        case LookOnce():
+            return keys.UPDATE, Update(sender=sender, command_id=command_id)
         case KidnapRobot(pose):
             return keys.KIDNAP, Kidnap(sender=sender, command_id=command_id, map_from_robot=pose)
         case DriveRobot(speed_m_s, turn_rate_rad_s, by_hand):

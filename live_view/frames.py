@@ -43,6 +43,7 @@ def step_frame(
         "odom": belief.odom_from_robot,
         "state": belief.state,
         "searching": belief.searching,
+        "search_progress": belief.search_progress,
         "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
         "elsewhere": elsewhere_probability(belief),
@@ -136,6 +137,7 @@ def status_frame(status: Status) -> Frame:
         "lost": status.steps_lost,
         "reports_missing": status.reports_missing,
         "searching": status.searching,
+        "search_progress": status.search_progress,
         "uptime_s": status.uptime_s,
         "workers": [
             {"name": name, "jobs": jobs, **_rates(name, status)}

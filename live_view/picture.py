@@ -22,7 +22,7 @@ from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
 from protocol.steps import MapMessage, Scan, TruePose
-from protocol.work import TrackReport
+from protocol.work import Particles, TrackReport
 
 NEWEST_ROWS = 1000
 """Of the steps so far, what a page is given at once; older ones it asks for."""
@@ -118,9 +118,13 @@ class Picture:
         """What a worker made of a scan: now and then with the particles of its cluster."""
         cluster = cluster_of(report)
         if report.snapshot is not None and cluster is not None:
-            frame = cloud_frame(cluster, report.snapshot)
-            self._set(f"cloud {cluster}", frame)
-            self._archive.add(self._last_step, f"cloud {cluster}", frame)
+            self.on_particles(cluster, report.snapshot)
+
+    def on_particles(self, cluster: int, particles: Particles) -> None:
+        """The particles of a cluster."""
+        frame = cloud_frame(cluster, particles)
+        self._set(f"cloud {cluster}", frame)
+        self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
         """A step was applied, or a command changed what is believed after it."""

@@ -1,8 +1,8 @@
-"""A flight recording on the page: computed again while browsers look, without any system."""
+"""A finished run on the page: told to it while browsers look, without any system."""
 
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, TypeAlias
 
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happened, Happening
 from live_view.live_loop import answer_browser
@@ -23,22 +23,28 @@ _AT_A_TIME_S = 0.05
 _POLL_S = 0.1
 
 
+Telling: TypeAlias = Callable[[Picture], Iterator[None]]
+"""Tells a picture what happened, a little each time it is asked for more.
+
+Raises an `InputFileError` where the recording cannot be read.
+"""
+
+
 class RecordedRun:
     """Tells the picture what happened, a little at a time, and answers browsers in between.
 
     Args:
-        happenings: as `coordinator.recorder.replay.replayed` gives them.
+        telling: what happened: `flight_run`, or `live_view.recorded_bag.bag_run`.
         grid_map: what it happened in; None: not known, so none is drawn.
         about: what pages are told once.
     """
 
     def __init__(
         self,
-        happenings: Iterator[tuple[int, Happening]],
+        telling: Telling,
         grid_map: MapMessage | None,
         about: dict[str, Any],
     ) -> None:
-        self._happenings, self._term = happenings, 0
         self._inbox: Inbox[FromBrowser] = Inbox({})
         self.room = Room("recording", self._inbox.put)
         about = {"router": "", "commands": False, **about, "kept_steps": KEPT_STEPS}
@@ -48,12 +54,13 @@ class RecordedRun:
             shown = reduced(grid_map)
             self.room.set_map(shown.digest, shown.zlib_cells)
             self.picture.on_map(shown)
+        self._telling = telling(self.picture)
 
     def run(self, stop: StopFlag) -> None:
-        """Replay to the end, and show it until told to stop.
+        """Tell all of it, and show it until told to stop.
 
         Raises:
-            FlightRecordingError: the recording cannot be read.
+            InputFileError: the recording cannot be read.
         """
         while not stop.is_set():
             goes_on = self.replay_for(_AT_A_TIME_S)
@@ -66,25 +73,37 @@ class RecordedRun:
                 self.room.publish(changes)
 
     def replay_for(self, seconds: float) -> bool:
-        """Compute for so long; False: that was all."""
+        """Go on for so long; False: that was all."""
         until_s = time.monotonic() + seconds
-        for _, happening in self._happenings:
-            self._on_happening(happening)
+        for _ in self._telling:
             if time.monotonic() >= until_s:
                 return True
         self.picture.on_link("finished")
         return False
 
-    def _on_happening(self, happening: Happening) -> None:
-        match happening:
-            case CoordinatorActs(term=term):
-                self._term = term
-            case Believed(belief, _):
-                self.picture.on_belief(belief)
-                self.picture.on_pose(_best(belief))
-            case Happened(numbered=numbered) if numbered is not None:
-                events = JobEvents(sender="recording", events=(numbered,), term=self._term)
-                self.picture.on_events(events)
+
+def flight_run(happenings: Iterator[tuple[int, Happening]]) -> Telling:
+    """What a flight recording tells the page, which is computed again.
+
+    Args:
+        happenings: as `coordinator.recorder.replay.replayed` gives them.
+    """
+
+    def tell(picture: Picture) -> Iterator[None]:
+        acting = 0
+        for _, happening in happenings:
+            match happening:
+                case CoordinatorActs(term=term):
+                    acting = term
+                case Believed(belief, _):
+                    picture.on_belief(belief)
+                    picture.on_pose(best_pose(belief))
+                case Happened(numbered=numbered) if numbered is not None:
+                    events = JobEvents(sender="recording", events=(numbered,), term=acting)
+                    picture.on_events(events)
+            yield
+
+    return tell
 
 
 def serve_recording(
@@ -94,13 +113,13 @@ def serve_recording(
 
     Raises:
         SettingsError: the address or a certificate cannot be used.
-        FlightRecordingError: the recording cannot be read.
+        InputFileError: the recording cannot be read.
     """
     with opened_page(options, [run.room], say):
         run.run(stop)
 
 
-def _best(belief: Belief) -> PoseAnswer:
+def best_pose(belief: Belief) -> PoseAnswer:
     """The most probable place, as the coordinator said it right after the step."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return PoseAnswer(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,8 @@ _NEGLIGIBLE = 6.0
 @dataclass(frozen=True, eq=False)
 class BeamModel:
     """Weighs poses by the length of every beam; see `SensorModel`."""
+
+    beam_work: ClassVar[int] = 100
 
     grid: Grid
     pyramid: Pyramid

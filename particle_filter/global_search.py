@@ -8,7 +8,6 @@ than can be kept, all is searched again after 2, 4 and 8 scans, by all of them j
 """
 
 import math
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -24,9 +23,11 @@ from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import normalised_weights
 from particle_filter.motion import move
 from particle_filter.poses import between, compose
-from particle_filter.resampling import resample_weights, thinned
+from particle_filter.regions import Corners
+from particle_filter.resampling import resample_weights, thinning
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
+from particle_filter.slices import SLICE_WORK, Slices, WorkMeter, finished
 from particle_filter.source_clustering import Labels, cluster_by_source_point
 
 _REFINEMENTS = 2
@@ -37,6 +38,10 @@ _SEARCHED_AGAIN = (2, 4, 8)
 """After so many scans everything is searched once more, while too much is possible to keep."""
 _SAMPLED = 0.05
 """So much of the weight may be a sample of what is possible; else too much is."""
+_CORRECTION_WORK, _PLACE_WORK = 2**19, 2**16
+"""Of looking for beams through walls at a place, and of telling it [look-ups]."""
+_POSES_TOGETHER = 64
+"""A slice takes a multiple of it: vector instructions see the same poses together as without."""
 _POSES_PER_PLACE, _LEAST_POSES = 400, 1000
 """Kept by a shard."""
 _EVENLY = np.array([0.8191725134, 0.6710436067, 0.5497004779])
@@ -56,11 +61,14 @@ class FoundPlace:
 
 @lru_cache(maxsize=2)
 def search_space(
-    model: SensorModel, settings: SearchSettings, near: Circle | None = None
+    model: SensorModel,
+    settings: SearchSettings,
+    near: Circle | None = None,
+    corners: Corners = (),
 ) -> SearchSpace:
     """The leaves of a model's map; the shards and searches of a process share them."""
     leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
-    return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near)
+    return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near, corners)
 
 
 @dataclass(frozen=True)
@@ -105,12 +113,14 @@ class GlobalSearch:
         settings: FilterSettings,
         shard: int,
         near: Circle | None = None,
+        corners: Corners = (),
     ) -> None:
         self._model, self._settings, self._shard = model, settings, shard
         self._rules = settings.search
-        self._space = search_space(model, settings.search, near)
+        self._space = search_space(model, settings.search, near, corners)
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
+        self._meter = WorkMeter()
         self._seen: list[_Seen] = []
         """The scans that a search of everything would use."""
         self._kept: _Kept | None = None
@@ -142,12 +152,7 @@ class GlobalSearch:
         Returns:
             The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
         """
-        slices = self.slices(odom_from_before, odom_from_after, beams, rng)
-        while True:
-            try:
-                next(slices)
-            except StopIteration as done:
-                return float(done.value)
+        return finished(self.slices(odom_from_before, odom_from_after, beams, rng))
 
     def slices(
         self,
@@ -155,8 +160,8 @@ class GlobalSearch:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
-    ) -> Generator[None, None, float]:
-        """As `advance`, some milliseconds at a time."""
+    ) -> Slices[float]:
+        """As `advance`, in slices."""
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._seen.append(_Seen(odom_from_after, beams))
             if len(self._seen) in (1, *_SEARCHED_AGAIN):
@@ -166,22 +171,29 @@ class GlobalSearch:
         if odom_from_before is None:
             raise ValueError("odometry must tell the way from the step before")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
+        yield
         motion = self._settings.motion
         moved = move(kept.poses, odom_from_before, odom_from_after, motion, rng)
         self._kept = replace(kept, poses=moved)
         if beams.count == 0:
             return math.nan
         seen = new_view(*way(odom_from_before, odom_from_after), self._settings.belief)
-        return self._weigh(self._kept, beams, seen, rng)
+        yield
+        return (yield from self._weigh(self._kept, beams, seen, rng))
 
     def places(self, rng: np.random.Generator) -> list[FoundPlace]:
         """The clusters by source point, most probable first (section 4)."""
+        return finished(self.place_slices(rng))
+
+    def place_slices(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
+        """As `places`, in slices."""
         if self._kept is None:
             return []
         cloud = Cloud(self._kept.poses, self._kept.log_weights)
-        return _places(cloud, self._labels, self._rules, self._rules.min_place_share, rng)
+        least = self._rules.min_place_share
+        return (yield from _places(cloud, self._labels, self._rules, least, rng))
 
-    def _search(self, rng: np.random.Generator) -> Generator[None, None, float]:
+    def _search(self, rng: np.random.Generator) -> Slices[float]:
         """Search everything, by all scans so far."""
         now = self._seen[-1]
         hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
@@ -193,30 +205,50 @@ class GlobalSearch:
         self._wanted = self._most
         for _ in range(_REFINEMENTS):
             yield
-            kept, chosen = self._thin(kept, rng)
+            kept, chosen = yield from self._thin(kept, rng)
+            yield
             kept, parent = self._split(kept, rng, also_unsplit=True)
+            yield
             # Leaves reach into walls at their sides: where no robot can be there is nothing.
             free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
-            scores, per_beam = self._scores(kept.poses, now)
+            yield
+            scores, per_beam = yield from self._scores(kept.poses, now)
             kept = replace(kept, log_weights=before + scores)
         yield
-        self._settle(self._thin(kept, rng)[0], now.beams)
+        kept, _ = yield from self._thin(kept, rng)
+        yield from self._settle(kept, now.beams)
         return per_beam
 
-    def _scores(self, poses: Poses, now: "_Seen") -> tuple[LogWeights, float]:
+    def _scores(self, poses: Poses, now: "_Seen") -> Slices[tuple[LogWeights, float]]:
         """What all scans so far give to poses of now; and the last one's best for a beam."""
         total = np.zeros(len(poses))
         for seen in self._seen:
             now_from_then = between(now.odom_from_robot, seen.odom_from_robot)
-            fits = self._model.log_likelihood(compose(poses, now_from_then), seen.beams)
+            fits = yield from self._fits(poses, seen.beams, now_from_then)
             total += self._exponent * fits
         return total, float(fits.max()) / now.beams.count
 
-    def _weigh(self, kept: _Kept, beams: Beams, seen: float, rng: np.random.Generator) -> float:
+    def _fits(
+        self, poses: Poses, beams: Beams, from_seen: Pose | None = None
+    ) -> Slices[LogWeights]:
+        """(N,) log-likelihood of a scan, seen from the poses or from `from_seen` them."""
+        work = beams.count * self._model.beam_work
+        some = max(SLICE_WORK // work // _POSES_TOGETHER, 1) * _POSES_TOGETHER
+        parts = []
+        for first in range(0, len(poses), some):
+            part = poses[first : first + some]
+            at = part if from_seen is None else compose(part, from_seen)
+            parts.append(self._model.log_likelihood(at, beams))
+            yield from self._meter.spend(len(part) * work)
+        return np.concatenate(parts)
+
+    def _weigh(
+        self, kept: _Kept, beams: Beams, seen: float, rng: np.random.Generator
+    ) -> Slices[float]:
         """A further scan: among the poses as it counts, in all as likely as it is."""
-        fits = self._model.log_likelihood(kept.poses, beams)
+        fits = yield from self._fits(kept.poses, beams)
         per_beam = float(fits.max()) / beams.count
         penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
         told = self._exponent * fits + penalty
@@ -225,8 +257,9 @@ class GlobalSearch:
         share = share_that_counts(seen, misfit(per_beam, settings.sensor), settings.belief)
         log_weights = kept.log_weights + share * told
         log_weights += likelihood - np.logaddexp.reduce(log_weights)
-        kept, _ = self._thin(replace(kept, log_weights=log_weights), rng)
-        self._settle(kept, beams)
+        yield
+        kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
+        yield from self._settle(kept, beams)
         return per_beam
 
     @property
@@ -263,14 +296,18 @@ class GlobalSearch:
             kept.sizes[parent] * copies[parent] ** (-1.0 / 3.0),
         ), parent
 
-    def _thin(self, kept: _Kept, rng: np.random.Generator) -> tuple[_Kept, NDArray[np.int64]]:
+    def _thin(
+        self, kept: _Kept, rng: np.random.Generator
+    ) -> Slices[tuple[_Kept, NDArray[np.int64]]]:
         """As many as are wanted: room to split them."""
-        chosen, log_weights = thinned(kept.log_weights, self._wanted, rng)
+        chosen, log_weights = yield from thinning(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept, beams: Beams) -> None:
+    def _settle(self, kept: _Kept, beams: Beams) -> Slices[None]:
         """After a scan: find the places, and take back what was given for looks through walls."""
+        yield
         labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
+        yield
         weights = normalised_weights(kept.log_weights)
         shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:]
         taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
@@ -278,6 +315,7 @@ class GlobalSearch:
             members = np.flatnonzero(labels == label)
             own = weights[members] / shares[label]
             taken_back[label] = self._model.correction(kept.poses[members], own, beams)
+            yield from self._meter.spend(_CORRECTION_WORK)
         self._kept = replace(kept, log_weights=kept.log_weights - taken_back[labels])
         self._labels = labels
         self.log_evidence = float(np.logaddexp.reduce(self._kept.log_weights))
@@ -300,7 +338,7 @@ def places_of(
         Most probable first.
     """
     labels, _ = _clustered(cloud.map_from_robot, cloud.log_weights, rules)
-    return _places(cloud, labels, rules, min_share, rng)
+    return finished(_places(cloud, labels, rules, min_share, rng))
 
 
 def _clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
@@ -315,12 +353,13 @@ def _places(
     rules: SearchSettings,
     min_share: float,
     rng: np.random.Generator,
-) -> list[FoundPlace]:
+) -> Slices[list[FoundPlace]]:
     weights = normalised_weights(cloud.log_weights)
     by_label = np.argsort(labels, kind="stable")
     ends = np.searchsorted(labels[by_label], np.arange(labels.max() + 2))
     shares = np.bincount(labels + 1, weights)[1:]
-    found: list[FoundPlace] = []
+    found, meter = list[FoundPlace](), WorkMeter()
+    yield
     for label in np.argsort(-shares, kind="stable"):
         if shares[label] < min_share:
             break
@@ -329,4 +368,5 @@ def _places(
         count = rules.hand_over_particles if len(found) < rules.places_with_particles else 1
         chosen = resample_weights(own, count, "systematic", rng)
         found.append(FoundPlace(float(shares[label]), *fit_gaussian(poses, own), poses[chosen]))
+        yield from meter.spend(_PLACE_WORK)
     return found

@@ -9,28 +9,31 @@ more leaves than can be kept, the heavy ones are, and of the light ones some tha
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
+from particle_filter.arrays import FREE, LogWeights, Points, Pose, Poses
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
 from particle_filter.poses import TURN, between, compose
-from particle_filter.pyramid import LEVELS, MOST_BEAMS, Runs
-from particle_filter.resampling import thinned
+from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums
+from particle_filter.regions import Corners, is_region
+from particle_filter.resampling import thinning
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.settings import SearchSettings
+from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _LARGEST_GAP = 48
 """Tiles between two of interest in a row that are scored with them: one long run is faster."""
 _WAITING, _SIFTED = 8, 2
 """Times as many leaves as are kept may wait to be thinned, and are left then."""
-
-
 _TILES_OF_BAND = 8000
-"""Searched at a time, with one heading."""
+"""Searched from the best band and heading on."""
+_SUMS_OF_PART = SLICE_WORK // 2
+"""Scored without looking at the meter."""
 
 
 Circle: TypeAlias = tuple[float, float, float]
@@ -46,6 +49,7 @@ class SearchSpace:
         heading_step_rad: at most so far from one heading to the next.
         shards: the headings are dealt out to so many.
         near: where to look only; a circle without a free leaf is no help and left out.
+        corners: of a region, likewise; empty: everywhere.
 
     Raises:
         ValueError: the map has no free cell.
@@ -58,14 +62,19 @@ class SearchSpace:
         heading_step_rad: float,
         shards: int,
         near: Circle | None = None,
+        corners: Corners = (),
     ) -> None:
-        free, free_cells = _free_leaves(grid.cells, leaf_cells)
+        free, free_cells = free_leaves(grid, leaf_cells)
         if free_cells == 0:
             raise ValueError("the map has no free cell to search")
         leaf_m, all_leaves = leaf_cells * grid.cell_m, np.count_nonzero(free)
-        if near is not None:
-            inside = free & _inside(near, free.shape, leaf_m, grid.map_from_grid)
-            free = inside if inside.any() else free
+        tiles = free.shape, leaf_m, grid.map_from_grid
+        for part in (
+            None if near is None else _inside(near, *tiles),
+            is_region(corners, *tiles) if corners else None,
+        ):
+            if part is not None and (inside := free & part).any():
+                free = inside
         self.free = [free]
         """For each level, coarse to fine, whether a tile holds a free cell."""
         for _ in range(LEVELS - 1):
@@ -139,42 +148,52 @@ class GridSearch:
         self._leaves = _Found.none()
         self._waiting: list[_Found] = []
         self._waiting_count = 0
+        self._meter = WorkMeter()
 
     def slices(self) -> Iterator[None]:
-        """Search, a few milliseconds at a time; exhaust it before asking for `leaves`.
+        """Search; exhaust it before asking for `leaves`.
 
         Every band of the map is bounded with every heading first, and searched from the best one
         on: the best leaf soon leaves out much.
         """
-        bands = _bands(self._space.runs)
+        bands = _parts(self._space.runs, _TILES_OF_BAND)
         bounds: list[int] = []
         for heading in self._headings:
             offsets = self._offsets(heading)
             for band in bands:
-                bounds.append(self._pyramid.levels[0].sums(offsets, band).max(initial=0))
-                yield
+                sums = yield from self._sums(self._pyramid.levels[0], offsets, band)
+                bounds.append(sums.max(initial=0))
         for part in np.argsort(bounds, kind="stable")[::-1].tolist():
             if bounds[part] < self._least():
                 break
             heading, at = divmod(part, len(bands))
-            self._search(self._headings[heading], bands[at])
-            yield
+            yield from self._search(self._headings[heading], bands[at])
+        yield from self._sift(self._most)
 
-    def _search(self, heading: int, runs: Runs) -> None:
+    def _sums(self, level: Level, offsets: NDArray[np.int64], runs: Runs) -> Slices[Sums]:
+        """The level's sums of these tiles."""
+        parts = []
+        for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
+            parts.append(level.sums(offsets, part))
+            yield from self._meter.spend(len(parts[-1]) * len(offsets))
+        return np.concatenate(parts)
+
+    def _search(self, heading: int, runs: Runs) -> Iterator[None]:
         offsets = self._offsets(heading)
         for level, free in zip(self._pyramid.levels[:-1], self._space.free[:-1], strict=True):
-            runs = _finer(runs, level.sums(offsets, runs), free, self._least())
-        sums, free = self._pyramid.levels[-1].sums(offsets, runs), self._space.free[-1]
+            sums = yield from self._sums(level, offsets, runs)
+            runs = _finer(runs, sums, free, self._least())
+        sums = yield from self._sums(self._pyramid.levels[-1], offsets, runs)
+        free = self._space.free[-1]
         self._best = max(self._best, _best(runs, sums, free))
         found, kept = _good(runs, sums, free, self._least())
         self._waiting.append(_Found.at_heading(heading, found, kept))
         self._waiting_count += len(found)
         if self._waiting_count > _WAITING * self._most:
-            self._sift(_SIFTED * self._most)
+            yield from self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
         """The leaves within the margin of the best; of too many, a sample that weighs as much."""
-        self._sift(self._most)
         found = self._leaves
         floor = self._scale * len(self._hits) * self._pyramid.log_floor
         scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
@@ -198,14 +217,18 @@ class GridSearch:
         """Sums below this are worse than the best by more than the margin."""
         return max(self._best - self._margin, 0)
 
-    def _sift(self, count: int) -> None:
+    def _sift(self, count: int) -> Iterator[None]:
         """Leave what is still within the margin, and no more than some."""
+        yield
         found = _Found.joined([self._leaves, *self._waiting])
-        found, self._waiting = found.at(np.flatnonzero(found.sums >= self._least())), []
-        self._waiting_count = 0
+        self._waiting, self._waiting_count = [], 0
+        yield
+        found = found.at(np.flatnonzero(found.sums >= self._least()))
+        yield
         scores = self._scale * self._pyramid.log_step * found.sums
-        chosen, log_weights = thinned(scores + found.log_worth, count, self._rng)
+        chosen, log_weights = yield from thinning(scores + found.log_worth, count, self._rng)
         self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
+        yield
 
 
 @dataclass(frozen=True)
@@ -243,11 +266,14 @@ class _Found:
         )
 
 
-def _free_leaves(cells: Cells, leaf: int) -> tuple[NDArray[np.bool_], int]:
+@lru_cache(maxsize=2)
+def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
     """(rows, cols) whether a leaf holds a free cell; and how many cells are free.
 
-    Rows and columns are a whole number of the coarsest tiles.
+    Rows and columns are a whole number of the coarsest tiles. Looks at the whole map: whoever is
+    in no hurry asks first, and the searches of a process share the answer.
     """
+    cells = grid.cells
     side = leaf * 2 ** (LEVELS - 1)
     rows, cols = (-(-size // side) * side // leaf for size in cells.shape)
     free, count = np.zeros((rows, cols), bool), 0
@@ -280,10 +306,10 @@ def _runs(free: NDArray[np.bool_]) -> Runs:
     return _joined_runs(every, free.reshape(-1))
 
 
-def _bands(runs: Runs) -> list[Runs]:
-    """Runs in turn, so many that a band takes a few milliseconds at most."""
-    band = np.cumsum(runs[:, 2]) // _TILES_OF_BAND
-    return np.split(runs, np.flatnonzero(np.diff(band)) + 1)
+def _parts(runs: Runs, tiles: int) -> list[Runs]:
+    """Runs in turn, of about so many tiles together."""
+    part = np.cumsum(runs[:, 2]) // max(tiles, 1)
+    return np.split(runs, np.flatnonzero(np.diff(part)) + 1)
 
 
 @kernel

@@ -1,7 +1,7 @@
 """The likelihood field as a sensor model, corrected for beams that would pass through walls."""
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from particle_filter.visibility import hidden_log_likelihood
 @dataclass(frozen=True, eq=False)
 class LikelihoodFieldModel:
     """Weighs poses by how near the beams end to obstacles; see `SensorModel`."""
+
+    beam_work: ClassVar[int] = 1
 
     grid: Grid
     field: LikelihoodField

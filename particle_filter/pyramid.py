@@ -40,6 +40,8 @@ _RUNS_TOGETHER = 64
 
 Runs = NDArray[np.int64]
 """(R, 3) row, first column and number of tiles side by side."""
+Sums = NDArray[np.uint16]
+"""Of each tile, run after run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ class Level:
         """Of a tile [cells]."""
         return len(self.steps)
 
-    def sums(self, offsets: NDArray[np.int64], runs: Runs) -> NDArray[np.uint16]:
+    def sums(self, offsets: NDArray[np.int64], runs: Runs) -> Sums:
         """Score a scan with one heading for many tiles.
 
         Args:

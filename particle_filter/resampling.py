@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
+from particle_filter.slices import Slices, finished
 
 Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 Weights = NDArray[np.float64]
@@ -81,17 +82,29 @@ def thinned(
         Fearnhead and Clifford, "On-line inference for hidden Markov models via particle filters"
         (2003), optimal resampling.
     """
+    return finished(thinning(log_weights, count, rng))
+
+
+def thinning(
+    log_weights: LogWeights, count: int, rng: np.random.Generator
+) -> Slices[tuple[Indices, LogWeights]]:
+    """As `thinned`, in slices."""
     if len(log_weights) <= count:
         return np.arange(len(log_weights)), log_weights
     weights = normalised_weights(log_weights)
-    most = np.sort(np.argpartition(-weights, count)[:count])  # the heaviest, in a set order
+    yield
+    most = np.argpartition(-weights, count)[:count]
+    yield
+    most = np.sort(most)  # the heaviest, in a set order
     most = most[np.argsort(-weights[most], kind="stable")]
+    yield
     lighter = np.maximum(1.0 - np.cumsum(weights[most]) + weights[most], weights[most])
     even = lighter / (count - np.arange(count))  # weight of the rest, if it begins there
     heavy = int(np.argmax(weights[most] <= even))
     rest = weights.copy()
     rest[most[:heavy]] = 0.0
     drawn = systematic(rest / rest.sum(), count - heavy, rng.random())
+    yield
     log_even = float(log_weights[most[0]]) + np.log(rest.sum() / (count - heavy) / weights[most[0]])
     chosen = np.concatenate([most[:heavy], drawn])
     after = np.concatenate([log_weights[most[:heavy]], np.full(count - heavy, log_even)])

@@ -6,7 +6,7 @@ A model is a class in a file of its own; `sensor_models.py` knows them all by th
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, ClassVar, Protocol, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +112,9 @@ class LaserScan:
 
 class SensorModel(Hashable, Protocol):
     """Weighs poses in one map by scans."""
+
+    beam_work: ClassVar[int]
+    """Cost of a beam of a pose, in look-ups of a table."""
 
     @property
     def grid(self) -> Grid:

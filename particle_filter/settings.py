@@ -12,16 +12,22 @@ from msgspec import Meta
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """`sensor_models.model_class` has a class for each."""
 
+_NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
+_CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
+_REGIONS_FORM = "NAME: X Y, X Y; NAME: X Y, X Y, X Y; ..."
+_REGIONS_PATTERN = rf"\A([ ]*{_NAME}:[ ]*{_CORNER}(,[ ]*{_CORNER})+[ ]*(;|\Z))*[ ]*\Z"
 
-def described(meaning: str, unit: str = "", **bounds: float | str) -> Meta:
+
+def described(meaning: str, unit: str = "", form: str = "", **bounds: float | str) -> Meta:
     """Bounds, unit and meaning of one setting, for checks and for `clustermcl settings`.
 
     Args:
         meaning: what it is, in a few words.
         unit: of the number.
+        form: of a text, in words, where a pattern checks it.
         **bounds: `gt`, `ge`, `lt`, `le`, `pattern`, `max_length` as msgspec has them.
     """
-    return Meta(description=meaning, extra={"unit": unit}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
+    return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 
 
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -172,7 +178,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
-    ] = 0.95
+    ] = 0.98
     source_radius_m: Annotated[
         float, described("points this near a cluster's source point belong to it", "m", gt=0)
     ] = 1.0
@@ -187,6 +193,15 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     min_place_share: Annotated[
         float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
     ] = 0.0001
+    regions: Annotated[
+        str,
+        described(
+            "where `relocalize --region` searches: two corners of a rectangle, or a polygon's",
+            "m",
+            form=_REGIONS_FORM,
+            pattern=_REGIONS_PATTERN,
+        ),
+    ] = ""
 
 
 class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -9,6 +9,7 @@ import io
 import shutil
 import sqlite3
 import struct
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ _ROS1_START = b"#ROSBAG V2.0\n"
 _ROS1_MESSAGE, _ROS1_CHUNK, _ROS1_CONNECTION = 2, 5, 7
 
 _MCAP_MAGIC = b"\x89MCAP0\r\n"
+_MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE = 3, 4, 5
 _MCAP_FOOTER, _MCAP_CHUNK, _MCAP_DATA_END = 2, 6, 15
 _MCAP_HEAD = struct.Struct("<BQ")  # kind, length
 
@@ -114,21 +116,68 @@ def _ros1_fields(head: bytes) -> dict[bytes, bytes]:
 
 
 def _mend_mcap(damaged: Path, mended: Path) -> None:
+    """Write it with an index: without one, messages must be in the order of their times."""
+    from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
+
     with damaged.open("rb") as source, mended.open("wb") as target:
         if source.read(len(_MCAP_MAGIC)) != _MCAP_MAGIC:
             raise ValueError("its first bytes are not those of MCAP")
-        target.write(_MCAP_MAGIC)
-        for kind, data, whole in _mcap_records(source):
-            if kind in (_MCAP_DATA_END, _MCAP_FOOTER):
-                break
-            if whole:
-                target.write(_MCAP_HEAD.pack(kind, len(data)) + data)
-            elif kind == _MCAP_CHUNK:
-                for inner, content, inner_whole in _mcap_records(io.BytesIO(_mcap_unpacked(data))):
-                    if inner_whole:
-                        target.write(_MCAP_HEAD.pack(inner, len(content)) + content)
-        no_index = bytes(20)
-        target.write(_MCAP_HEAD.pack(_MCAP_FOOTER, len(no_index)) + no_index + _MCAP_MAGIC)
+        writer = Writer(target, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        with suppress(Exception):  # of many kinds: from here on it is damaged
+            _copy_mcap(source, writer)
+        writer.finish()  # type: ignore[no-untyped-call] # the library's
+
+
+def _copy_mcap(source: BinaryIO, writer: Any) -> None:
+    """Copy the messages, to the cut."""
+    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - an extra
+    from mcap.records import Channel, Message, Schema  # noqa: PLC0415 - see above
+
+    schemas: dict[int, int] = {0: 0}
+    channels: dict[int, int] = {}
+    for kind, data in _mcap_contents(source):
+        stream = ReadDataStream(io.BytesIO(data))
+        if kind == _MCAP_SCHEMA:
+            schema = Schema.read(stream)
+            if schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(
+                    schema.name, schema.encoding, schema.data
+                )
+        elif kind == _MCAP_CHANNEL:
+            channel = Channel.read(stream)
+            if channel.id not in channels:
+                channels[channel.id] = writer.register_channel(
+                    channel.topic,
+                    channel.message_encoding,
+                    schemas[channel.schema_id],
+                    channel.metadata,
+                )
+        elif kind == _MCAP_MESSAGE:
+            message = Message.read(stream, len(data))
+            writer.add_message(
+                channels[message.channel_id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
+            )
+
+
+def _mcap_contents(source: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Records that are whole, also those in chunks, to the cut or the end of the data."""
+    for kind, data, whole in _mcap_records(source):
+        if kind in (_MCAP_DATA_END, _MCAP_FOOTER):
+            return
+        if kind == _MCAP_CHUNK:
+            unpacked = _mcap_unpacked(data)
+            checksum = int.from_bytes(data[24:28], "little")
+            if whole and checksum not in (0, zlib.crc32(unpacked)):
+                return
+            inner = _mcap_records(io.BytesIO(unpacked))
+            yield from ((one, content) for one, content, is_whole in inner if is_whole)
+        elif whole:
+            yield kind, data
 
 
 def _mcap_records(source: BinaryIO) -> Iterator[tuple[int, bytes, bool]]:

@@ -78,6 +78,7 @@ def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
         checked_type=field.type,
         kind=kind,
         expected=" or ".join(map(_toml, choices))
+        or meta.extra["form"]
         or (meta.pattern and name_rule())
         or f"{_KINDS[kind]} {' and '.join(bounds)}".rstrip(),
         default=field.default,

@@ -45,6 +45,8 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     """The coordinator's term: a belief of a lower one than was heard before is of the past."""
     elsewhere_probability: float = 0.0
     """That the robot is at none of these places."""
+    search_progress: float = 0.0
+    """How near the search that runs is to its end, 0 to 1."""
 
 
 class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
@@ -108,6 +110,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """Steps are made faster than they are decided: scans are left out, searches put off."""
     newest_step: int = -1
     """The newest whose scan has arrived, applied or not: a bridge that starts goes on after it."""
+    search_progress: float = 0.0
+    """As in `Belief`."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
@@ -133,6 +137,8 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     command_id: str
     near: Circle | None = None
     """Where to search; None: everywhere."""
+    region: str = ""
+    """Of the coordinator's settings: where to search; empty: everywhere."""
 
 
 class Update(Message, frozen=True, kw_only=True, tag="update/1"):

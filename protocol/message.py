@@ -14,6 +14,8 @@ PoseTuple: TypeAlias = tuple[float, float, float]
 """x [m], y [m], heading [rad]."""
 Circle: TypeAlias = tuple[float, float, float]
 """x [m], y [m], radius [m]."""
+Corners: TypeAlias = tuple[tuple[float, float], ...]
+"""x [m], y [m] of each: two of a rectangle, more of a polygon; none: of nothing."""
 Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
 """3 x 3, row by row, over x [m], y [m], heading [rad]."""
 

@@ -181,7 +181,11 @@ def _(message: SetPose) -> str | None:
 
 @problem_of.register
 def _(message: Relocalize) -> str | None:
-    return _id_problem(message.command_id) or _circle_problem(message.near)
+    return (
+        _id_problem(message.command_id)
+        or _circle_problem(message.near)
+        or ("the region's name is too long" if len(message.region) > MAX_ID_CHARACTERS else None)
+    )
 
 
 @problem_of.register

@@ -7,7 +7,7 @@ from typing import TypeAlias
 import msgspec
 
 from protocol.arrays import ArrayBlob
-from protocol.message import Circle, Covariance, Message, PoseTuple
+from protocol.message import Circle, Corners, Covariance, Message, PoseTuple
 
 
 class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,6 +55,8 @@ class SearchJob(
     """The first step whose scan it uses."""
     near: Circle | None = None
     """It looks there only; None: everywhere."""
+    corners: Corners = ()
+    """It looks within this region only; empty: everywhere."""
 
 
 class ElsewhereJob(

@@ -45,6 +45,7 @@ class Amcl:
         """The newest time on `/clock`."""
         self.belief: Belief | None = None
         """The newest one."""
+        self._untold: Belief | None = None
         self._frames = FrameBuffer()
         self._scans = LaserScans(self._frames, settings)
         self._place = MapFromOdom()
@@ -166,10 +167,10 @@ class Amcl:
         self._particles.on_particles(cluster, particles)
 
     def on_belief(self, belief: Belief) -> Iterator[Output]:
-        """Take the belief after a step, and tell it."""
+        """Take the belief after a step, and tell the pose; `all_places` tells the others."""
         if self.belief is not None and belief.term < self.belief.term:
             return  # of a coordinator that was taken over from
-        self.belief = belief
+        self.belief = self._untold = belief
         expected = self._place.expected(belief.stamp_ns)
         chosen = self._choice.choose(belief, expected)
         if chosen is None:
@@ -185,12 +186,19 @@ class Amcl:
         yield Publish(topics.STATE, text(belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
         yield Publish(topics.PROBABILITY, number(probable))
+
+    def all_places(self) -> Iterator[Output]:
+        """Tell all places of the newest belief, once, for those who look: nothing waits for it."""
+        belief, frame = self._untold, self.settings.global_frame
+        self._untold = None
+        if belief is None or not self.is_active:
+            return
         yield Publish(topics.HYPOTHESIS_POSES, pose_array(belief, frame))
         told = detection(belief, frame, self.settings.node_name)
         yield Publish(topics.HYPOTHESIS_DETECTION, told)
         yield Publish(topics.HYPOTHESES, markers(belief, frame))
         if (cloud := self._particles.cloud(belief)) is not None:
-            yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, stamp_ns, frame))
+            yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
 
     # --- in between
 

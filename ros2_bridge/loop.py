@@ -1,6 +1,7 @@
 """The bridge's loop: takes what both sessions hear, asks what to do, and does it."""
 
 import logging
+import math
 import time
 from collections.abc import Iterable, Mapping
 from typing import TypeAlias
@@ -31,6 +32,7 @@ from ros2_bridge.outputs import (
     Refused,
     SearchEverywhere,
 )
+from ros2_bridge.robot_session import node_name
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
@@ -40,6 +42,8 @@ _log = logging.getLogger(__name__)
 
 _POLL_S = 0.05
 _STATUS_EVERY_S = 1.0
+_PLACES_WITHIN_S = 0.1
+"""All places are told when nothing else is to be done, but not later than this after a belief."""
 _CLUSTER = "c"
 """What the name of a job begins with that tracks a cluster."""
 
@@ -83,10 +87,13 @@ class BridgeLoop:
         self._settings, self._inbox, self._link = settings, inbox, link
         self._publishers, self._bond = publishers, bond
         self._amcl = Amcl(settings.ros2)
-        self.services = Services(self._amcl, settings, self._clock_ns)
+        name = node_name(settings.ros2)
+        node = name.topic(name.name)
+        self.services = Services(self._amcl, settings, self._clock_ns, node)
         self._topics = Topics(settings.ros2)
         self._causes = CauseCounter()
         self._next_status_s = 0.0
+        self._places_until_s: float | None = None
         self._status: Status | None = None
 
     def run(self, stop: StopFlag) -> None:
@@ -95,11 +102,13 @@ class BridgeLoop:
             self._do(self.services.change(CONFIGURE))
             self._do(self.services.change(ACTIVATE))
         while not stop.is_set():
-            event = self._inbox.get(_POLL_S)
+            event = self._inbox.get(_POLL_S if self._places_until_s is None else 0.0)
             try:
                 self._on_event(event)
             except MalformedMessageError as error:
                 self._causes.warn(_log, error.cause, error, time.monotonic())
+            if event is None or time.monotonic() >= (self._places_until_s or math.inf):
+                self._tell_all_places()
             self._every_second()
 
     def _on_event(self, event: InboxEvent | None) -> None:
@@ -114,6 +123,8 @@ class BridgeLoop:
                 self._link.answer(event)
             case Received(key=keys.BELIEF):
                 self._do(self._amcl.on_belief(decode_ours(event.payload, Belief)))
+                if self._places_until_s is None:
+                    self._places_until_s = time.monotonic() + _PLACES_WITHIN_S
             case Received(key=keys.STATUS):
                 self._status = decode_ours(event.payload, Status)
                 self.services.freshness = self._status.freshness
@@ -127,6 +138,11 @@ class BridgeLoop:
             case Unanswered(key=key, words=words):
                 problem = words or "nobody answers"
                 self._refused(Refused("command not carried out", f"{key}: {problem}"))
+
+    def _tell_all_places(self) -> None:
+        if self._places_until_s is not None:
+            self._places_until_s = None
+            self._do(self._amcl.all_places())
 
     def _on_message(self, event: FromRos) -> None:
         if event.problem:

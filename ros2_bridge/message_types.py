@@ -30,6 +30,7 @@ STRING = "std_msgs/msg/String"
 FLOAT64 = "std_msgs/msg/Float64"
 BOND_STATUS = "bond/msg/Status"
 TRANSITION_EVENT = "lifecycle_msgs/msg/TransitionEvent"
+PARAMETER_EVENT = "rcl_interfaces/msg/ParameterEvent"
 
 EMPTY = "std_srvs/srv/Empty"
 TRIGGER = "std_srvs/srv/Trigger"
@@ -40,6 +41,7 @@ GET_AVAILABLE_STATES = "lifecycle_msgs/srv/GetAvailableStates"
 GET_AVAILABLE_TRANSITIONS = "lifecycle_msgs/srv/GetAvailableTransitions"
 GET_PARAMETERS = "rcl_interfaces/srv/GetParameters"
 SET_PARAMETERS = "rcl_interfaces/srv/SetParameters"
+SET_PARAMETERS_ATOMICALLY = "rcl_interfaces/srv/SetParametersAtomically"
 LIST_PARAMETERS = "rcl_interfaces/srv/ListParameters"
 DESCRIBE_PARAMETERS = "rcl_interfaces/srv/DescribeParameters"
 GET_PARAMETER_TYPES = "rcl_interfaces/srv/GetParameterTypes"
@@ -80,6 +82,10 @@ _SERVICES = {
         "rcl_interfaces/Parameter[] parameters\n",
         "rcl_interfaces/SetParametersResult[] results\n",
     ),
+    SET_PARAMETERS_ATOMICALLY: (
+        "rcl_interfaces/Parameter[] parameters\n",
+        "rcl_interfaces/SetParametersResult result\n",
+    ),
     LIST_PARAMETERS: (
         "string[] prefixes\nuint64 depth\n",
         "rcl_interfaces/ListParametersResult result\n",
@@ -102,6 +108,7 @@ _SERVICE_HASHES = {
     GET_AVAILABLE_TRANSITIONS: "59b7ecefce0982a8a844b9f2c4f14764c1c4543cc55e72924e2aa4adad83e9bc",
     GET_PARAMETERS: "bf9803d5c74cf989a5de3e0c2e99444599a627c7ff75f97b8c05b01003675cbc",
     SET_PARAMETERS: "56eed9a67e169f9cb6c1f987bc88f868c14a8fc9f743a263bc734c154015d7e0",
+    SET_PARAMETERS_ATOMICALLY: "0e192ef259c07fc3c07a13191d27002222e65e00ccec653ca05e856f79285fcd",
     LIST_PARAMETERS: "3e6062bfbb27bfb8730d4cef2558221f51a11646d78e7bb30a1e83afac3aad9d",
     DESCRIBE_PARAMETERS: "845b484d71eb0673dae682f2e3ba3c4851a65a3dcfb97bddd82c5b57e91e4cff",
     GET_PARAMETER_TYPES: "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
@@ -114,7 +121,8 @@ CDR_HEADER = b"\x00\x01\x00\x00"
 
 
 @cache
-def _store() -> Typestore:
+def typestore() -> Typestore:
+    """All types that are spoken, for the library."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in _MESSAGES.items():
         store.register(get_types_from_msg(text, name))
@@ -135,7 +143,7 @@ def type_hash(ros_type: str, *, humble: bool) -> str:
         return HUMBLE_HASH
     if ros_type in _SERVICE_HASHES:
         return _HASH_FORM + _SERVICE_HASHES[ros_type]
-    return _store().hash_rihs01(ros_type)
+    return typestore().hash_rihs01(ros_type)
 
 
 def request_of(service: str) -> str:
@@ -160,12 +168,12 @@ def new(ros_type: str, **fields: Any) -> Any:
     Raises:
         TypeError: the type has no such field.
     """
-    return _store().types[ros_type](**_defaults(ros_type) | fields)
+    return typestore().types[ros_type](**_defaults(ros_type) | fields)
 
 
 def encode(message: Any, ros_type: str) -> bytes:
     """The message as CDR."""
-    return bytes(_store().serialize_cdr(message, ros_type))
+    return bytes(typestore().serialize_cdr(message, ros_type))
 
 
 def decode(data: bytes, ros_type: str) -> Any:
@@ -175,7 +183,7 @@ def decode(data: bytes, ros_type: str) -> Any:
         MalformedMessageError: the bytes are no such message.
     """
     try:
-        return _store().deserialize_cdr(data, ros_type)
+        return typestore().deserialize_cdr(data, ros_type)
     except SerdeError as error:
         name = ros_type.rpartition("/")[2]
         raise MalformedMessageError(expected=name, problem=str(error), kind="not CDR") from None
@@ -183,7 +191,7 @@ def decode(data: bytes, ros_type: str) -> Any:
 
 @cache
 def _defaults(ros_type: str) -> dict[str, Any]:
-    return {name: _default(kind) for name, kind in _store().fielddefs[ros_type][1]}
+    return {name: _default(kind) for name, kind in typestore().fielddefs[ros_type][1]}
 
 
 def _default(kind: Any) -> Any:

@@ -10,7 +10,7 @@ import zenoh
 from zenoh import ext
 
 from ros2_bridge.message_types import encode, type_hash
-from ros2_bridge.topics import Topic
+from ros2_bridge.topics import Topic, service_qos
 from ros2_bridge.wire import (
     Endpoint,
     EndpointKind,
@@ -187,7 +187,8 @@ class RosNode:
             if not inbox.put(called):
                 called.drop()
 
-        key, token = self._endpoint(EndpointKind.SERVICE, service, ros_type, Qos())
+        qos = service_qos(ros_type)
+        key, token = self._endpoint(EndpointKind.SERVICE, service, ros_type, qos)
         self._session.declare_queryable(key, on_query, complete=True)
         self._announce(token)
 

@@ -68,21 +68,24 @@ class Parameters:
 
     def set(self, request: Any) -> Any:
         """Answer `SetParameters`: one after the other, each taken or refused with the reason."""
-        results = []
-        for wanted in request.parameters:
-            reason = ""
-            try:
-                self._set(wanted.name, wanted.value)
-            except SettingsError as error:
-                reason = str(error)
-            results.append(
-                new(
-                    "rcl_interfaces/msg/SetParametersResult",
-                    successful=not reason,
-                    reason=reason,
-                )
-            )
+        results = [self._set_all([wanted]) for wanted in request.parameters]
         return new(response_of(types.SET_PARAMETERS), results=results)
+
+    def set_atomically(self, request: Any) -> Any:
+        """Answer `SetParametersAtomically`: all are taken, or none and the first reason told."""
+        result = self._set_all(request.parameters)
+        return new(response_of(types.SET_PARAMETERS_ATOMICALLY), result=result)
+
+    def _set_all(self, parameters: list[Any]) -> Any:
+        """Take all of them or none; a `SetParametersResult`."""
+        before, reason = self.settings, ""
+        try:
+            for wanted in parameters:
+                self._set(wanted.name, wanted.value)
+        except SettingsError as error:
+            self.settings, reason = before, str(error)
+        result = "rcl_interfaces/msg/SetParametersResult"
+        return new(result, successful=not reason, reason=reason)
 
     def _set(self, name: str, wanted: Any) -> None:
         """Change a setting.

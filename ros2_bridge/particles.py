@@ -1,5 +1,7 @@
 """A cloud of particles for those who draw one, from the clouds of all clusters."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,15 +13,41 @@ CLOUD = 2_000
 """Particles told, as many as AMCL has at most."""
 
 
+@dataclass(frozen=True)
+class _Cloud:
+    """The particles of a cluster, made ready once for the steps until the next ones come.
+
+    Args:
+        odom_from_robot: odometry when they were there.
+        map_from_robot: (N, 3) poses.
+        summed: (N,) running sums of the weights.
+    """
+
+    odom_from_robot: NDArray[np.float64]
+    map_from_robot: NDArray[np.float64]
+    summed: NDArray[np.float64]
+
+    def drawn(self, count: int) -> NDArray[np.float64]:
+        """So many particles, each as often as its weight says."""
+        marks = (np.arange(count) + 0.5) / count * self.summed[-1]
+        chosen: NDArray[np.float64] = self.map_from_robot[np.searchsorted(self.summed, marks)]
+        return chosen
+
+
 class ClusterParticles:
     """The newest particles that workers have told of each cluster: every tenth step of each."""
 
     def __init__(self) -> None:
-        self._clouds: dict[int, Particles] = {}
+        self._clouds: dict[int, _Cloud] = {}
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
         """Take what a worker tells."""
-        self._clouds[cluster] = particles
+        log_weights = particles.log_weights.array()
+        self._clouds[cluster] = _Cloud(
+            np.array(particles.odom_from_robot),
+            particles.map_from_robot.array().astype(np.float64),
+            np.cumsum(np.exp(log_weights - np.max(log_weights), dtype=np.float64)),
+        )
 
     def cloud(self, belief: Belief) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Particles of all clusters, each with its share, carried forward to the belief.
@@ -29,22 +57,15 @@ class ClusterParticles:
         """
         places = {one.cluster: one.probability for one in belief.hypotheses}
         self._clouds = {number: self._clouds[number] for number in places if number in self._clouds}
-        poses, weights = [np.empty((0, 3))], [np.empty(0)]
-        for number, cloud in self._clouds.items():
-            drawn = _drawn(cloud, max(1, round(CLOUD * places[number])))
-            moved = between(np.array(cloud.odom_from_robot), np.array(belief.odom_from_robot))
-            poses.append(compose(drawn, moved))
-            weights.append(np.full(len(drawn), places[number] / len(drawn)))
-        total = sum(float(np.sum(some)) for some in weights)
+        total = sum(places[number] for number in self._clouds)
         if total <= 0.0:
             return None
-        return np.concatenate(poses), np.concatenate(weights) / total
-
-
-def _drawn(cloud: Particles, count: int) -> NDArray[np.float64]:
-    """So many particles of a cloud, each as often as its weight says."""
-    log_weights = cloud.log_weights.array()
-    summed = np.cumsum(np.exp(log_weights - np.max(log_weights), dtype=np.float64))
-    marks = (np.arange(count) + 0.5) / count * summed[-1]
-    chosen: NDArray[np.float64] = cloud.map_from_robot.array()[np.searchsorted(summed, marks)]
-    return chosen.astype(np.float64)
+        drawn = [
+            cloud.drawn(max(1, round(CLOUD * places[number])))
+            for number, cloud in self._clouds.items()
+        ]
+        counts, odometry = [len(some) for some in drawn], np.array(belief.odom_from_robot)
+        moved = [between(cloud.odom_from_robot, odometry) for cloud in self._clouds.values()]
+        shares = [places[number] / total for number in self._clouds]
+        poses = compose(np.concatenate(drawn), np.repeat(moved, counts, axis=0))
+        return poses, np.repeat(np.divide(shares, counts), counts)

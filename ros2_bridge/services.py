@@ -9,6 +9,7 @@ from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
 from ros2_bridge.message_types import new, response_of
+from ros2_bridge.messages_out import header
 from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, SearchEverywhere
 from ros2_bridge.parameters import Parameters
 
@@ -23,11 +24,12 @@ class Services:
         amcl: the node's work.
         settings: of all processes.
         clock: the time by ROS's clock [ns].
+        node: its full name.
     """
 
-    def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int]) -> None:
+    def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int], node: str) -> None:
         self.lifecycle = Lifecycle()
-        self._amcl, self._clock = amcl, clock
+        self._amcl, self._clock, self._node = amcl, clock, node
         self._parameters = Parameters(settings)
         self.freshness = "unreachable"
         """As the system told last."""
@@ -64,6 +66,10 @@ class Services:
                 lambda request: (self._parameters.describe(request), []),
             ),
             "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
+            "~/set_parameters_atomically": (
+                types.SET_PARAMETERS_ATOMICALLY,
+                self._set_parameters_atomically,
+            ),
         }
 
     def types(self) -> dict[str, str]:
@@ -112,8 +118,21 @@ class Services:
 
     def _set_parameters(self, request: Any) -> Answer:
         response = self._parameters.set(request)
+        both = zip(request.parameters, response.results, strict=True)
+        return response, self._use([wanted for wanted, result in both if result.successful])
+
+    def _set_parameters_atomically(self, request: Any) -> Answer:
+        response = self._parameters.set_atomically(request)
+        return response, self._use(request.parameters if response.result.successful else [])
+
+    def _use(self, taken: list[Any]) -> list[Output]:
+        """Go on with parameters that were set, and tell all nodes."""
+        if not taken:
+            return []
         self._amcl.use(self._parameters.settings.ros2)
-        return response, []
+        stamp, changed = header(self._clock(), "").stamp, {"changed_parameters": taken}
+        event = new(types.PARAMETER_EVENT, stamp=stamp, node=self._node, **changed)
+        return [Publish(topics.PARAMETER_EVENTS, event)]
 
     def _is_localized(self, _request: Any) -> Answer:
         belief = self._amcl.belief

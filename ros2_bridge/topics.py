@@ -33,10 +33,16 @@ HYPOTHESIS_DETECTION = Topic("~/hypotheses/detection", types.DETECTION, _LAST)
 STATE = Topic("~/state", types.STRING, _LAST)
 PROBABILITY = Topic("~/probability", types.FLOAT64, _LAST)
 TRANSITION_EVENT = Topic("~/transition_event", types.TRANSITION_EVENT, Qos())
+PARAMETER_EVENTS = Topic("/parameter_events", types.PARAMETER_EVENT, Qos(depth=1000))
 BOND = Topic("bond", types.BOND_STATUS, Qos(depth=5))
 
 INITIAL_POSE = Topic("initialpose", types.POSE_STAMPED, Qos())
 CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
+
+
+def service_qos(ros_type: str) -> Qos:
+    """How calls of a service travel; as `rclpy` has it, many of the parameters' may wait."""
+    return Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else Qos()
 
 
 @dataclass(frozen=True)
@@ -80,5 +86,6 @@ class Topics:
         """All that are sent."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
+            PARAMETER_EVENTS,
             *(HYPOTHESES, HYPOTHESIS_POSES, HYPOTHESIS_DETECTION, STATE, PROBABILITY),
         )

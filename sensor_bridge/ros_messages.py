@@ -4,17 +4,19 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED
-from protocol.answers import Hypothesis
+from protocol.answers import Belief, Hypothesis
 from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.steps import LaserBeams, Scan
 
 MAP, ODOM, BASE, LASER = "map", "odom", "base_link", "laser"
 """Frames."""
+BELIEF_TOPIC = "/belief"
 _SIGMAS = 2.0
 """An ellipse holds 86 % of a place."""
 _MIN_SIGMA_M = 0.02
@@ -107,6 +109,10 @@ class RosMessages:
         return self._types["geometry_msgs/msg/PoseArray"](
             header=self._header(stamp_ns, MAP), poses=[self._pose(pose) for pose in poses]
         )
+
+    def belief(self, belief: Belief) -> Any:
+        """A `String` that holds all of a belief, as JSON."""
+        return self._types["std_msgs/msg/String"](data=msgspec.json.encode(belief).decode())
 
     def places(self, hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Any:
         """A `MarkerArray`: of each place an arrow, an ellipse and its percentage."""

@@ -8,11 +8,11 @@ import numpy as np
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
 from process_runtime.bag_writer import BagWriter
-from protocol.answers import Hypothesis
+from protocol.answers import Belief, Hypothesis
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix, pose_tuple
 from protocol.steps import OdometryReading, Scan
-from sensor_bridge.ros_messages import BASE, LASER, MAP, ODOM, RosMessages
+from sensor_bridge.ros_messages import BASE, BELIEF_TOPIC, LASER, MAP, ODOM, RosMessages
 
 CLOUD_POSES = 500
 
@@ -22,7 +22,8 @@ class RunRecorder:
 
     Topics: ``/map``, ``/tf`` (odometry, and the map's place above it as believed), ``/tf_static``
     (the laser), ``/scan``, ``/amcl_pose`` (the most probable place), ``/particle_cloud`` (poses
-    drawn from the places' Gaussians: workers keep their particles) and ``/hypotheses``.
+    drawn from the places' Gaussians: workers keep their particles), ``/hypotheses`` as they are
+    drawn, and ``/belief``, all of it as JSON.
 
     Args:
         writer: of the bag.
@@ -73,25 +74,19 @@ class RunRecorder:
             self._link(at_ns, BASE, frame, other.robot_from_laser)
             self._writer.write("/scan", self._messages.scan(other, at_ns, frame), at_ns)
 
-    def on_belief(
-        self, stamp_ns: int, odom_from_robot: PoseTuple, hypotheses: Sequence[Hypothesis]
-    ) -> None:
-        """What is believed after a step.
-
-        Args:
-            stamp_ns: of the step's scan.
-            odom_from_robot: at that time.
-            hypotheses: most probable first.
-        """
+    def on_belief(self, belief: Belief) -> None:
+        """What is believed after a step."""
         messages, write = self._messages, self._writer.write
+        stamp_ns, hypotheses = belief.stamp_ns, belief.hypotheses
         if hypotheses:
             best = hypotheses[0]
-            there, odometry = np.array(best.mean), np.array(odom_from_robot)
+            there, odometry = np.array(best.mean), np.array(belief.odom_from_robot)
             self._link(stamp_ns, MAP, ODOM, pose_tuple(compose(there, inverse(odometry))))
             pose = messages.pose(best.mean, best.covariance, stamp_ns)
             write("/amcl_pose", pose, stamp_ns)
         write("/particle_cloud", messages.poses(self._cloud(hypotheses), stamp_ns), stamp_ns)
         write("/hypotheses", messages.places(hypotheses, stamp_ns), stamp_ns)
+        write(BELIEF_TOPIC, messages.belief(belief), stamp_ns)
 
     def _cloud(self, hypotheses: Sequence[Hypothesis]) -> list[PoseTuple]:
         poses: list[PoseTuple] = []

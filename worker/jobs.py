@@ -4,7 +4,6 @@ Each job is told of scans in the order of their steps and answers with a report.
 comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
 """
 
-from collections.abc import Generator
 from typing import Protocol
 
 import numpy as np
@@ -17,6 +16,7 @@ from particle_filter.evidence_model import way
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
+from particle_filter.slices import Slices, finished
 from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
@@ -187,7 +187,7 @@ class Searching:
         self.assignment, self.step = assignment, job.first_step - 1
         self._job, self._sender = job, sender
         self._model, self._settings = model, settings
-        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near)
+        self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
         self._odom_from_robot: Pose | None = None
 
     def handed_on(self) -> Assignment:
@@ -206,22 +206,16 @@ class Searching:
 
     def advance(self, scan: Scan) -> SearchReport:
         """Move, weigh, and tell the places that are possible."""
-        slices = self.slices(scan)
-        while True:
-            try:
-                next(slices)
-            except StopIteration as done:
-                report: SearchReport = done.value
-                return report
+        return finished(self.slices(scan))
 
-    def slices(self, scan: Scan) -> Generator[None, None, SearchReport]:
-        """As `advance`, some milliseconds at a time; the step counts as done from the first on."""
+    def slices(self, scan: Scan) -> Slices[SearchReport]:
+        """As `advance`, in slices; the step counts as done from the first on."""
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
         beams, rng = scan_beams(scan, self._model), self._rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
         per_beam = yield from self._search.slices(before, after, beams, rng)
         yield
-        found = self._search.places(self._rng(scan.step, 2))
+        found = yield from self._search.place_slices(self._rng(scan.step, 2))
         return SearchReport(
             sender=self._sender,
             job_id=self.assignment.job_id,

@@ -11,6 +11,7 @@ from pathlib import Path
 import zenoh
 
 from grid_maps.map_message import from_message
+from particle_filter.grid_search import free_leaves
 from process_runtime.logs import CauseCounter
 from protocol import keys
 from protocol.errors import UnreachableError
@@ -141,6 +142,7 @@ class Outgoing:
     def _build(self, build: BuildModel) -> None:
         def built() -> ModelBuilt:
             model = sensor_model(from_message(build.map), build.settings, self._cache_folder)
+            free_leaves(model.grid, model.pyramid.leaf_cells)  # kept for searches: it takes long
             return ModelBuilt(build.map.digest, model)
 
         outcome = self._builder.submit(built)

@@ -1,8 +1,9 @@
 """What searches have still to do: in slices, for tracked clusters must not wait for them."""
 
 from collections import deque
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 
+from particle_filter.slices import Slices
 from protocol.steps import Scan
 from protocol.work import SearchReport
 from worker.jobs import RunningJob, Searching
@@ -20,7 +21,7 @@ class SearchQueue:
 
     def __init__(self) -> None:
         self._left: dict[int, tuple[Searching, deque[Scan]]] = {}
-        self._slices: Generator[None, None, SearchReport] | None = None
+        self._slices: Slices[SearchReport] | None = None
         self._searching: Searching | None = None
         """Whose slices they are."""
 

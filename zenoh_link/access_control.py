@@ -65,7 +65,7 @@ def rights_of(role: str, worker: str = "*") -> Rights:
 
 
 _VIEWER = Rights(
-    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH),
+    reads=(keys.POSE, keys.BELIEF, keys.EVENTS, keys.TRUTH, keys.SCAN),
     asks=(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP),
 )
 

@@ -49,7 +49,7 @@ def admission(
     log_weight: float,
     settings: FilterSettings,
     *,
-    founding: bool = False,
+    holds_own: bool = False,
 ) -> Admission:
     """The places of a search that no cluster holds and that are probable enough.
 
@@ -64,11 +64,11 @@ def admission(
             place.
         log_weight: log of the weight of all that the search has found, beside the belief.
         settings: how near is near.
-        founding: the clusters are this search's own places, so it tells none from those beside it.
+        holds_own: clusters are this search's own places, so it tells none from those beside them.
     """
     rules, search = settings.belief, settings.search
-    reach_m = search.source_radius_m if founding else rules.merge_distance_m
-    reach_rad = search.source_heading_rad if founding else rules.merge_heading_rad
+    reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
+    reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
     fresh = list[tuple[Place, Place]]()
     explained = 0.0
     for place in pool.places:
@@ -92,11 +92,11 @@ def log_weight_of_held(
 ) -> float | None:
     """Log of the weight of a whole search by what it shares with the clusters; None: nothing.
 
-    For the first search, whose own places the clusters are: they tell what its shares are worth.
+    For a search whose own places are clusters: they tell what its shares are worth.
 
     Args:
         pool: what the search has found.
-        held: where the clusters were at the step of the pool, and how probable they are.
+        held: where its own clusters were at the step of the pool, and how probable they are.
         rules: how near is near.
     """
     reach = (rules.source_radius_m, rules.source_heading_rad)

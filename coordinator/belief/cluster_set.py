@@ -210,19 +210,25 @@ class ClusterSet:
         return ended
 
     def admit(
-        self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
+        self,
+        newcomers: Sequence[Newcomer],
+        step: int,
+        *,
+        first_step: float = math.inf,
+        protected_until: int = -1,
     ) -> tuple[list[Cluster], list[JobEvent]]:
         """Let newcomers in beside the clusters; the least probable leave where there are too many.
 
         Args:
             newcomers: with their weights beside the belief; all are normalised afterwards.
             step: the step after which they are tracked.
+            first_step: of the search that has found them; its earlier finds are not protected.
             protected_until: the step before which they may not be replaced.
 
         Returns:
             The new clusters, in the order of the newcomers, and who began and who ended.
         """
-        leaving = self._make_room(len(newcomers), step)
+        leaving = self._make_room(len(newcomers), step, first_step)
         first = self._next_cluster
         for place, _ in newcomers:
             self._clusters[self._next_cluster] = Cluster(
@@ -236,23 +242,47 @@ class ClusterSet:
             self._next_cluster += 1
         self._normalise()
         admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
-        pushing = admitted[len(admitted) - len(leaving) :]
-        events: list[JobEvent] = [
-            _ended(cluster, "pushed out", by) for cluster, by in zip(leaving, pushing, strict=False)
-        ]
+        events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
             for cluster, (_, cause) in zip(admitted, newcomers, strict=True)
         ]
         return admitted, events
 
-    def room(self, step: int) -> list[float]:
+    def sharing(
+        self, newcomers: Sequence[Newcomer], first_step: int, explained: float
+    ) -> list[Newcomer]:
+        """Let newcomers take from those that the same search has brought, and from nobody else.
+
+        Args:
+            newcomers: what the search has found since, with their weights beside the belief.
+            first_step: of the search.
+            explained: what was elsewhere, and is theirs now.
+
+        Returns:
+            The newcomers with what they get.
+        """
+        own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
+        held = math.fsum(cluster.probability for cluster in own)
+        weight = math.fsum(place.share for place, _ in newcomers)
+        kept = (held + explained) / (held + weight)
+        for cluster in own:
+            less = replace(cluster, log_probability=cluster.log_probability + math.log(kept))
+            self._clusters[cluster.cluster] = less
+        return [(replace(place, share=kept * place.share), cause) for place, cause in newcomers]
+
+    def room(self, step: int, first_step: float = math.inf) -> list[float]:
         """How probable those are whose places newcomers could take, in the order of leaving.
 
-        Free places come first, as clusters of probability 0; those in their grace yield to nobody.
+        Free places come first, as clusters of probability 0. Those in their grace yield to nobody
+        but to what the search that brought them has found since.
+
+        Args:
+            step: the last one.
+            first_step: of the search that has found the newcomers.
         """
         free = self._rules.max_clusters - len(self._clusters)
-        return [0.0] * free + [c.probability for c in self._leaving(step)]
+        return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
 
     def protect_alternatives(self, until: int) -> None:
         """Let nobody take the place of those that the robot may well be at, before this step.
@@ -319,6 +349,9 @@ class ClusterSet:
             (replace(part, share=whole.probability * part.share / total), "split") for part in parts
         ]
         admitted, events = self.admit(newcomers, step)
+        for part in admitted:
+            aged = replace(part, born_step=whole.born_step, protected_until=whole.protected_until)
+            self._clusters[part.cluster] = aged
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def clear(self, cause: EndedCause) -> list[Ended]:
@@ -326,14 +359,18 @@ class ClusterSet:
         self.log_elsewhere = 0.0
         return self._end(self.all(), cause)
 
-    def _leaving(self, step: int) -> list[Cluster]:
+    def _leaving(self, step: int, first_step: float) -> list[Cluster]:
         """Those that may be replaced, least probable first."""
-        return [c for c in reversed(self.by_probability()) if step >= c.protected_until]
+        return [
+            cluster
+            for cluster in reversed(self.by_probability())
+            if step >= cluster.protected_until or cluster.born_step >= first_step
+        ]
 
-    def _make_room(self, count: int, step: int) -> list[Cluster]:
+    def _make_room(self, count: int, step: int, first_step: float) -> list[Cluster]:
         """Take out as many as are too many; returns them."""
         surplus = len(self._clusters) + count - self._rules.max_clusters
-        leaving = self._leaving(step)[: max(surplus, 0)]
+        leaving = self._leaving(step, first_step)[: max(surplus, 0)]
         for cluster in leaving:
             del self._clusters[cluster.cluster]
         return leaving
@@ -358,6 +395,19 @@ class ClusterSet:
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
             self._clusters[cluster.cluster] = finite
+
+
+def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
+    """Each by a newcomer of its own, the last ones.
+
+    More leave than come where clusters were protected, so that there were too many before: the
+    last newcomer pushed out those, too.
+    """
+    pushing = admitted[-len(leaving) :]
+    return [
+        _ended(cluster, "pushed out", *(pushing[place : place + 1] or pushing[-1:]))
+        for place, cluster in enumerate(leaving)
+    ]
 
 
 def _ended(cluster: Cluster, cause: EndedCause, *by: Cluster) -> Ended:

@@ -21,7 +21,7 @@ from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
-from protocol.message import Circle, PoseTuple
+from protocol.message import Circle, Corners, PoseTuple
 from protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
@@ -63,8 +63,6 @@ class Ensemble:
         self.clusters = ClusterSet(settings.belief, settings.sensor)
         self._search: SearchPool | None = None
         self._evidence = SearchEvidence()
-        self._founding = False
-        """The search that runs has found the first clusters, and looks on."""
         self._prior_pose: PriorPose | None = None
         self.searches = 0
         """How many have begun."""
@@ -145,7 +143,11 @@ class Ensemble:
         return self._outcome(step, ())
 
     def relocalize(
-        self, step: int, cause: EndedCause = "forgotten", near: Circle | None = None
+        self,
+        step: int,
+        cause: EndedCause = "forgotten",
+        near: Circle | None = None,
+        corners: Corners = (),
     ) -> Outcome:
         """Forget all clusters and search from the next step on.
 
@@ -153,12 +155,13 @@ class Ensemble:
             step: the last one.
             cause: why the clusters end.
             near: where to search first; None: everywhere. Later searches look everywhere.
+            corners: of a region, likewise; empty: everywhere.
         """
         self._events += self.clusters.clear(cause)
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
-        self._start_search(step + 1, near)
+        self._start_search(step + 1, near, corners)
         return self._outcome(step, ())
 
     def go_on_from(self, places: Sequence[Place], step: int, cause: EndedCause) -> Outcome:
@@ -194,19 +197,19 @@ class Ensemble:
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
         self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
-        self._search, self._founding = None, False
+        self._search = None
         self._means.clear()
         if (search := state.search) is not None:
             self._search = SearchPool(search.search, search.first_step, self.settings.search)
+            self._search.progress = search.progress
             self._evidence = SearchEvidence.restored(search.evidence)
-            self._founding = search.founding
         self.searches, self._next_search_step = state.searches, state.next_search_step
         self._prior_pose = state.prior_pose
 
     def _search_state(self) -> SearchState | None:
         if self._search is None:
             return None
-        return self._search.state(self._evidence.state(), founding=self._founding)
+        return self._search.state(self._evidence.state())
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -223,11 +226,17 @@ class Ensemble:
 
     # --- the search
 
-    def _start_search(self, first_step: int, near: Circle | None = None) -> None:
+    def _start_search(
+        self, first_step: int, near: Circle | None = None, corners: Corners = ()
+    ) -> None:
         search = SearchPool(self.searches, first_step, self.settings.search)
         for shard, job_id in enumerate(search.job_ids):
             self._begin[job_id] = SearchJob(
-                search=self.searches, shard=shard, first_step=first_step, near=near
+                search=self.searches,
+                shard=shard,
+                first_step=first_step,
+                near=near,
+                corners=corners,
             )
         self.searches += 1
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
@@ -237,7 +246,7 @@ class Ensemble:
     def _stop_search(self, step: int, cause: EndedCause) -> None:
         if self._search is not None:
             self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
-        self._search, self._founding = None, False
+        self._search = None
         self._next_search_step = step + self.settings.belief.search_every_steps
 
     def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
@@ -275,7 +284,7 @@ class Ensemble:
         if self._prior_pose is not None:
             odom_from_robot = first[0].sample.odom_from_robot
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
-        self._prior_pose, self._founding = None, True
+        self._prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         self.clusters.explain(self._evidence.newly_explained(explained))
         self._admit(entering, step)
@@ -283,30 +292,37 @@ class Ensemble:
     def _admit_newcomers(self, pool: Pool, first_step: int, step: int) -> None:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
-        The scans since the search began tell what it is worth; of the first search, its places
-        that are clusters do.
+        The scans since the search began tell what it is worth; once places of its own are
+        clusters, they do, and share what they have with those it finds later.
         """
-        then = self._means[pool.step]
-        held = [(then[cluster.job_id], cluster.probability) for cluster in self.clusters.all()]
-        settings, founding, log_weight = self.settings, self._founding, None
-        if founding:
-            log_weight = log_weight_of_held(pool, held, settings.search)
+        then, settings = self._means[pool.step], self.settings
+        clusters = self.clusters.all()
+        own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
+        log_weight = log_weight_of_held(pool, own, settings.search)
         if log_weight is None:
             log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
-        room = self.clusters.room(step)
-        means = [mean for mean, _ in held]
-        found = admission(pool, means, room, log_weight, settings, founding=founding)
+        held = [then[cluster.job_id] for cluster in clusters]
+        room = self.clusters.room(step, first_step)
+        found = admission(pool, held, room, log_weight, settings, holds_own=bool(own))
+        before = self.clusters.elsewhere
         self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
-        grace = 0 if founding else settings.belief.grace_steps
-        self._admit(entering, step, protected_until=step + grace)
-        if found.entering and not founding:
+        if own:
+            entering = self.clusters.sharing(entering, first_step, before - self.clusters.elsewhere)
+        self._admit(entering, step, first_step, step + settings.belief.grace_steps)
+        if entering and not own:
             self.clusters.lift_alternatives(step, first_step)
 
     def _admit(
-        self, newcomers: Sequence[Newcomer], step: int, *, protected_until: int = -1
+        self,
+        newcomers: Sequence[Newcomer],
+        step: int,
+        first_step: float = math.inf,
+        protected_until: int = -1,
     ) -> None:
-        admitted = self.clusters.admit(newcomers, step, protected_until=protected_until)
+        admitted = self.clusters.admit(
+            newcomers, step, first_step=first_step, protected_until=protected_until
+        )
         self._track([place for place, _ in newcomers], *admitted)
 
     def _track(
@@ -332,8 +348,10 @@ class Ensemble:
     # --- what it comes to
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        begin, self._begin = self._begin, {}
         events, self._events = tuple(self._events), []
+        ended = {event.job_id for event in events if isinstance(event, Ended)}
+        begin = {job_id: job for job_id, job in self._begin.items() if job_id not in ended}
+        self._begin = {}
         tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
         return Outcome(
             step=step,
@@ -344,15 +362,22 @@ class Ensemble:
             missing=missing,
             begin=begin,
             events=events,
+            search_progress=self._search.progress if self._search else 0.0,
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
-        if not len(self.clusters) or (self._founding and self._lost):
+        if not len(self.clusters) or (self._is_founding and self._lost):
             return "searching"
         if self._lost:
             return "lost"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
+
+    @property
+    def _is_founding(self) -> bool:
+        """Whether the search that runs has found all the clusters that there are."""
+        search, clusters = self._search, self.clusters.all()
+        return search is not None and all(c.born_step >= search.first_step for c in clusters)
 
     @property
     def _lost(self) -> bool:

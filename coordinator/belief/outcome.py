@@ -25,6 +25,9 @@ class Outcome:
     events: tuple[JobEvent, ...]
     """Which clusters have begun, which clusters and searches ended, and why; as it was decided."""
 
+    search_progress: float = 0.0
+    """How near the search that runs is to its end, 0 to 1."""
+
     @property
     def end(self) -> tuple[str, ...]:
         """Jobs that end."""

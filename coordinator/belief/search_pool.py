@@ -24,8 +24,8 @@ class SearchState(msgspec.Struct, frozen=True):
     search: int
     first_step: int
     evidence: SearchEvidenceState
-    founding: bool
-    """It has found the first clusters, and looks on."""
+    progress: float = 0.0
+    """How near it is to its end, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class SearchPool:
 
     def __init__(self, search: int, first_step: int, settings: SearchSettings) -> None:
         self.search, self.first_step = search, first_step
+        self.progress = 0.0
+        """How near the search is to its end, 0 to 1, when `finished` was asked last."""
         self._settings = settings
         self._reports: dict[int, dict[str, SearchReport]] = {}
 
@@ -53,9 +55,9 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, evidence: SearchEvidenceState, *, founding: bool) -> SearchState:
+    def state(self, evidence: SearchEvidenceState) -> SearchState:
         """The search as it is handed on, with what it is compared with."""
-        return SearchState(self.search, self.first_step, evidence, founding)
+        return SearchState(self.search, self.first_step, evidence, self.progress)
 
     def add(self, report: SearchReport) -> None:
         """Keep one shard's report; none can tell of a step before the search began."""
@@ -87,6 +89,8 @@ class SearchPool:
         held = sum(place.share for place in pool.places[:clusters])
         left_out = math.exp(-pool.left_out_gap)
         steps = pool.step - self.first_step + 1
+        near = max(min(held, 1.0 - left_out) / mass, steps / self._settings.max_steps)
+        self.progress = min(near, 1.0)
         return (held >= mass and left_out <= 1.0 - mass) or steps >= self._settings.max_steps
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import msgspec
 
+from coordinator.failover.term import APART_US
 from coordinator.membership.balance import Move
 from protocol.work import (
     Assignment,
@@ -50,6 +51,18 @@ class PlacedJob:
     copy_step: int | None = None
     """The particles are those of another worker's copy of this step; -1: drawn anew; None: its
     worker's own."""
+    handed_on_by: int | None = None
+    """The term of the coordinator that handed it on; None: it began here."""
+
+    def is_held_with(self, epoch: int) -> bool:
+        """Whether what a worker holds under this job's id, with this epoch, is this job.
+
+        Who handed it on may have given it to that worker since. Another coordinator that went on
+        from an earlier state, or from none, gave its own jobs the same ids.
+        """
+        if epoch == self.epoch or self.handed_on_by is None:
+            return epoch == self.epoch
+        return epoch > self.epoch and 0 < epoch - self.handed_on_by <= APART_US
 
 
 class Jobs:
@@ -170,6 +183,8 @@ class Jobs:
         rebuilt: Callable[[str], TrackJob],
         present: Container[str],
         now_ns: int,
+        *,
+        term: int,
     ) -> None:
         """Take over another's jobs; workers that are not here yet keep theirs for a while.
 
@@ -178,6 +193,7 @@ class Jobs:
             rebuilt: makes a job of a cluster whose particles only its worker holds.
             present: workers that are here.
             now_ns: by the clock of all events.
+            term: of the other.
         """
         self._jobs = {
             job.job_id: PlacedJob(
@@ -187,6 +203,7 @@ class Jobs:
                 now_ns,
                 reported=True,
                 copy_step=None if job.job else -1,
+                handed_on_by=term,
             )
             for job in jobs
         }
@@ -214,12 +231,13 @@ class Jobs:
         """A worker tells which jobs it has, and from where another could carry on.
 
         Returns:
-            Those of them that it has now; the others are over, or another's by a newer epoch.
+            Those of them that it has now; the others are over, another's by a newer epoch, or of
+            a coordinator that this one does not carry on from.
         """
         kept = []
         for held in holds:
             job = self._jobs.get(held.job_id)
-            if job is None or held.epoch < job.epoch:
+            if job is None or not job.is_held_with(held.epoch):
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied

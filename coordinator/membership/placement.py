@@ -127,10 +127,10 @@ class Placement:
         return self.jobs.state(self._holds_particles)
 
     def restore(
-        self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int
+        self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
     ) -> None:
         """Take over another's jobs; see `Jobs.restore`."""
-        self.jobs.restore(jobs, rebuilt, self.delivery, now_ns)
+        self.jobs.restore(jobs, rebuilt, self.delivery, now_ns, term=term)
         self.delivery.forget()
 
     def _holds_particles(self, job_id: str, job: PlacedJob) -> bool:

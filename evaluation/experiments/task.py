@@ -17,6 +17,7 @@ from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.trace import Trace
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
+from protocol.answers import Belief
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -120,7 +121,19 @@ class Run:
         if recorder.wants_map(scan):
             recorder.on_map(self.course.map, scan.stamp_ns)
         recorder.on_scan(scan)
-        recorder.on_belief(scan.stamp_ns, scan.odom_from_robot, outcome.hypotheses)
+        recorder.on_belief(
+            Belief(
+                sender=scan.sender,
+                step=scan.step,
+                stamp_ns=scan.stamp_ns,
+                odom_from_robot=scan.odom_from_robot,
+                state=outcome.state,
+                hypotheses=outcome.hypotheses,
+                searching=outcome.searching,
+                missing=outcome.missing,
+                elsewhere_probability=outcome.elsewhere_probability,
+            )
+        )
 
     def _scans(self, truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:
         """The scans alone, while the truth at each is put aside."""

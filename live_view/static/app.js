@@ -204,7 +204,7 @@ function showLink() {
   if (!connection.isOpen) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
   else if (system.link === "no system") text = `The router is there, but nobody localizes ${system.robot} yet: waiting.`;
-  else if (system.link === "replaying") text = "Computing the recorded steps again: more of them come.";
+  else if (system.link === "replaying") text = "Reading the recording: more steps come.";
   $("banner").hidden = !text;
   $("banner-text").textContent = text;
   $("link").className = isLive || isPast ? "dot up" : "dot";

@@ -2,10 +2,10 @@
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { drawPlace, drawPlacing, drawTruth } from "./symbols.js";
+import { drawLabels, drawPlace, drawPlacing, drawTruth } from "./symbols.js";
 import { drawWays } from "./ways.js";
 
-const LABELLED = 8; // clusters that say their percentage; the others are small
+const LABELLED = 8; // clusters that say their percentage, where there is room; the others are small
 const ABOVE = 68, BELOW = 118; // what stands over the map [px]
 const ZOOM_RANGE = [0.5, 2000]; // pixels a metre
 
@@ -141,7 +141,9 @@ export class MapView {
       drawParticles(this, this.clouds, this.step);
       this.drawScan(places.find((place) => place.cluster === this.pointed) ?? places[0]);
       if (this.step.truth) drawTruth(this, this.step.truth);
-      for (let i = places.length - 1; i >= 0; i--) drawPlace(this, places[i], i < LABELLED); // the best on top
+      for (let i = places.length - 1; i >= 0; i--) drawPlace(this, places[i]); // the best on top
+      const pointed = places.filter((place) => place.cluster === this.pointed);
+      drawLabels(this, new Set([...pointed, ...places.slice(0, LABELLED)]));
     }
     context.globalAlpha = 1;
     if (this.placing) drawPlacing(this, this.placing);

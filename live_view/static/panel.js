@@ -19,7 +19,9 @@ export function showRobots(names, own) {
 export function showStep(frame) {
   $("now").dataset.state = frame.state;
   $("state").textContent = frame.state;
-  $("searching").hidden = !frame.searching || frame.state === "searching";
+  $("searching").hidden = !frame.searching || (frame.state === "searching" && !frame.search_progress);
+  $("searching").textContent = frame.search_progress > 0
+    ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
   $("step").textContent = frame.step;
   const best = frame.places[0];
   $("off-box").hidden = $("legend-truth").hidden = !frame.truth;

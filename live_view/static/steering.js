@@ -37,6 +37,11 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     driving.set(on && mayCommand() && isSimulated());
     if (driving.isOn) travel.toNow();
   };
+  const update = () => {
+    if (!mayCommand()) return;
+    travel.toNow();
+    send({ type: "update" });
+  };
   const askToRelocalize = () => {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
   };
@@ -95,6 +100,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     f: () => view.fit(),
     l: () => view.setFollow(!view.follow),
     p: () => setPlacing(placing === "set_pose" ? null : "set_pose"),
+    u: update,
     r: askToRelocalize,
     k: kidnap,
     d: () => drive(!driving.isOn),
@@ -125,6 +131,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   $("fit").onclick = keys.f;
   $("follow").onclick = keys.l;
   $("set-pose").onclick = keys.p;
+  $("update").onclick = update;
   $("relocalize").onclick = askToRelocalize;
   $("kidnap").onclick = kidnap;
   $("drive").onclick = keys.d;

@@ -2,12 +2,12 @@
 import { colourOf, isDashed, percent, themed } from "./palette.js";
 
 /** A cluster: a disc with a nose where the robot would look, its area by probability, and its ellipse. */
-export function drawPlace(view, place, labelled) {
+export function drawPlace(view, place) {
   const { context } = view;
   const usual = context.globalAlpha;
   const colour = colourOf(place.slot);
   const [x, y] = view.screenOf(place.pose);
-  const radius = 6 + 8 * Math.sqrt(place.p);
+  const radius = radiusOf(place);
   drawEllipse(view, place, x, y, colour, usual);
   // The arrow: a disc with a nose; its area tells the probability.
   context.save();
@@ -29,8 +29,28 @@ export function drawPlace(view, place, labelled) {
     context.stroke();
   }
   context.restore();
-  if (labelled || place.cluster === view.pointed) drawLabel(view, percent(place.p), x, y - radius - 11, colour);
 }
+
+const radiusOf = (place) => 6 + 8 * Math.sqrt(place.p);
+
+/** Percentages, the most important first; one that would hide another before it is left out. */
+export function drawLabels(view, places) {
+  const drawn = [];
+  view.context.font = "600 12px system-ui, sans-serif";
+  for (const place of places) {
+    const text = percent(place.p), [x, y] = view.screenOf(place.pose);
+    const width = view.context.measureText(text).width + 12;
+    const box = { x, y: y - radiusOf(place) - 11, width };
+    if (drawn.some((other) => overlap(box, other))) continue;
+    drawn.push(box);
+    drawLabel(view, text, box, colourOf(place.slot));
+  }
+  return drawn.length;
+}
+
+const LABEL_HEIGHT = 18;
+const overlap = (one, other) =>
+  Math.abs(one.x - other.x) < (one.width + other.width) / 2 && Math.abs(one.y - other.y) < LABEL_HEIGHT;
 
 function drawEllipse(view, place, x, y, colour, usual) {
   const { context } = view;
@@ -43,21 +63,19 @@ function drawEllipse(view, place, x, y, colour, usual) {
   context.fillStyle = context.strokeStyle = colour;
   context.globalAlpha = usual * (0.1 + 0.2 * place.p);
   context.fill();
-  context.globalAlpha = usual;
+  context.globalAlpha = usual * Math.min(1, 0.35 + 4 * place.p); // of many improbable ones, none hides the map
   context.lineWidth = 1.5;
   context.setLineDash(isDashed(place.slot) ? [4, 3] : []);
   context.stroke();
   context.setLineDash([]);
+  context.globalAlpha = usual;
 }
 
-function drawLabel(view, text, x, y, colour) {
-  const { context } = view;
-  context.font = "600 12px system-ui, sans-serif";
+function drawLabel({ context }, text, { x, y, width }, colour) {
   context.textAlign = "center";
   context.textBaseline = "middle";
-  const width = context.measureText(text).width + 12;
   context.beginPath();
-  context.roundRect(x - width / 2, y - 9, width, 18, 9);
+  context.roundRect(x - width / 2, y - LABEL_HEIGHT / 2, width, LABEL_HEIGHT, LABEL_HEIGHT / 2);
   context.fillStyle = themed("--card");
   context.fill();
   context.lineWidth = 1.5;

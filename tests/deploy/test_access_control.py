@@ -60,6 +60,12 @@ def test_a_viewer_has_nothing_to_say() -> None:
     assert not [key for key in viewer.asks if key.startswith("command/")]
 
 
+def test_the_page_reads_what_it_draws_and_nobodys_work() -> None:
+    for role in ("viewer", "operator"):
+        reads = set(rights_of(role).reads)
+        assert {keys.BELIEF, keys.POSE, keys.EVENTS, keys.TRUTH, keys.SCAN} == reads
+
+
 def test_no_rule_mixes_what_may_be_written_with_what_may_be_read() -> None:
     may_write: dict[str, set[str]] = {"put": set(), "declare_queryable": set()}
     control = access_control([], ["worker"])

@@ -58,6 +58,12 @@ def test_on_a_robot_of_ros_the_bridge_is_there_and_the_router_has_rmw_zenohds_ow
     (mounted,) = router["volumes"]
     assert mounted.split(":")[-2] == router["command"][1]
     assert "rmw_zenoh_cpp/config/DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5" in mounted
+    # Beside it in the plain file's network, which publishes the port that ROS's nodes look for.
+    assert words[words.index("--set") + 1] == "zenoh.router=tcp/router:7447"
+    assert services(PLAIN)["router"]["ports"] == ["127.0.0.1:7447:7447"]
+    assert set(router) <= {"command", "volumes"}, "all else is the plain file's"
+    assert Path(words[words.index("--settings") + 1]).parent == Path("/etc/clustermcl")
+    assert ".:/etc/clustermcl:ro" in services(ROS2)["ros2"]["volumes"]
     plain = services(PLAIN)["worker"]
     for rule in ("image", "cap_drop", "read_only", "security_opt", "restart"):
         assert services(ROS2)["ros2"][rule] == plain[rule]
@@ -202,7 +208,9 @@ def compose_command() -> list[str]:
     pytest.skip("docker compose (v2) is not installed")
 
 
-@pytest.mark.parametrize("files", [[PLAIN], [PLAIN, SECURE]], ids=["plain", "secure"])
+@pytest.mark.parametrize(
+    "files", [[PLAIN], [PLAIN, SECURE], [PLAIN, ROS2]], ids=["plain", "secure", "ros2"]
+)
 def test_compose_itself_reads_the_files(files: list[Path]) -> None:
     words = [word for file in files for word in ("--file", str(file))]
     ran = subprocess.run(

@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from coordinator import events
+from coordinator.checkpoint import state_in
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.recorder.records import Started, started_without_bulk, without_bulk
@@ -40,7 +41,7 @@ class Decided:
     stamp_ns: int
 
 
-@dataclass
+@dataclass(eq=False)
 class Life:
     """One coordinator from its beginning to its end."""
 
@@ -54,6 +55,8 @@ class Life:
     must_know: tuple[bool, int, int] = NOBODY
     """The best checkpoint in the hands of those who answered before it began."""
     begun_from: tuple[bool, int, int] | None = None
+    carried_on: list["Life"] = field(default_factory=list)
+    """Those before it, from which it carries on."""
     told: list[tuple[int, events.Event]] = field(default_factory=list)
     said: list[Belief] = field(default_factory=list)
     unknown_s: dict[int, float] = field(default_factory=dict)
@@ -85,6 +88,7 @@ class Life:
         life, state = before
         demand(state == checkpoint.state, "a checkpoint is as it was published")
         self.begun_from = checkpoint.rank
+        self.carried_on = [*life.carried_on, life]
         self.decided = life.decided[: life.by_serial[checkpoint.serial]]
 
     def decisions_until(self, step: int) -> int:
@@ -97,6 +101,9 @@ class Life:
         ids = [report.job_id for report in tracks]
         demand(len(set(ids)) == len(ids), "no report counts twice in a step")
         demand(all(report.step == ready.scan.step for report in tracks), "a report is of its step")
+        for report in ready.reports:
+            _, giver = self.laws.given[report.job_id, report.epoch]
+            demand(giver in (self, *self.carried_on), "what counts is of a job of its own history")
         newest = self.decided[-1].stamp_ns if self.decided else None
         later = newest is None or ready.scan.stamp_ns > newest
         demand(later or self.laws.counts_anew, "no scan counts twice, for whoever decides")
@@ -151,7 +158,8 @@ class Laws:
         self.taken_ns: dict[int, int] = {}
         """When a scan or an odometry pose was taken, by its stamp."""
         self._rules: dict[int, Life] = {}
-        self._given: dict[tuple[str, int], str] = {}
+        self.given: dict[tuple[str, int], tuple[str, Life]] = {}
+        """By job and epoch: to which worker, and by whom first."""
         self.steps = 0
         self._starts: dict[str, bytes] = {}
         self._gave: dict[str, int] = {}
@@ -181,6 +189,7 @@ class Laws:
         if checkpoint.serial == 0 and not life.by_serial:
             known = life.must_know if life.must_know[0] and not self.counts_anew else NOBODY
             demand((life.begun_from or NOBODY) >= known, "nothing that somebody knows is forgotten")
+        demand(_is_of_use(checkpoint), "what is published can be carried on from")
         key = (checkpoint.term, checkpoint.serial)
         life.by_serial.setdefault(checkpoint.serial, life.decisions_until(checkpoint.step))
         _, state = self.published.setdefault(key, (life, checkpoint.state))
@@ -189,7 +198,7 @@ class Laws:
     def _ordered(self, life: Life, worker: str, order: WorkOrder) -> None:
         self._rules_alone(life, order.term)
         for given in order.begin:
-            holder = self._given.setdefault((given.job_id, given.epoch), worker)
+            holder, _ = self.given.setdefault((given.job_id, given.epoch), (worker, life))
             demand(holder == worker, "a job has one worker in an epoch, whoever gives it")
             if isinstance(given.job, TrackJob):
                 ruled = self._gave.setdefault(given.job_id, order.term)
@@ -233,3 +242,11 @@ class Laws:
     def age_s(self, stamp_ns: int) -> float:
         """How long ago a scan or an odometry pose was taken."""
         return (self.clock.now_ns - self.taken_ns[stamp_ns]) / SECOND
+
+
+def _is_of_use(checkpoint: Checkpoint) -> bool:
+    try:
+        state_in(checkpoint)
+    except ValueError:
+        return False
+    return True

@@ -5,11 +5,12 @@ CLUSTERMCL_SCHEDULES=100000 pytest tests/simulation -o timeout=36000
 """
 
 import os
+from collections.abc import Iterator
+from multiprocessing.pool import Pool
 
 import pytest
 
-from particle_filter.sensor_model import SensorModel
-from tests.simulation.laws import LawBrokenError
+from tests.simulation.many import broken, processes
 from tests.simulation.schedule import DyingTogether
 from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room
@@ -21,25 +22,18 @@ PARTS = 20
 
 
 @pytest.fixture(scope="module")
-def model() -> SensorModel:
-    return symmetric_room()
+def pool() -> Iterator[Pool]:
+    with processes() as made:
+        yield made
 
 
 @pytest.mark.parametrize("part", range(PARTS))
-def test_whatever_the_network_does_the_laws_are_kept(model: SensorModel, part: int) -> None:
-    broken = []
-    for seed in range(part, SCHEDULES, PARTS):
-        try:
-            Simulation(seed, model).run()
-        except LawBrokenError as error:
-            broken.append(str(error))
-    assert broken == []
+def test_whatever_the_network_does_the_laws_are_kept(pool: Pool, part: int) -> None:
+    assert list(broken(pool, range(part, SCHEDULES, PARTS))) == []
 
 
-def test_what_a_worker_tracked_that_dies_with_the_coordinator_is_not_drawn_anew(
-    model: SensorModel,
-) -> None:
-    began_again = 0
+def test_what_a_worker_tracked_that_dies_with_the_coordinator_is_not_drawn_anew() -> None:
+    model, began_again = symmetric_room(), 0
     for seed in range(DYING_TOGETHER):
         simulation = Simulation(seed, model, DyingTogether)
         simulation.run()
@@ -48,8 +42,8 @@ def test_what_a_worker_tracked_that_dies_with_the_coordinator_is_not_drawn_anew(
     assert began_again > DYING_TOGETHER // 4, "in many of them it had tracked something"
 
 
-def test_a_seed_is_a_schedule(model: SensorModel) -> None:
-    seen = []
+def test_a_seed_is_a_schedule() -> None:
+    model, seen = symmetric_room(), []
     for seed in (3, 3, 4):
         simulation = Simulation(seed, model)
         simulation.run()

@@ -37,7 +37,8 @@ class Snapshot:
     def pixel_at(self, x_m: float, y_m: float) -> tuple[int, int, int]:
         """Colour where a place of the map is drawn."""
         left, top = self.screen_of(x_m, y_m)
-        red, green, blue = self.pixels[round(top), round(left)]
+        ratio = self.pixels.shape[1] / self.size[0]  # of a phone's fine screen
+        red, green, blue = self.pixels[round(top * ratio), round(left * ratio)]
         return int(red), int(green), int(blue)
 
     def screen_of(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -111,6 +112,22 @@ class Page:
         ActionChains(self.driver).key_down(key).perform()
         yield
         ActionChains(self.driver).key_up(key).perform()
+
+    @contextmanager
+    def on_screen(self, screen: str) -> Iterator[None]:
+        """As a phone shows it, or somebody who likes it dark; ``wide`` changes nothing."""
+        size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+        tell = self.driver.execute_cdp_cmd
+        if screen == "phone":
+            tell("Emulation.setDeviceMetricsOverride", size)
+        if screen == "dark":
+            dark = {"name": "prefers-color-scheme", "value": "dark"}
+            tell("Emulation.setEmulatedMedia", {"features": [dark]})
+        try:
+            yield
+        finally:
+            tell("Emulation.clearDeviceMetricsOverride", {})
+            tell("Emulation.setEmulatedMedia", {"features": []})
 
     def history(self) -> list[Any]:
         """Steps that the page knows: step, places, truth."""

@@ -42,10 +42,12 @@ class Stage:
     ) -> None:
         self.server.__exit__(kind, error, traceback)
 
-    def show_map(self, rows: int, cols: int, cell_m: float = 0.05) -> None:
-        """An empty room of this size."""
+    def show_map(
+        self, rows: int, cols: int, cell_m: float = 0.05, pillar: tuple[int, int] = (0, 0)
+    ) -> None:
+        """An empty room of this size, but for a pillar of one cell."""
         cells = np.zeros((rows, cols), np.int8)
-        cells[[0, -1]] = cells[:, [0, -1]] = 1
+        cells[[0, -1]] = cells[:, [0, -1]] = cells[pillar] = 1
         packed = zlib.compress(cells.tobytes(), 1)
         message = reduced(
             MapMessage(

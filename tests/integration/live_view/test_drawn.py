@@ -10,6 +10,7 @@ import pytest
 
 from live_view.commands import DriveRobot, KidnapRobot
 from live_view.saved_page import saved_page
+from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.steps import TruePose
 from protocol.work import TrackReport
@@ -190,13 +191,54 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0, by_hand=False))
 
 
-def test_sixty_four_clusters_stay_readable(stage: Stage, drawn: Page, pictures: Path) -> None:
-    stage.picture.on_belief(belief(1, *range(64)))
-    shows(stage, lambda: shown_step(drawn) == 1)
-    listed = "return document.querySelectorAll('#clusters li[data-cluster]').length"
-    shows(stage, lambda: drawn.run(listed) == 64)
-    assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
-    drawn.save(pictures / "many.png")
+@pytest.mark.parametrize("screen", ["wide", "dark", "phone"])
+def test_sixty_four_clusters_stay_readable(
+    stage: Stage, drawn: Page, pictures: Path, screen: str
+) -> None:
+    for step in range(20):
+        stage.picture.on_scan(scan(step, [2.0, 1.0, 0.5, 0.5]))
+        stage.picture.on_belief(many_places(step))
+        stage.picture.on_pose(pose(step))
+    stage.picture.on_events(events(15))
+    stage.picture.on_status(status())
+    with drawn.on_screen(screen):
+        shows(stage, lambda: shown_step(drawn) == 19)
+        listed = "return document.querySelectorAll('#clusters li[data-cluster]').length"
+        shows(stage, lambda: drawn.run(listed) == 64)
+        assert drawn.run("return document.getElementById('clusters').clientHeight") < 400
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
+        drawn.click("fit")
+        shows(stage, lambda: labels(drawn) >= 4)
+        snapshot = drawn.snapshot()
+        for place in snapshot.step["places"][:8]:
+            red, green, blue = snapshot.pixel_at(*place["pose"][:2])
+            assert np.ptp([red, green, blue]) > 40, "no label hides a probable place"
+        drawn.save(pictures / f"many-{screen}.png")
+
+
+def many_places(step: int) -> Belief:
+    """All over the map, the first ones the most probable."""
+    told = belief(step, *range(64))
+    shares = 0.9 ** np.arange(64)
+    places = [
+        msgspec.structs.replace(
+            place,
+            mean=(0.7 + 1.2 * (i * 5 % 8) + step / 50, 0.6 + 0.65 * (i // 8), i / 9),
+            probability=float(0.9 * shares[i] / shares.sum()),
+            covariance=(0.01, 0.003, 0.0, 0.003, 0.02, 0.0, 0.0, 0.0, 0.01),
+        )
+        for i, place in enumerate(told.hypotheses)
+    ]
+    return msgspec.structs.replace(told, hypotheses=tuple(places))
+
+
+def labels(page: Page) -> int:
+    """Percentages on the map that hide no other."""
+    count: int = page.run_async(
+        "const {view} = liveView; import('./symbols.js').then(({drawLabels}) => {"
+        "  view.draw(); done(drawLabels(view, view.step.places.slice(0, 8))); });"
+    )
+    return count
 
 
 def test_a_page_that_was_saved_shows_the_same_without_a_server(
@@ -221,11 +263,16 @@ def test_a_page_that_was_saved_shows_the_same_without_a_server(
 
 
 def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None:
-    stage.show_map(16384, 16384)
+    """It is empty but for its rim and a pillar of one cell, which is still seen."""
+    stage.show_map(16384, 16384, pillar=(8001, 12002))
     stage.picture.on_belief(belief(1, 4))
     shows(stage, lambda: drawn.run("return liveView.view.map.frame.rows") == 4096)
     assert drawn.snapshot().pixel_at(400.0, 500.0) == (255, 255, 255)
     assert drawn.run("return liveView.view.map.frame.cell_m") == pytest.approx(0.2)
+    drawn.run("liveView.view.lookAt([600.1, 400.05]); liveView.view.zoom(200)")
+    close = drawn.snapshot()
+    assert close.pixel_at(600.1, 400.05) == (0x2A, 0x32, 0x3B)
+    assert close.pixel_at(601.0, 400.05) == (255, 255, 255)
 
 
 def test_how_probable_it_is_that_the_robot_is_elsewhere_stands_beside_the_clusters(

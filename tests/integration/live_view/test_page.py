@@ -5,6 +5,7 @@ import math
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -210,9 +211,29 @@ def test_a_person_drives_the_robot(running: Page) -> None:
     wait_until(lambda: running.text("hint").startswith("Drive with"))
     with running.holding("\ue014"):  # the right arrow: it turns on the spot, clockwise
         wait_until(lambda: len(turns(running)) >= 4 and max(turns(running)[-4:]) < -0.05, 60.0)
+    stood = still_step(running)
+    press(running, "u")  # it stands, so nothing else makes a step
+    wait_until(lambda: running.history()[-1][0] > stood, 60.0)
+    stood = still_step(running)
+    running.click("update")
+    wait_until(lambda: running.history()[-1][0] > stood, 60.0)
     press(running, "d")
     last = running.history()[-1][0]
     wait_until(lambda: running.history()[-1][0] > last + 3, 60.0)  # it goes on by itself
+
+
+def still_step(page: Page) -> int:
+    """The step after which none has come for a second: the robot stands."""
+    came: list[tuple[float, int]] = []
+
+    def stands() -> bool:
+        step = int(page.history()[-1][0])
+        if not came or came[-1][1] != step:
+            came.append((time.monotonic(), step))
+        return time.monotonic() - came[-1][0] > 1.0
+
+    wait_until(stands, 60.0)
+    return came[-1][1]
 
 
 def turns(page: Page) -> list[float]:

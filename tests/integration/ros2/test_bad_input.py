@@ -42,6 +42,9 @@ def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
     robot.put_scan(no_ranges, stamp_ns=now_ns)
     robot.put(names.tf, transform((math.nan, 0.0, 0.0), now_ns, "odom", "base_footprint"))
     robot.put(names.tf, transform((1.0, 0.0, 0.0), now_ns, "map", "odom"))
+    robot.put(names.tf, transform((1.0, 0.0, 0.0), now_ns, "hen", "egg"))
+    robot.put(names.tf, transform((1.0, 0.0, 0.0), now_ns, "egg", "hen"))
+    robot.put_scan(SCAN, "egg", stamp_ns=now_ns)
     robot.put(names.map, new(types.OCCUPANCY_GRID))  # 0 x 0
     robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
     robot.put_initial_pose((math.nan, 0.0, 0.0))
@@ -54,6 +57,7 @@ def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
 
 EXPECTED = {
     "laser scan without transform: frames not connected",
+    "laser scan without transform: tf loops",
     "laser scan refused",
     "transform refused",
     "map to odom from another node",
@@ -92,6 +96,7 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
         lines = [line for line in bridge.err.splitlines() if f": {cause}" in line]
         assert len(lines) == 1, cause
     assert "laser 'mast', waited for 1." in bridge.err
+    assert "tf loops: " in bridge.err
     assert "an attachment of 32 bytes, not 33" in bridge.err
     heard = len(system.lasers)
     robot.stand_until(lambda: len(system.lasers) > heard)

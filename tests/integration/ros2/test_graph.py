@@ -22,6 +22,7 @@ SENT = {
     "MP /tf tf2_msgs::msg::dds_::TFMessage_ ::,100:,:,:,,",
     "MP /diagnostics diagnostic_msgs::msg::dds_::DiagnosticArray_ ::,10:,:,:,,",
     "MP /bond bond::msg::dds_::Status_ ::,5:,:,:,,",
+    "MP /parameter_events rcl_interfaces::msg::dds_::ParameterEvent_ ::,1000:,:,:,,",
     "MP /amcl/transition_event lifecycle_msgs::msg::dds_::TransitionEvent_ ::,10:,:,:,,",
     "MP /amcl/hypotheses visualization_msgs::msg::dds_::MarkerArray_ :1:,1:,:,:,,",
     "MP /amcl/hypotheses/poses geometry_msgs::msg::dds_::PoseArray_ :1:,1:,:,:,,",
@@ -46,13 +47,17 @@ SERVED = {
     "/amcl/get_available_states lifecycle_msgs::srv::dds_::GetAvailableStates_",
     "/amcl/get_available_transitions lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
     "/amcl/get_transition_graph lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
+}
+PARAMETERS_SERVED = {
     "/amcl/get_parameters rcl_interfaces::srv::dds_::GetParameters_",
     "/amcl/set_parameters rcl_interfaces::srv::dds_::SetParameters_",
+    "/amcl/set_parameters_atomically rcl_interfaces::srv::dds_::SetParametersAtomically_",
     "/amcl/list_parameters rcl_interfaces::srv::dds_::ListParameters_",
     "/amcl/describe_parameters rcl_interfaces::srv::dds_::DescribeParameters_",
     "/amcl/get_parameter_types rcl_interfaces::srv::dds_::GetParameterTypes_",
 }
 ENDPOINTS = SENT | READ | {f"SS {service} ::,10:,:,:,," for service in SERVED}
+ENDPOINTS |= {f"SS {service} ::,1000:,:,:,," for service in PARAMETERS_SERVED}
 
 OpenSession = Callable[[], zenoh.Session]
 
@@ -163,7 +168,7 @@ def test_domain_namespace_and_humble_are_parts_of_what_is_seen(
     start_bridge(settings)
     wait_until(lambda: len(graph.of(namespace="%robot1")) == len(ENDPOINTS) + 1)
     seen = graph.endpoints(namespace="%robot1")
-    absolute = ("/diagnostics", "/tf_static")
+    absolute = ("/diagnostics", "/tf_static", "/parameter_events")
     expected = {
         one if one.split()[1] in absolute else one.replace(" /", " /robot1/", 1)
         for one in ENDPOINTS

@@ -19,8 +19,9 @@ from tests.integration.waiting import stretched_s, wait_until
 pytestmark = pytest.mark.usefixtures("router")
 
 CONFIGURE, CLEANUP, ACTIVATE, DEACTIVATE = 1, 2, 3, 4
-BOND_WITHIN_S = 2.0
-"""Half of nav2's bond_timeout."""
+BOND_TIMEOUT_S = 4.0
+"""Nav2's bond_timeout."""
+BOND_WITHIN_S = BOND_TIMEOUT_S / 2.0
 
 
 class Manager:
@@ -126,14 +127,18 @@ def test_the_bond_goes_on_whatever_the_system_does(
     poses = robot.listen(AMCL_POSE)
     stamp_ns = system.lasers[-1].stamp_ns
     places = [(number, 0.001, (float(number), 0.0, 0.0)) for number in range(200)]
-    for _ in range(50):  # a coordinator that floods it
+
+    def is_flooded() -> bool:
+        """A coordinator says more than the bridge can tell: what does not fit is lost."""
         system.believe(stamp_ns, *places, state="localized")
+        return len(poses) >= 30
+
     system.put("belief", b"\xff" * 100_000)
-    wait_until(lambda: len(poses) >= 30)
+    wait_until(is_flooded, 60.0)
     count = len(manager.bonds)
     wait_until(lambda: len(manager.bonds) >= count + 5)
     gaps_s = [after - before for before, after in pairwise(manager.bond_at_s)]
-    assert max(gaps_s) < 1.0
+    assert max(gaps_s) < min(stretched_s(1.0), BOND_TIMEOUT_S)
     assert all(bond.active for bond in manager.bonds)
 
 

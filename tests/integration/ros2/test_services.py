@@ -9,7 +9,7 @@ from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.messages_out import pose_stamped
 from ros2_bridge.rigid import HERE
-from ros2_bridge.topics import DIAGNOSTICS, HYPOTHESES, STATE
+from ros2_bridge.topics import DIAGNOSTICS, HYPOTHESES, PARAMETER_EVENTS, STATE
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import wait_until
@@ -112,10 +112,14 @@ def test_parameters_can_be_asked_for_and_set(
         parameter("transform_tolerance", 3, double_value=0.25),
         parameter("max_beams", 2, integer_value=100),
     ]
+    events = robot.listen(PARAMETER_EVENTS)
     request = new(request_of(types.SET_PARAMETERS), parameters=wanted)
     results = robot.call("/amcl/set_parameters", types.SET_PARAMETERS, request).results
     assert [one.successful for one in results] == [True, False]
     assert results[1].reason == "sensor.max_beams is read at the start"
     assert tolerance() == 0.25
+    wait_until(lambda: events)
+    assert [one.name for one in events[0].changed_parameters] == ["transform_tolerance"]
+    assert events[0].node == "/amcl"
     listed = robot.call("/amcl/list_parameters", types.LIST_PARAMETERS).result
     assert {"alpha1", "initial_pose.x", "transform_tolerance"} <= set(listed.names)

@@ -158,11 +158,18 @@ def test_only_its_owner_announces_itself(key: str, as_role: OpenAs) -> None:
         wait_until(alive)
 
 
-def test_a_viewer_sees_no_scans_however_it_asks(as_role: OpenAs) -> None:
-    viewer, worker = as_role("viewer"), as_role("worker-a")
-    greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", "scan")]
+@pytest.mark.parametrize("role", ["viewer", "operator"])
+def test_who_looks_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> None:
+    looks, worker, bridge = as_role(role), as_role("worker-a"), as_role("bridge")
+    assert heard_by(looks, keys.SCAN, [worker, bridge]) == {str(bridge.zid())}
+    assert heard_by(worker, keys.SCAN, [looks, bridge]) == {str(bridge.zid())}
+
+
+def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
+    viewer, coordinator = as_role("viewer"), as_role("coordinator")
+    greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", REPORT_A)]
     list(viewer.get("nothing", timeout=5.0))
-    assert heard_by(worker, keys.SCAN, [as_role("bridge")])
+    assert heard_by(coordinator, REPORT_A, [as_role("worker-a")])
     list(viewer.get("nothing", timeout=5.0))
     assert [subscriber.try_recv() for subscriber in greedy] == [None, None]
     for subscriber in greedy:

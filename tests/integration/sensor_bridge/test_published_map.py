@@ -11,11 +11,13 @@ from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
+from protocol.sizes import LARGEST_BYTES
 from protocol.steps import MapReading
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
+from zenoh_link import configuration
 
 
 def a_map(width_m: float) -> MapReading:
@@ -32,8 +34,15 @@ NO_MAPS = (
     b"rubbish",
     encode(msgspec.structs.replace(FIRST, occupancy=ArrayBlob.of(np.zeros((0, 0)), "int8"))),
     encode(msgspec.structs.replace(FIRST, cell_m=-1.0)),
-    bytes(40_000_000),
+    bytes(LARGEST_BYTES + 1),
 )
+
+
+@pytest.fixture(autouse=True)
+def patient_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the robot and the router: the largest message takes more than 0.3 s on a busy machine, and
+    the link would be closed over it."""
+    monkeypatch.setattr(configuration, "_WAIT_BEFORE_CLOSE_US", 20_000_000)
 
 
 @pytest.fixture

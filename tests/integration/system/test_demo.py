@@ -5,6 +5,8 @@ import math
 import os
 import signal
 import subprocess
+import urllib.request
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
+from tests.integration.free_port import free_port
+from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
 from tests.unit.recordings import recording_or_skip
 
 SHORT = ["demo", "--recording", "sim:cross_feature", "--steps", "30", "--workers", "4"]
@@ -107,3 +110,49 @@ def test_a_demo_that_is_killed_takes_its_processes_with_it(
         demo.wait_for("step 0: ")
         assert demo.end(signal.SIGKILL) == -signal.SIGKILL
         demo.assert_nothing_runs()
+
+
+def written_map(folder: Path) -> Path:
+    """Of a room with a box in it, as map_server has it."""
+    cells = np.full((80, 120), 254, np.uint8)
+    cells[[0, -1]] = cells[:, [0, -1]] = cells[50:60, 20:40] = 0
+    Image.fromarray(cells).save(folder / "own.pgm")
+    file = folder / "own.yaml"
+    file.write_text(
+        "image: own.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    return file
+
+
+@pytest.fixture
+def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedCommand, str]]:
+    """A simulated robot in a map of one's own, and the link that has just been said."""
+    listen = f"127.0.0.1:{free_port()}"
+    words = ("--map", str(written_map(tmp_path)), "--view", "--listen", listen)
+    with typed("demo", *words, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
+        demo.wait_for(f"look at http://{listen}/")
+        yield demo, f"http://{listen}/"
+
+
+def test_the_link_can_be_opened_as_soon_as_it_is_said(viewed: tuple[TypedCommand, str]) -> None:
+    demo, link = viewed
+    with urllib.request.urlopen(link, timeout=10) as page:
+        assert b"Cluster-MCL" in page.read()
+    demo.wait_for("step 0: ")
+    assert demo.end(signal.SIGINT) == 130
+    assert demo.err == f"clustermcl: look at {link}\n"
+    demo.assert_nothing_runs()
+
+
+@pytest.mark.parametrize("killed", ["worker", "live_view", "robot_simulator"])
+def test_a_demo_whose_process_is_killed_ends_and_says_which(
+    viewed: tuple[TypedCommand, str], killed: str
+) -> None:
+    demo, _ = viewed
+    demo.wait_for("step 0: ")
+    child = next(one for one in demo.meet_family() if killed in one.cmdline())
+    child.kill()
+    assert demo.popen.wait(20.0) == 2
+    assert f"the {killed} process ended with SIGKILL" in demo.err
+    demo.assert_nothing_runs()

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 
+import pytest
+
 from evaluation.in_process import outcomes
 from evaluation.judge import pose_error
 from particle_filter.sensor_models import computed_model
@@ -17,6 +19,7 @@ SEED, STEPS = 2, 390
 """A search that ends at step 383 finds three wrong places, turned by half a turn."""
 
 
+@pytest.mark.timeout(300)  # it computes for 20 s, and may have to share its core
 def test_a_search_drives_no_true_room_out() -> None:
     world = eight_rooms()
     often = "belief.search_every_steps=25"

@@ -10,7 +10,8 @@ import pytest
 from tests.integration.system.commands import typed
 from tests.integration.waiting import wait_until
 
-MINUTES = 3.0
+MINUTES = 2.25
+"""With this seed a fault of each kind is over by then; what follows are kinds that were."""
 SEED = 7
 
 
@@ -31,7 +32,7 @@ WHATEVER_THE_LOAD = {
 
 
 @pytest.mark.timeout(420)
-def test_three_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
+def test_two_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
     short_folder: str, tmp_path: Path
 ) -> None:
     """Nine tenths of what is promised for a machine with time are asked of one without.
@@ -45,7 +46,7 @@ def test_three_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
     ]  # fmt: skip
     environment = {**os.environ, "TMPDIR": short_folder}
     with typed(*words, folder=tmp_path, environment=environment) as soak:
-        soak.wait_for("0.0 of 3 min", deadline_s=90.0)
+        soak.wait_for(f"0.0 of {MINUTES:g} min", deadline_s=90.0)
         code = soak.popen.wait(MINUTES * 60.0 + 90.0)
         soak.assert_nothing_runs()
     result = json.loads(file.read_text())

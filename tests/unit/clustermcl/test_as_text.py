@@ -72,6 +72,8 @@ def test_a_belief_is_one_line_however_many_places_there_are() -> None:
     assert line.startswith("step 7: ambiguous, searching; best x 0.00 m")
     assert line.endswith("probabilities 0.10, 0.10, 0.10, 0.10, 0.10, 0.10, ..., elsewhere 0.10")
     assert belief_line(belief(0, "searching", searching=True)) == "step 0: searching"
+    halfway = belief(0, "searching", searching=True, search_progress=0.5)
+    assert belief_line(halfway) == "step 0: searching 50 %"
 
 
 def test_a_status_lists_every_process_with_what_it_does_and_dropped() -> None:

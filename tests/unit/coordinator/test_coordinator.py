@@ -394,6 +394,15 @@ def test_to_relocalize_in_the_first_step_begins_another_search_after_it() -> Non
     assert "s1.0" in story.epochs
 
 
+def test_a_region_that_the_settings_do_not_name_is_refused() -> None:
+    story = Story("a")
+    searched_everywhere(story)
+    unknown = Relocalize(sender="client", command_id="1", region="attic")
+    problem = commanded(story.coordinator, unknown)
+    assert problem == "unknown region 'attic'; search.regions names none"
+    assert len(story.beliefs[-1].hypotheses) == 2, "and nothing is forgotten"
+
+
 def test_a_last_pose_counts_nothing_after_relocalize() -> None:
     last = LastPose(
         map_digest="map", stamp_ns=0, odom_from_robot=(5.0, 0.0, 0.0),

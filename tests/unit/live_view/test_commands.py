@@ -6,6 +6,7 @@ from live_view.commands import (
     Drawn,
     DriveRobot,
     KidnapRobot,
+    LookOnce,
     PlaceRobot,
     SearchAgain,
     ShowEarlier,
@@ -14,7 +15,7 @@ from live_view.commands import (
     parsed_request,
 )
 from protocol import keys
-from protocol.answers import Drive, Kidnap, Relocalize, SetPose
+from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
 
 
@@ -22,6 +23,7 @@ def test_what_the_page_sends_is_understood() -> None:
     assert parsed_request('{"type": "drawn"}') == Drawn()
     assert parsed_request('{"type": "relocalize"}') == SearchAgain()
     assert parsed_request('{"type": "set_pose", "pose": [1, 2.5, -3]}') == PlaceRobot((1, 2.5, -3))
+    assert parsed_request('{"type": "update"}') == LookOnce()
     assert parsed_request('{"type": "kidnap"}') == KidnapRobot()
     assert parsed_request('{"type": "kidnap", "pose": [1, 2, 3]}') == KidnapRobot((1, 2, 3))
     assert parsed_request('{"type": "past", "step": 7}') == ShowPast(7)
@@ -68,6 +70,10 @@ def test_a_command_becomes_the_systems_own_message() -> None:
     assert message_of(SearchAgain(), "me", "id") == (
         keys.RELOCALIZE,
         Relocalize(sender="me", command_id="id"),
+    )
+    assert message_of(LookOnce(), "me", "id") == (
+        keys.UPDATE,
+        Update(sender="me", command_id="id"),
     )
     assert message_of(KidnapRobot((1.0, 2.0, 3.0)), "me", "id") == (
         keys.KIDNAP,

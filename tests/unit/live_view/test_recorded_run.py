@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from coordinator.recorder.replay import recorded_bridge, replayed
-from live_view.recorded_run import RecordedRun
+from live_view.recorded_run import RecordedRun, flight_run
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.recorder.recorded import VERSION, Recordings
 from tests.unit.live_view.messages import map_message
@@ -19,7 +19,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RecordedRun:
     living = Living(symmetric_room(), made=Recordings(folder).make)
     for step in range(30):
         living.drive(step)
-    made = RecordedRun(replayed(folder, VERSION), map_message(), {"robot": "r"})
+    made = RecordedRun(flight_run(replayed(folder, VERSION)), map_message(), {"robot": "r"})
     while made.replay_for(0.01):
         pass
     return made

@@ -103,3 +103,16 @@ def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
     assert near.leaf_count == pytest.approx(share * everywhere.leaf_count)
     nowhere = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(99.0, 0.0, 1.0))
     assert nowhere.leaf_count == everywhere.leaf_count
+
+
+def test_a_region_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
+    def leaves_in(corners: tuple[tuple[float, float], ...]) -> SearchSpace:
+        return SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, 1, corners=corners)
+
+    part = leaves_in(((0.5, 2.5), (1.5, 3.5)))
+    leaves = np.flatnonzero(part.free[-1])
+    poses = part.poses(leaves, np.zeros(len(leaves), np.int64))
+    assert np.all((poses[:, 0] >= 0.5) & (poses[:, 0] <= 1.5))
+    assert np.all((poses[:, 1] >= 2.5) & (poses[:, 1] <= 3.5))
+    assert len(leaves) == pytest.approx(25, abs=10)
+    assert leaves_in(((90.0, 90.0), (91.0, 91.0))).leaf_count == space_of().leaf_count

@@ -2,6 +2,8 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 REPOSITORY = Path(__file__).parents[3]
 LOCK = (REPOSITORY / "requirements.lock").read_text()
 BROWSER_LOCK = (REPOSITORY / "requirements-browser.lock").read_text()
@@ -52,6 +54,15 @@ def test_what_drives_a_browser_is_locked_with_hashes_and_changes_nothing_else() 
         assert browser[name][0] == development[name][0], name
 
 
+@pytest.mark.parametrize("release", ["jazzy", "kilted"])
+def test_what_speaks_for_ros_is_locked_with_hashes(release: str) -> None:
+    text = (REPOSITORY / f"requirements-ros-{release}.lock").read_text()
+    packages = pinned(text)
+    assert {"ros-rclpy", "mcap-ros2-support"} <= set(packages)
+    assert len(packages) == text.count("==")
+    assert all(hashes for _, hashes in packages.values())
+
+
 def test_the_lock_names_no_place_to_fetch_from() -> None:
     assert not re.search(r"http|file:|^-|/", LOCK, re.MULTILINE)
 
@@ -75,7 +86,7 @@ def test_what_runs_is_pinned_exactly_as_what_was_tested() -> None:
 def test_what_runs_has_all_that_the_project_needs_and_no_tool_of_its_development() -> None:
     project = PROJECT["project"]
     extras = project["optional-dependencies"]
-    run = [*project["dependencies"], *extras["metrics"], *extras["ros2"]]
+    run = [*project["dependencies"], *extras["metrics"], *extras["ros2"], *extras["view"]]
     needed = {normal(requirement) for requirement in run}
     tools = {normal(requirement) for requirement in project["optional-dependencies"]["dev"]}
     assert needed <= pinned(RUN_LOCK).keys()

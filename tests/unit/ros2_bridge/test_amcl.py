@@ -85,7 +85,7 @@ class Robot:
 
     def believe(self, stamp_ns: int, state: Any = "localized") -> list[Output]:
         told = belief(stamp_ns, (1, 0.95, PLACE), (2, 0.05, (0.0, 0.0, 0.0)), state=state)
-        return list(self.amcl.on_belief(told))
+        return [*self.amcl.on_belief(told), *self.amcl.all_places()]
 
 
 def readings(outputs: list[Output]) -> list[LaserReading]:
@@ -307,6 +307,28 @@ def test_map_to_odom_is_exact_after_odometry_has_jumped() -> None:
     np.testing.assert_allclose(told, expected, atol=1e-12)
 
 
+def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jumps() -> None:
+    robot = Robot()
+    here, there = (1, 0.95, PLACE), (2, 0.05, (-9.0, 4.0, 2.0))
+    robot.drive(SECOND, (1.0, 2.0, 0.3))
+    list(robot.amcl.on_belief(belief(SECOND, here, there, state="localized")))
+    sent, scans, odometry = [], 0, (1.0, 2.0, 0.3)
+    for tick in range(1, 601):  # ten scans a second; odometry begins anew in the middle
+        stamp_ns = SECOND + tick * SECOND // 10
+        odometry = (0.0, 0.0, 0.0) if tick >= 300 else odometry
+        sent += [(one, odometry) for one in map_from_odom(robot.drive(stamp_ns, odometry))]
+        scans += 1
+        if tick % 7 == 0:  # now the one, now the other place is more probable: ambiguous
+            more, less = (there, here) if tick % 2 else (here, there)
+            told = ((more[0], 0.6, more[2]), (less[0], 0.4, less[2]))
+            list(robot.amcl.on_belief(belief(stamp_ns, *told)))
+    assert [stamp_ns for (stamp_ns, _), _ in sent] == [
+        2 * SECOND + tick * SECOND // 10 for tick in range(1, scans + 1)
+    ]
+    places = [compose(np.array(told), np.array(at)) for (_, told), at in sent]
+    np.testing.assert_allclose(places, [PLACE] * len(places), atol=1e-9)
+
+
 def test_nothing_is_told_before_a_place_is_known_nor_when_it_is_lost() -> None:
     robot = Robot()
     assert map_from_odom(robot.drive(SECOND, (0.0, 0.0, 0.0))) == []
@@ -388,6 +410,7 @@ def test_a_belief_of_a_coordinator_that_was_taken_over_from_is_left_out() -> Non
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     list(robot.amcl.on_belief(belief(SECOND, (1, 1.0, PLACE), state="localized", term=3)))
+    list(robot.amcl.all_places())
     assert robot.believe(SECOND) == []  # of term 1
 
 

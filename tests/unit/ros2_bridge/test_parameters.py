@@ -12,10 +12,13 @@ from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import TABLE
 from protocol.errors import InputFileError, SettingsError
 from ros2_bridge import message_types as types
-from ros2_bridge.message_types import new, request_of
+from ros2_bridge.amcl import Amcl
+from ros2_bridge.message_types import decode, encode, new, request_of
 from ros2_bridge.nav2_params import read_nav2_params
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
+from ros2_bridge.services import Services
+from ros2_bridge.topics import PARAMETER_EVENTS
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
 BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
@@ -153,9 +156,13 @@ def get(parameters: Parameters, *names: str) -> list[Any]:
     return values
 
 
-def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
+def parameter(name: str, number: int, **value: Any) -> Any:
     told = new("rcl_interfaces/msg/ParameterValue", type=number, **value)
-    one = new("rcl_interfaces/msg/Parameter", name=name, value=told)
+    return new("rcl_interfaces/msg/Parameter", name=name, value=told)
+
+
+def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any:
+    one = parameter(name, number, **value)
     request = new(request_of(types.SET_PARAMETERS), parameters=[one])
     return parameters.set(request).results[0]
 
@@ -196,6 +203,50 @@ def test_what_cannot_be_set_says_why(
     assert not result.successful
     assert reason in result.reason
     assert parameters.settings == Settings()
+
+
+def test_of_several_at_once_all_are_set_or_none() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 7 * 10**9 + 5, "/amcl")
+    best, tolerance, wrong = (
+        parameter("publish", STRING, string_value="best"),
+        parameter("transform_tolerance", DOUBLE, double_value=0.5),
+        parameter("transform_tolerance", DOUBLE, double_value=-1.0),
+    )
+
+    def set_at_once(*wanted: Any) -> tuple[Any, Any]:
+        request = new(request_of(types.SET_PARAMETERS_ATOMICALLY), parameters=list(wanted))
+        response, outputs = services.call("~/set_parameters_atomically", request)
+        return response.result, outputs
+
+    result, outputs = set_at_once(best, wrong)
+    assert (result.successful, outputs) == (False, [])
+    assert "ros2.transform_tolerance_s" in result.reason
+    names = new(request_of(types.GET_PARAMETERS), names=["publish"])
+    response, _ = services.call("~/get_parameters", names)
+    assert response.values[0].string_value == "held"
+    result, (told,) = set_at_once(best, tolerance)
+    assert result.successful
+    assert told.topic == PARAMETER_EVENTS
+    assert (told.message.node, told.message.stamp.sec, told.message.stamp.nanosec) == (
+        "/amcl",
+        7,
+        5,
+    )
+    assert told.message.changed_parameters == [best, tolerance]
+    response, _ = services.call("~/get_parameters", names)
+    assert response.values[0].string_value == "best"
+
+
+def test_only_what_was_taken_is_told_to_all_nodes() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/robot1/amcl")
+    taken = parameter("tf_broadcast", BOOL, bool_value=False)
+    refused = parameter("max_beams", INTEGER, integer_value=9)
+    request = new(request_of(types.SET_PARAMETERS), parameters=[refused, taken])
+    _, (told,) = services.call("~/set_parameters", request)
+    assert told.message.changed_parameters == [taken]
+    assert told.message.node == "/robot1/amcl"
+    data = encode(told.message, types.PARAMETER_EVENT)
+    assert decode(data, types.PARAMETER_EVENT).changed_parameters[0].name == "tf_broadcast"
 
 
 def test_the_value_it_has_already_can_always_be_set() -> None:

@@ -69,7 +69,7 @@ def test_a_place_with_much_of_its_search_gets_a_trial_whatever_it_weighs() -> No
 
 def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
-    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, founding=True)
+    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, holds_own=True)
     assert [place.mean for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
 

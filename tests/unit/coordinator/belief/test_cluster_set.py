@@ -184,6 +184,24 @@ def test_who_is_pushed_out_is_told_by_whom() -> None:
     ]
 
 
+def test_all_who_leave_are_told_where_protection_had_kept_too_many() -> None:
+    """A place given by a person came while nobody could be replaced."""
+    made = first(0.5, 0.3, 0.2, max_clusters=3)
+    made.protect_alternatives(5)
+    made.admit([(place(1.0, EAST, 1), "given")], 1)
+    assert len(made) == 4
+    _, events = made.admit([(place(1.0, EAST, 5), "restart")], 5)
+    left = [(event.job_id, event.by) for event in events if isinstance(event, Ended)]
+    assert left == [("c2", ("c4",)), ("c1", ("c4",))]
+    assert {cluster.job_id for cluster in made.all()} == {"c0", "c3", "c4"}
+
+
+def test_who_leaves_while_nobody_comes_is_told() -> None:
+    made = first(0.5, 0.3, 0.2, max_clusters=2)
+    _, events = made.admit([], 1)
+    assert [(event.job_id, event.cause) for event in events] == [("c2", "pushed out")]
+
+
 def test_a_place_whose_probability_underflows_is_tracked_with_next_to_none() -> None:
     made = first(1.0, 0.0)
     first_one, second = made.by_probability()
@@ -273,3 +291,32 @@ def test_only_who_was_there_before_a_search_is_lifted_after_its_newcomers() -> N
     assert old == pytest.approx(STILL_PROBABLE / (1.0 + STILL_PROBABLE), rel=0.1)
     assert strong > 0.8
     assert weak < 0.01, "found by the search itself"
+
+
+def test_what_a_search_finds_later_may_replace_what_it_found_first() -> None:
+    made = first(0.5, 0.5, max_clusters=3)
+    made.protect_alternatives(20)
+    made.admit([(place(0.1, SOUTH, 5), "restart")], 5, protected_until=20)
+    assert made.room(6) == []
+    assert made.room(6, first_step=4) == pytest.approx([0.1 / 1.1])
+    better = [(place(0.2, NORTH, 6), "restart")]
+    _, events = made.admit(better, 6, first_step=4, protected_until=21)
+    assert [e.job_id for e in events if isinstance(e, Ended)] == ["c2"]
+
+
+def test_what_a_search_finds_later_takes_from_its_first_finds_and_from_nobody_else() -> None:
+    made = first(0.6, 0.2)
+    made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
+    *old, held = probabilities(made)[:3]
+    found: list[Newcomer] = [(place(0.6 * held, NORTH, 6), "restart")]
+    made.admit(made.sharing(found, 5, 0.0), 6, first_step=5)
+    after = probabilities(made)
+    assert after[:2] == pytest.approx(old)
+    assert after[2:4] == pytest.approx([held / 1.6, 0.6 * held / 1.6])
+
+
+def test_parts_of_a_cluster_are_as_old_as_it_was() -> None:
+    made = first(1.0)
+    made.protect_alternatives(20)
+    made.split("c0", [place(0.7, SOUTH, 5), place(0.3, NORTH, 5)], 5)
+    assert [(c.born_step, c.protected_until) for c in made.all()] == [(0, 20)] * 2

@@ -138,17 +138,17 @@ def test_a_false_alarm_puts_nobody_out_who_was_probable_before_it() -> None:
 
 def test_a_place_weighs_by_the_scans_of_its_search_alone() -> None:
     """B0 at the search's start x its evidence x share, against what the clusters gathered."""
-    made = bootstrapped({NORTH: 0.95}, search_every_steps=1, kidnapping_probability=1e-12)
+    made = bootstrapped({NORTH: 0.98}, search_every_steps=1, kidnapping_probability=1e-12)
     started = made.advance(1, at_north(1, -2.0, -2.0))
     assert set(started.begin) == {"s1.0"}
-    assert started.elsewhere_probability == pytest.approx(0.05)
+    assert started.elsewhere_probability == pytest.approx(0.02)
     made.advance(2, at_north(2, -3.0, -4.0))
     found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
     outcome = made.advance(3, [*at_north(3, -5.0, -5.0), found])
     # So likely were both scans by all hypotheses together.
-    gathered = 0.95 * math.exp(-8.0) + 0.05 * math.exp(-9.0)
-    weight = 0.05 * math.exp(-6.0) * 0.25 / gathered
-    north = 0.95 * math.exp(-8.0) / gathered
+    gathered = 0.98 * math.exp(-8.0) + 0.02 * math.exp(-9.0)
+    weight = 0.02 * math.exp(-6.0) * 0.25 / gathered
+    north = 0.98 * math.exp(-8.0) / gathered
     total = north + weight  # all of the search is where clusters are, or enters
     assert believed(outcome) == pytest.approx({0: north / total, 1: weight / total})
 

@@ -233,6 +233,14 @@ def test_relocalize_near_a_place_searches_there_and_later_everywhere() -> None:
     assert [job.near for job in later if isinstance(job, SearchJob)] == [None, None]
 
 
+def test_relocalize_in_a_region_searches_there_and_later_everywhere() -> None:
+    made, corners = bootstrapped({NORTH: 0.5, SOUTH: 0.5}), ((0.0, 0.0), (4.0, 5.0))
+    first = made.relocalize(0, corners=corners).begin.values()
+    later = made.relocalize(1).begin.values()
+    assert [job.corners for job in first if isinstance(job, SearchJob)] == [corners, corners]
+    assert [job.corners for job in later if isinstance(job, SearchJob)] == [(), ()]
+
+
 def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
     parts = (place(0.75, (0.0, 5.0, 0.0), 1), place(0.25, (0.0, 8.0, 0.0), 1))
@@ -245,6 +253,15 @@ def test_a_cluster_that_has_fallen_apart_becomes_two_that_share_its_probability(
         Began("c3", "split", pytest.approx(0.15)),
     )
     assert set(outcome.begin) == {"c2", "c3"}
+
+
+def test_a_part_that_is_given_up_in_the_step_in_which_it_began_has_no_job() -> None:
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, least_probability=0.1)
+    parts = (place(0.9, (0.0, 5.0, 0.0), 1), place(0.1, (0.0, 8.0, 0.0), 1))
+    apart = msgspec.structs.replace(tracked("c0", 1, 0.1, NORTH), parts=parts)
+    outcome = made.advance(1, [apart, tracked("c1", 1, 0.1, SOUTH)])
+    assert outcome.end == ("c0", "c3")
+    assert set(outcome.begin) == {"c2"}
 
 
 def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:

@@ -1,3 +1,4 @@
+from coordinator.failover.term import APART_US
 from coordinator.membership.balance import Move
 from coordinator.membership.jobs import MISSED_NS, Jobs
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
@@ -5,6 +6,8 @@ from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracke
 
 TRACK = TrackJob(cluster=0, start=cloud_at((0.0, 0.0, 0.0), 0), exact=False)
 SEARCH = SearchJob(search=0, shard=0, first_step=0)
+TERM = 0
+"""Of a coordinator that hands its jobs on."""
 
 
 def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
@@ -17,7 +20,7 @@ def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
 def handed_on(jobs: Jobs, *present: str) -> Jobs:
     """The jobs as the next coordinator has them."""
     made = Jobs()
-    made.restore(jobs.state(lambda *_: False), lambda _: TRACK, present, now_ns=0)
+    made.restore(jobs.state(lambda *_: False), lambda _: TRACK, present, now_ns=0, term=TERM)
     return made
 
 
@@ -79,8 +82,22 @@ def test_one_who_comes_in_time_keeps_its_jobs() -> None:
 
 
 def test_a_worker_keeps_what_it_holds_unless_it_is_over_or_given_away_since() -> None:
-    made = jobs_of("a", "c0", "c1")
+    made = handed_on(jobs_of("a", "c0", "c1"))
     held = [Assignment(job_id=i, epoch=e, job=TRACK) for i, e in (("c0", 9), ("c1", 1), ("c7", 9))]
     kept = made.held("b", held, now_ns=2)
     assert kept == held[:1], "c1 was given away with epoch 2, and nobody knows c7"
     assert made.by_worker() == {"b": {"c0": 9}, "a": {"c1": 2}}
+
+
+def test_a_job_of_another_history_is_not_taken_for_the_one_of_the_same_id() -> None:
+    """Two coordinators that did not know of each other have both begun a search and clusters."""
+    made = handed_on(jobs_of("a", "s0.0", "c0"))
+    made.begin({"c1": TRACK})
+    others = [
+        Assignment(job_id=job_id, epoch=TERM + 2 * APART_US, job=SEARCH)
+        for job_id in ("s0.0", "c0")
+    ]
+    since = Assignment(job_id="c1", epoch=TERM + 9, job=TRACK)
+    assert made.held("b", [*others, since], now_ns=2) == [], "c1 began after it was handed on"
+    assert made.by_worker() == {"a": {"s0.0": 1, "c0": 2}, None: {"c1": 0}}
+    assert made.assignment("s0.0").job == TRACK

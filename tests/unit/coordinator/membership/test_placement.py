@@ -160,7 +160,7 @@ def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
     made = placement("b")
-    made.restore(before.state(), track_again, 0)
+    made.restore(before.state(), track_again, 0, term=0)
     made.jobs.begin({"c1": track(1)})
     follow(made, due(made, 0))
     for step in range(GIVEN_UP_AFTER):
@@ -194,7 +194,7 @@ def test_a_cluster_that_was_drawn_anew_goes_on_from_the_newest_copy_that_is_told
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
     made = placement("b", "c", "d")
-    made.restore(before.state(), track_again, 0)
+    made.restore(before.state(), track_again, 0, term=0)
     for worker, step in (("b", 3), ("c", 7), ("d", 5)):
         made.copied(worker, [Assignment(job_id="c0", epoch=1, job=track(0, step))])
     assert made.jobs.assignment("c0").job == track(0, 7)
@@ -205,7 +205,7 @@ def test_what_its_worker_holds_counts_more_than_any_copy() -> None:
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
     made = placement("a", "b")
-    made.restore(before.state(), track_again, 0)
+    made.restore(before.state(), track_again, 0, term=0)
     made.held("a", [Assignment(job_id="c0", epoch=1, job=track(0, 4))], 0)
     made.copied("b", [Assignment(job_id="c0", epoch=1, job=track(0, 9))])
     assert made.jobs.assignment("c0").job == track(0, 4)

@@ -1,0 +1,98 @@
+"""The idea of CBGL (Filotheou 2023, arXiv 2307.14247), for comparison with our search.
+
+Poses are spread over the free space at random, 40 positions a square metre with 32 headings each,
+and ranked by the cumulative absolute error per ray: the sum of the differences between the ranges
+that were measured and those that the map would give from there. The best ones are refined and
+ranked again. CBGL refines by matching scans; here the error itself is made smaller, from finer and
+finer steps around a pose. Ours, to be fair: a position is cast once, all around, for all headings.
+"""
+
+import numpy as np
+
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE
+from particle_filter.kernels import kernel
+from particle_filter.overlaps import merge_overlapping
+from particle_filter.poses import compose, inverse
+from particle_filter.ray_casting import cast_rays_from_poses, jump_field
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+
+POSITIONS_PER_M2, HEADINGS = 40.0, 32
+"""As in the paper's experiments."""
+_RAYS = 96
+"""All around: three to a heading."""
+_ROUNDS, _TRIES = 8, 64
+_REFINED_PER_PLACE = 16
+_BLOCK = 4096
+
+
+def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTuple]:
+    """The best places of one scan, best first.
+
+    Args:
+        scan: of one laser.
+        grid_map: where the robot may be anywhere.
+        count: how many to tell.
+        seed: of the positions.
+    """
+    rng, cell_m = np.random.default_rng(seed), grid_map.cell_m
+    free = np.argwhere(grid_map.cells == FREE)
+    number = int(len(free) * cell_m**2 * POSITIONS_PER_M2)
+    chosen = free[rng.integers(len(free), size=number)][:, ::-1]
+    lasers = np.zeros((number, 3))
+    lasers[:, :2] = (chosen + rng.random((number, 2))) * cell_m
+    jumps = jump_field(grid_map.cells)
+    ranges = np.minimum(
+        np.nan_to_num(scan.ranges.array(), posinf=scan.range_max_m), scan.range_max_m
+    )
+    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))
+    every = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
+    measured = np.interp(every, np.mod(angles, 2.0 * np.pi), ranges, period=2.0 * np.pi)
+    seen = np.abs(np.angle(np.exp(1j * (every - angles.mean())))) <= np.ptp(angles) / 2.0
+    errors = np.concatenate([
+        _errors(
+            cast_rays_from_poses(
+                jumps, cell_m, lasers[first : first + _BLOCK], every, scan.range_max_m
+            ),
+            measured, seen, HEADINGS,
+        )
+        for first in range(0, number, _BLOCK)
+    ])  # fmt: skip
+    kept = np.argsort(errors, axis=None)[: count * _REFINED_PER_PLACE]
+    best = lasers[kept // HEADINGS]
+    best[:, 2] = (kept % HEADINGS) * (2.0 * np.pi / HEADINGS)
+    beams = slice(None, None, max(len(ranges) // 60, 1))
+    least = np.full(len(best), np.inf)
+    for refinement in range(_ROUNDS):  # the best of tries around, ever nearer
+        reach = np.array([0.15, 0.15, np.pi / HEADINGS]) * 0.7**refinement
+        spread = rng.uniform(-1.0, 1.0, (len(best), _TRIES, 3)) * reach
+        spread[:, 0] = 0.0
+        tried = (best[:, None] + spread).reshape(-1, 3)
+        cast = cast_rays_from_poses(jumps, cell_m, tried, angles[beams], scan.range_max_m)
+        error = np.abs(cast - ranges[beams]).sum(axis=1).reshape(len(best), _TRIES)
+        at = error.argmin(axis=1)
+        best, least = (
+            tried.reshape(len(best), _TRIES, 3)[np.arange(len(best)), at],
+            error.min(axis=1),
+        )
+    best = best[np.argsort(least)]
+    best = best[np.unique(merge_overlapping(best, 0.5, 0.35))][:count]
+    robots = compose(compose(np.array(grid_map.map_from_grid), best),
+                     inverse(np.array(scan.robot_from_laser)))  # fmt: skip
+    return [(float(x), float(y), float(heading)) for x, y, heading in robots]
+
+
+@kernel
+def _errors(cast: np.ndarray, measured: np.ndarray, seen: np.ndarray, headings: int) -> np.ndarray:
+    """(N, headings) sums of absolute errors of the rays that the laser sees."""
+    rays = len(measured)
+    errors = np.zeros((len(cast), headings))
+    for i in range(len(cast)):
+        for heading in range(headings):
+            shift, total = heading * (rays // headings), 0.0
+            for ray in range(rays):
+                if seen[ray]:
+                    total += abs(cast[i, (ray + shift) % rays] - measured[ray])
+            errors[i, heading] = total
+    return errors

@@ -1,0 +1,58 @@
+"""`clustermcl view FILE.mcap`: a recorded run on the page, without any system."""
+
+import json
+import os
+import signal
+import urllib.request
+import zlib
+from pathlib import Path
+from typing import Any
+
+from websockets.sync.client import ClientConnection, connect
+
+from robot_simulator.worlds.catalogue import world
+from tests.integration.free_port import free_port
+from tests.integration.system.commands import SMALL_FILTER, typed
+
+STEPS = 15
+
+
+def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path) -> None:
+    file, port = tmp_path / "run.mcap", free_port()
+    words = ("evaluate", "sim:cross", "--steps", str(STEPS), "--record", str(file), *SMALL_FILTER)
+    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
+        assert recording.popen.wait(100.0) == 0, recording.err
+    words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
+    with typed(*words, folder=tmp_path, environment=dict(os.environ)) as viewer:
+        viewer.wait_for("look at")
+        link = f"http://127.0.0.1:{port}"
+        with connect(f"ws{link[4:]}/live", origin=link, proxy=None) as page:  # type: ignore[arg-type]  # a NewType of str
+            shown = finished(page)
+            page.send('{"type": "past", "step": 10}')
+            past = told(page)["past"]
+        ground = world("cross").map
+        with urllib.request.urlopen(f"{link}/map/{shown['map']['digest']}", timeout=10) as answer:
+            cells = zlib.decompress(answer.read())
+        assert viewer.end(signal.SIGINT) == 0, viewer.err
+    assert cells == ground.cells.tobytes()
+    assert shown["step"]["step"] == STEPS - 1
+    assert not shown["system"]["commands"]
+    assert past["step"]["step"] == 10
+    assert past["step"]["places"]
+    assert len(past["step"]["scan"]) > 20
+    assert [topic for topic in past if topic.startswith("cloud ")]
+
+
+def told(page: ClientConnection) -> dict[str, Any]:
+    """The next message, drawn at once."""
+    message: dict[str, Any] = json.loads(page.recv(20.0))
+    page.send('{"type": "drawn"}')
+    return message
+
+
+def finished(page: ClientConnection) -> dict[str, Any]:
+    """All topics once the recording has been read to its end."""
+    shown = told(page)
+    while shown["system"]["link"] != "finished":
+        shown |= told(page)
+    return shown

@@ -1,0 +1,99 @@
+"""Robots that are not the simplest: several lasers, one upside down; a clock that is set back."""
+
+import math
+
+import numpy as np
+import pytest
+
+from process_runtime.ros2_settings import Ros2Settings
+from protocol.steps import LaserReading
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new
+from ros2_bridge.messages_out import header
+from ros2_bridge.rigid import HERE, Rigid, flat
+from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
+from tests.integration.ros2.conftest import OpenRobot, StartBridge
+from tests.integration.ros2.robot import SCAN, RosRobot
+from tests.integration.ros2.system_double import SystemDouble
+from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
+from tests.integration.waiting import wait_until
+
+pytestmark = pytest.mark.usefixtures("router")
+
+SECOND = 1_000_000_000
+OVERHEAD = Rigid(0.1, 0.0, 1.2, 1.0, 0.0, 0.0, 0.0)
+"""Turned about the robot's x axis: it hangs from the roof."""
+
+
+def ends_in_robot(reading: LaserReading) -> np.ndarray:
+    """(N, 2) where the beams end on the floor, seen from the robot [m]."""
+    ranges = reading.ranges.array()
+    angles = reading.angle_min_rad + reading.angle_step_rad * np.arange(len(ranges))
+    x, y, heading = reading.robot_from_laser
+    return np.column_stack(
+        (x + ranges * np.cos(heading + angles), y + ranges * np.sin(heading + angles))
+    )
+
+
+def test_two_lasers_and_one_upside_down_keep_their_places_and_the_way_their_beams_run(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    rear = (-0.3, 0.0, math.pi - 0.001)
+    robot.put_mounts(("laser", flat((0.2, 0.1, 0.0))), ("rear", flat(rear)), ("roof", OVERHEAD))
+    start_bridge(ACTIVE)
+    for frame in ("laser", "rear", "roof"):
+        robot.stand_until(lambda frame=frame: lasers(system, frame), frame=frame)  # type: ignore[misc] # as it is now
+    front, behind, above = (lasers(system, frame)[-1] for frame in ("laser", "rear", "roof"))
+    np.testing.assert_allclose(front.robot_from_laser, (0.2, 0.1, 0.0), atol=1e-9)
+    np.testing.assert_allclose(behind.robot_from_laser, rear, atol=1e-9)
+    assert above.angle_step_rad > 0.0
+    # SCAN's first beam is the shortest, at -1 rad: to the right of a laser that stands upright.
+    ranges, first = SCAN.ranges.array(), SCAN.angle_min_rad
+    x, y = ranges[0] * math.cos(first), ranges[0] * math.sin(first)
+    np.testing.assert_allclose(ends_in_robot(front)[0], (x + 0.2, y + 0.1), atol=1e-6)
+    # Of the one that hangs it is to the left, and comes last.
+    np.testing.assert_allclose(ends_in_robot(above)[-1], (x + 0.1, -y), atol=1e-6)
+
+
+def lasers(system: SystemDouble, frame: str) -> list[LaserReading]:
+    return [one for one in list(system.lasers) if one.laser == frame]
+
+
+def say(robot: RosRobot, stamp_ns: int) -> None:
+    """One moment of a simulated robot that stands."""
+    robot.put(CLOCK, new(types.CLOCK, clock=header(stamp_ns, "").stamp))
+    robot.put_odometry(stamp_ns, (1.0, 0.0, 0.0))
+    robot.put_scan(SCAN, stamp_ns=stamp_ns)
+
+
+def test_simulated_time_that_is_set_back_begins_anew_and_the_pose_follows(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    settings = Ros2Settings(autostart=True, use_sim_time=True)
+    robot, system = open_robot(settings), open_system()
+    robot.put_mounts(("laser", HERE))
+    bridge = start_bridge(settings)
+    told, poses = robot.listen(DIAGNOSTICS), robot.listen(AMCL_POSE)
+    tick = 1000 * SECOND
+
+    def go_on() -> list[LaserReading]:
+        nonlocal tick
+        tick += SECOND // 10
+        say(robot, tick)
+        return list(system.lasers)
+
+    wait_until(go_on)
+    system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (5.0, 1.0, 0.0)), state="localized")
+    wait_until(lambda: poses)
+    wait_until(lambda: go_on() and told and told[-1].header.stamp.sec >= 1000)
+    tick = 5 * SECOND  # the bag begins again
+    wait_until(lambda: go_on()[-1].stamp_ns < 900 * SECOND)
+    assert "clock set back" in bridge.err
+    transforms, last = robot.listen(robot.topics.tf), system.lasers[-1]
+    system.believe(last.stamp_ns, (1, 0.95, (7.0, 1.0, 0.0)), state="localized")
+    wait_until(lambda: poses[-1].header.stamp.sec < 900)
+    assert poses[-1].pose.pose.position.x == 7.0
+    wait_until(lambda: go_on() and transforms)
+    assert transforms[-1].transforms[0].header.stamp.sec < 900
+    wait_until(lambda: go_on() and told[-1].header.stamp.sec < 900)

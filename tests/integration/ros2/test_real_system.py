@@ -1,0 +1,78 @@
+"""A robot of ROS on our real processes, while they are hurt, told to search, or given a new map."""
+
+import math
+import time
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from clustermcl.stack import COORDINATOR
+from particle_filter.poses import wrap_angle
+from robot_simulator.worlds.catalogue import world
+from ros2_bridge import message_types as types
+from ros2_bridge.topics import AMCL_POSE, BOND
+from tests.integration.faults.system import System
+from tests.integration.ros2.robot import planar
+from tests.integration.ros2.test_whole_way import (
+    WORLD,
+    Drive,
+    put_map,
+    robot_and_system,
+    stamp_of,
+)
+from tests.integration.waiting import stretched_s, wait_until
+
+
+def is_replaced(tested: System, killed: int) -> bool:
+    tested.stack.ended()  # which starts it again
+    return tested.stack.pids().get(COORDINATOR, killed) != killed
+
+
+@pytest.mark.timeout(300)
+def test_the_bond_goes_on_while_the_coordinator_is_killed_and_replaced() -> None:
+    with robot_and_system() as (tested, robot):
+        bonds, poses = robot.listen(BOND), robot.listen(AMCL_POSE)
+        with Drive(robot, tested).driving():
+            wait_until(lambda: tested.beliefs and tested.beliefs[-1].hypotheses, 90.0)
+            before, killed = tested.beliefs[-1], tested.pid(COORDINATOR)
+            count, killed_at_s = len(bonds), time.monotonic()
+            tested.hurt(COORDINATOR)
+            wait_until(lambda: is_replaced(tested, killed))
+            wait_until(lambda: tested.beliefs[-1].term > before.term, 60.0)
+            wait_until(lambda: tested.beliefs[-1].hypotheses and poses, 150.0)
+            took_s = time.monotonic() - killed_at_s
+    beats_s = robot.heard_at_s[BOND.name]
+    gaps_s = [after - earlier for earlier, after in pairwise(beats_s[count - 1 :])]
+    assert max(gaps_s) < stretched_s(1.0)
+    assert len(gaps_s) > took_s / stretched_s(1.0)
+    assert {bond.instance_id for bond in bonds[:-1]} == {bonds[0].instance_id}
+    assert all(bond.active for bond in bonds[:-1])  # the last one ends it
+
+
+@pytest.mark.timeout(400)
+def test_a_search_before_the_first_scan_and_a_new_map_under_way_end_at_the_right_place() -> None:
+    before = world(WORLD).map
+    x, y, heading = before.map_from_grid
+    after = replace(before, map_from_grid=(x + 10.0, y - 5.0, heading))
+    with robot_and_system() as (tested, robot), tested.client as client:
+        robot.call("reinitialize_global_localization", types.EMPTY)
+        assert not tested.beliefs
+        poses, drive = robot.listen(AMCL_POSE), Drive(robot, tested)
+
+        def is_at(moved_m: tuple[float, float]) -> bool:
+            if not poses or stamp_of(poses[-1]) not in drive.truth:
+                return False
+            truth = drive.truth[stamp_of(poses[-1])]
+            told = planar(poses[-1].pose.pose)
+            off = np.subtract(told, (truth[0] + moved_m[0], truth[1] + moved_m[1], truth[2]))
+            return math.hypot(*off[:2]) < 0.2 and abs(wrap_angle(float(off[2]))) < 0.1
+
+        with drive.driving():
+            wait_until(lambda: is_at((0.0, 0.0)), 150.0)
+            assert client.status().map_digest == before.digest
+            put_map(robot, after)
+            wait_until(lambda: client.status().map_digest == after.digest, 60.0)
+            wait_until(lambda: is_at((10.0, -5.0)), 150.0)
+        assert client.status().counters["map changed"] == 1
