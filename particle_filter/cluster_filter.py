@@ -136,20 +136,19 @@ def advanced(
     result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
     if motion.slip_probability > 0.0 and result.log_likelihood_per_beam < motion.slip_below_fit:
         way = between(odom_from_before, odom_from_after)
-        both = _with_slipped(cloud, moved, way, motion.slip_probability, rng)
-        again = weighed(both, beams, model, exponent)
-        if again.log_likelihood_per_beam > result.log_likelihood_per_beam + _SLIP_GAIN:
+        back = slipped(cloud.map_from_robot[::_SLIP_EVERY], moved[::_SLIP_EVERY], way, rng)
+        best_back = float(model.log_likelihood(back, beams).max()) / beams.count
+        if best_back > result.log_likelihood_per_beam + _SLIP_GAIN:
+            both = _with_slipped(cloud, moved, back, motion.slip_probability)
+            again = weighed(both, beams, model, exponent)
             chosen = resample(again.cloud.log_weights, len(moved), settings.resampling, rng)
             result = replace(again, cloud=Cloud.even(both.map_from_robot[chosen]))
     correction = model.correction(result.cloud.map_from_robot, result.cloud.weights, beams)
     return replace(result, log_weight_sum=result.log_weight_sum - correction)
 
 
-def _with_slipped(
-    cloud: Cloud, moved: Poses, way: Pose, probability: float, rng: np.random.Generator
-) -> Cloud:
+def _with_slipped(cloud: Cloud, moved: Poses, back: Poses, probability: float) -> Cloud:
     """The moved cloud and some particles that have slipped; all weigh what the cloud did."""
-    back = slipped(cloud.map_from_robot[::_SLIP_EVERY], moved[::_SLIP_EVERY], way, rng)
     each = math.log(probability * len(moved) / len(back))
     of_moved = cloud.log_weights + math.log1p(-probability)
     of_back = cloud.log_weights[::_SLIP_EVERY] + each
