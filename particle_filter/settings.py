@@ -200,6 +200,7 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             "m",
             form=_REGIONS_FORM,
             pattern=_REGIONS_PATTERN,
+            max_length=10_000,
         ),
     ] = ""
 
