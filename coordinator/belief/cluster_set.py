@@ -256,7 +256,7 @@ class ClusterSet:
 
         Args:
             newcomers: what the search has found since, with their weights beside the belief.
-            first_step: of the search.
+            first_step: of the search; those it has brought hold more than nothing.
             explained: what was elsewhere, and is theirs now.
 
         Returns:

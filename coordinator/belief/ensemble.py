@@ -298,17 +298,18 @@ class Ensemble:
         then, settings = self._means[pool.step], self.settings
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
-        log_weight = log_weight_of_held(pool, own, settings.search)
-        if log_weight is None:
-            log_weight = self._evidence.log_weight(pool.step, pool.log_evidence)
+        told = log_weight_of_held(pool, own, settings.search)
+        since = self._evidence.log_weight(pool.step, pool.log_evidence)
+        log_weight = since if told is None else told
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room(step, first_step)
         found = admission(pool, held, room, log_weight, settings, holds_own=bool(own))
         before = self.clusters.elsewhere
         self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
-        if own:
-            entering = self.clusters.sharing(entering, first_step, before - self.clusters.elsewhere)
+        if told is not None:
+            explained = before - self.clusters.elsewhere
+            entering = self.clusters.sharing(entering, first_step, explained)
         self._admit(entering, step, first_step, step + settings.belief.grace_steps)
         if entering and not own:
             self.clusters.lift_alternatives(step, first_step)
