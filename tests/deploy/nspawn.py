@@ -132,7 +132,7 @@ class Machine:
         self._container.wait(30.0)
         self._container, self._leader = None, 0
 
-    def run(self, script: str, *, check: bool = True, within_s: float = 300.0) -> str:
+    def run(self, script: str, *, check: bool = True, within_s: float = 900.0) -> str:
         """Run lines of bash as root inside; what they write to standard output."""
         enter = ["nsenter", f"--target={self._leader}", "--all"]
         shell = ["bash", "-euc", f"cd /{_SOURCES}\n{script}"]

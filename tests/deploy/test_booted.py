@@ -23,12 +23,12 @@ from tests.integration.waiting import wait_until
 
 _log = logging.getLogger(__name__)
 
-pytestmark = [pytest.mark.boots, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.boots, pytest.mark.timeout(1800)]
 
 SERVICES = ("router", "bridge", "coordinator", "worker@1")
 SETTINGS = "/etc/clustermcl/settings.toml"
 COMMAND = "/opt/clustermcl/bin/clustermcl"
-BACK_WITHIN_S = 60.0
+BACK_WITHIN_S = 120.0
 ROBOT = """
 [Service]
 ExecStart=/opt/clustermcl/bin/python -I -m soak_test.robot --settings ${DRIVER} --world hall
@@ -82,7 +82,7 @@ class Robot(Machine):
     def comes_back(self, what: str, begin_s: float, since_step: int = 0) -> None:
         """Wait until it localizes, and tell how long that took since `begin_s`."""
         try:
-            wait_until(lambda: self.localizes(since_step), deadline_s=180.0)
+            wait_until(lambda: self.localizes(since_step), deadline_s=300.0)
         except pytest.fail.Exception:
             _log.info(self.run(f"{COMMAND} status --settings {self.settings}", check=False))
             _log.info(self.run("journalctl --lines=80 --no-pager"))
