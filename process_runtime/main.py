@@ -72,6 +72,7 @@ def process_main(
     stop = stop_on_signals()
     stop.on_look = sign_of_life()
     code = run_process(name, body, stop, describe=describe, add_arguments=add_arguments)
+    stop.on_look = lambda: None  # who ended in an error must not say now that it is ready
     if not stop.is_set():  # otherwise the signal has started the same watch
         faulthandler.dump_traceback_later(_EXIT_WITHIN_S, exit=True)
     sys.exit(code)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from process_runtime.main import EXIT_ERROR
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from process_runtime.watchdog import sign_of_life
 from tests.integration.conftest import StartProcess
@@ -78,6 +79,14 @@ def test_a_process_says_that_it_is_ready_and_goes_on_until_it_is_stopped(
     assert systemd.hears_no_more()
     process.send_signal(signal.SIGCONT)
     assert systemd.hears(5.0) == b"WATCHDOG=1"
+
+
+def test_a_process_that_fails_at_its_start_never_says_that_it_is_ready(
+    systemd: Systemd, start_process: StartProcess
+) -> None:
+    process = start_process(python_module("sensor_bridge", "--set", "bridge.map="))
+    assert process.wait() == EXIT_ERROR
+    assert systemd.hears(0.1) is None
 
 
 def test_a_loop_that_hangs_is_silent_though_a_thread_of_it_lives(
