@@ -93,7 +93,7 @@ def experiments(
         plots=not no_plots,
         command=shlex.join(["clustermcl", *sys.argv[1:]]),
     )
-    stop = stop_on_signals(exit_after_s=60.0)
+    stop = stop_on_signals(exit_after_s=900.0)  # on a busy machine, pictures take minutes
     written = run_experiments(options, stop, console)
     text = f"the report is {written}" if written else "no run had ended yet: nothing is reported"
     console.print(text, highlight=False, soft_wrap=True, markup=False)
