@@ -31,6 +31,8 @@ from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 
 MAX_ITEMS = 2_000
 """Clusters, jobs, places or causes: fifty times those of the largest robot known."""
+MAX_COUNT = 2**52
+"""Of what a coordinator counts by itself: half of what a message may say, so that it can go on."""
 MAX_CHARACTERS = 500
 """Of one text, such as the cause of a counter."""
 MAX_AGE_S = 1e9
@@ -56,8 +58,8 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
         return "probabilities that do not sum to one"
     search, prior = state.search, state.prior_pose
     return (
-        number_problem("next cluster", state.next_cluster)
-        or number_problem("searches", state.searches)
+        _count_problem("next cluster", state.next_cluster)
+        or _count_problem("searches", state.searches)
         or (_search_problem(search, state.searches, applied) if search else None)
         or (_prior_problem(prior) if prior else None)
     )
@@ -93,7 +95,7 @@ def jobs_problem(
 def collector_problem(state: StepCollectorState) -> str | None:
     """Why no steps can be over like this."""
     scan = state.applied
-    return number_problem("steps lost", state.steps_lost) or (_scan_problem(scan) if scan else None)
+    return _count_problem("steps lost", state.steps_lost) or (_scan_problem(scan) if scan else None)
 
 
 def commands_problem(state: CommandsState) -> str | None:
@@ -101,7 +103,7 @@ def commands_problem(state: CommandsState) -> str | None:
     texts = [*state.problems, *state.problems.values()]
     waiting = state.waiting
     return (
-        number_problem("poses given", state.set_poses)
+        _count_problem("poses given", state.set_poses)
         or texts_problem(texts)
         or (problem_of(waiting.command) if waiting else None)
         or (pose_problem(waiting.odom_from_robot or (0.0, 0.0, 0.0)) if waiting else None)
@@ -123,7 +125,13 @@ def texts_problem(texts: Collection[str]) -> str | None:
 
 def counts_problem(counts: Iterable[int]) -> str | None:
     """Why these are no counts."""
-    return first_problem(number_problem("count", count) for count in counts)
+    return first_problem(_count_problem("count", count) for count in counts)
+
+
+def _count_problem(name: str, count: int) -> str | None:
+    """Why a coordinator cannot have counted so far, or could not count on from there."""
+    full = f"{name} {count} leaves no room to count on" if count >= MAX_COUNT else None
+    return number_problem(name, count) or full
 
 
 def items_problem(items: Collection[object]) -> str | None:

@@ -246,11 +246,11 @@ def steps_of(
     and their odometry wherever the transforms beside it came too. Where one did not, nothing is
     answered for the robot's own numbers: the beliefs that they make are others.
     """
+    heard = sorted(heard, key=lambda one: one.stamp_ns)  # as far as it goes: more may come
     lasers_heard = {one.stamp_ns for one in heard if isinstance(one, LaserReading)}
     odometry_heard = {one.stamp_ns for one in heard if isinstance(one, OdometryReading)}
     odometry_ns = sorted(one.stamp_ns for one in said if isinstance(one, OdometryReading))
     said = [one for one in said if isinstance(one, OdometryReading) or one.stamp_ns in lasers_heard]
-    heard = sorted(heard, key=lambda one: one.stamp_ns)
     assert len(lasers_heard) > 100
     digest = world(WORLD).map.digest
     ours_made, theirs_made = (

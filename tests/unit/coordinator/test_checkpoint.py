@@ -4,7 +4,13 @@ import msgspec
 import pytest
 
 from coordinator.belief.ensemble import EnsembleState
-from coordinator.checkpoint import STATE_VERSION, CheckpointState, from_bytes, to_bytes
+from coordinator.checkpoint import (
+    STATE_VERSION,
+    CheckpointState,
+    ImpossibleStateError,
+    from_bytes,
+    to_bytes,
+)
 from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
 from coordinator.failover.state_recovery import Told
@@ -79,6 +85,14 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
     ):
         with pytest.raises(ValueError, match=words):
             from_bytes(data)
+
+
+def test_a_count_without_room_to_count_on_is_refused(state: CheckpointState) -> None:
+    """It was carried on from, and the coordinator's own next checkpoint could not be read."""
+    assert from_bytes(changed(state, reports_missing=2**52 - 1)).reports_missing
+    for full in ({"reports_missing": 2**52}, {"counters": {"report late": 2**53 - 1}}):
+        with pytest.raises(ImpossibleStateError, match="no room to count on"):
+            from_bytes(changed(state, **full))
 
 
 @pytest.mark.parametrize("data", [b"", b"rubbish", b"\x80"])
