@@ -1,0 +1,197 @@
+"""The commands about recordings, maps and settings."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from clustermcl import completion
+from clustermcl.commands.options import (
+    AsJson,
+    Assignments,
+    BaseFrame,
+    OdomFrame,
+    OdomTopic,
+    RecordFile,
+    ScanTopic,
+    SettingsFile,
+    of_bag,
+)
+from evaluation.experiments.command import MOST_JOBS, MOST_RUNS
+from process_runtime.settings_file import load_settings
+
+EXIT_DIFFERENT = 1
+MOST_STEPS = 100_000
+"""Of an evaluated run: 20 km of driving. What is measured is kept until its end."""
+
+
+def evaluate(
+    recording: Annotated[
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording, sim:WORLD or sim:MAP.yaml.",
+            autocompletion=completion.recordings,
+        ),
+    ],
+    map_file: Annotated[
+        str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
+    ] = None,
+    reference: Annotated[
+        Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
+    ] = None,
+    algorithm: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ...",
+            autocompletion=completion.algorithms,
+        ),
+    ] = "cluster-mcl",
+    seeds: Annotated[
+        int,
+        typer.Option(min=1, max=MOST_RUNS, help="Runs; the first has the settings' seed."),
+    ] = 1,
+    starts: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_RUNS,
+            help="Begin at so many steps, spread over the recording; simulated: so many seeds.",
+        ),
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=MOST_STEPS,
+            help="Steps of a simulated robot, or at most so many; with --starts 60, if left out.",
+        ),
+    ] = None,
+    kidnap_at: Annotated[
+        int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, max=MOST_JOBS, help="Runs at a time; left out: one for each core."),
+    ] = None,
+    json_file: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
+    ] = None,
+    record_file: RecordFile = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
+    ] = None,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
+    from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the module
+
+    options = EvaluateOptions(
+        recording=recording,
+        map_file=map_file,
+        reference=reference,
+        algorithm=algorithm,
+        seeds=seeds,
+        starts=starts,
+        steps=steps,
+        kidnap_at=kidnap_at,
+        jobs=jobs,
+        json_file=json_file,
+        record=record_file,
+        report_file=report_file,
+    )
+    given = [*(assignments or ()), *of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_evaluate(options, load_settings(settings_file, given))
+
+
+def check(
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="The map's file.")],
+    recording: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a robot in that map.")
+    ] = None,
+    laser_range_m: Annotated[
+        float, typer.Option("--range", min=0.5, metavar="M", help="How far the laser sees [m].")
+    ] = 12.0,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Places that are looked at.")] = 24,
+    scan_topic: ScanTopic = "",
+    odom_topic: OdomTopic = "",
+    odom_frame: OdomFrame = "",
+    base_frame: BaseFrame = "",
+    as_json: AsJson = False,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Is a map fit for localizing; which places look alike; does a recording agree with it."""
+    from clustermcl.check import run_check  # noqa: PLC0415 - see the module
+
+    given = [*(assignments or ()), *of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    run_check(
+        map_file,
+        recording,
+        load_settings(settings_file, given),
+        laser_range_m=laser_range_m,
+        places=places,
+        as_json=as_json,
+    )
+
+
+def record(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
+    ],
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
+    from clustermcl.record import run_record  # noqa: PLC0415 - see the module
+
+    steps = run_record(load_settings(settings_file, assignments or ()), file)
+    sys.stdout.write(f"{file}: {steps} steps\n")
+
+
+def replay(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A robot's flight recording.")],
+    first_step: Annotated[
+        int | None, typer.Option("--from", metavar="STEP", help="Print from this step on.")
+    ] = None,
+    last_step: Annotated[
+        int | None, typer.Option("--to", metavar="STEP", help="Print up to this step.")
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Refuse what is of another map.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compute recorded beliefs again, compare them, and print what happened.
+
+    Exit code 1 if a belief is not the recorded one, bit for bit.
+    """
+    from clustermcl.replay import print_replay  # noqa: PLC0415 - see the module
+
+    same = print_replay(
+        folder, first_step=first_step, last_step=last_step, map_file=map_file, as_json=as_json
+    )
+    sys.exit(0 if same else EXIT_DIFFERENT)
+
+
+def settings(
+    from_nav2: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="What a nav2_params.yaml becomes.")
+    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """All settings with default, unit and meaning, as TOML that can be fed back."""
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
+    from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the module
+
+    chosen, without_effect = settings_with_nav2(from_nav2, settings_file, assignments or ())
+    sys.stdout.writelines(f"# {line}\n" for line in without_effect)
+    sys.stdout.write(settings_as_toml(chosen))
