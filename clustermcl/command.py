@@ -1,4 +1,4 @@
-"""The command a person types. Each command imports what it needs, so that `pose` starts fast."""
+"""The command a person types: the table of all commands, and what ends each."""
 
 import sys
 from collections.abc import Callable

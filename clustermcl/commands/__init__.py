@@ -1,1 +1,1 @@
-"""The commands, each with its options; `clustermcl.command` puts them together."""
+"""The commands and their options; each imports what it needs only when called: `pose` is fast."""

@@ -16,7 +16,7 @@ def pose(
     as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
 ) -> None:
     """Where the robot is now, how surely, and how old the data is."""
-    from clustermcl.questions import print_pose  # noqa: PLC0415 - see the module
+    from clustermcl.questions import print_pose  # noqa: PLC0415 - see the package
 
     print_pose(load_settings(settings_file, assignments or ()), as_json=as_json)
 
@@ -30,7 +30,7 @@ def hypotheses(
     assignments: Assignments = None,
 ) -> None:
     """All places where the robot may be, with their probabilities."""
-    from clustermcl.questions import print_hypotheses  # noqa: PLC0415 - see the module
+    from clustermcl.questions import print_hypotheses  # noqa: PLC0415 - see the package
 
     settings = load_settings(settings_file, assignments or ())
     print_hypotheses(settings, above=above, as_json=as_json)
@@ -45,7 +45,7 @@ def events(
     assignments: Assignments = None,
 ) -> None:
     """Which clusters and searches began and ended of late, and why."""
-    from clustermcl.questions import follow_events, print_events  # noqa: PLC0415 - see the module
+    from clustermcl.questions import follow_events, print_events  # noqa: PLC0415 - see the package
 
     settings = load_settings(settings_file, assignments or ())
     if follow:
@@ -58,7 +58,7 @@ def status(
     as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
 ) -> None:
     """How the system is: steps, workers, what was dropped or refused."""
-    from clustermcl.questions import print_status  # noqa: PLC0415 - see the module
+    from clustermcl.questions import print_status  # noqa: PLC0415 - see the package
 
     print_status(load_settings(settings_file, assignments or ()), as_json=as_json)
 
@@ -67,7 +67,7 @@ def watch(
     as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
 ) -> None:
     """Every belief from now on, until Ctrl-C."""
-    from clustermcl.questions import watch as stream  # noqa: PLC0415 - see the module
+    from clustermcl.questions import watch as stream  # noqa: PLC0415 - see the package
 
     _until_interrupted(
         lambda: stream(load_settings(settings_file, assignments or ()), as_json=as_json)
@@ -80,7 +80,7 @@ def snapshot(
     assignments: Assignments = None,
 ) -> None:
     """Save what is to be seen now: a picture, or a page that needs no server."""
-    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the module
+    from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the package
 
     save_snapshot(file, load_settings(settings_file, assignments or ()))
 

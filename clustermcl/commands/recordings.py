@@ -91,7 +91,7 @@ def evaluate(
     assignments: Assignments = None,
 ) -> None:
     """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
-    from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the module
+    from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the package
 
     options = EvaluateOptions(
         recording=recording,
@@ -129,7 +129,7 @@ def check(
     assignments: Assignments = None,
 ) -> None:
     """Is a map fit for localizing; which places look alike; does a recording agree with it."""
-    from clustermcl.check import run_check  # noqa: PLC0415 - see the module
+    from clustermcl.check import run_check  # noqa: PLC0415 - see the package
 
     given = [*(assignments or ()), *of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
     run_check(
@@ -150,7 +150,7 @@ def record(
     assignments: Assignments = None,
 ) -> None:
     """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
-    from clustermcl.record import run_record  # noqa: PLC0415 - see the module
+    from clustermcl.record import run_record  # noqa: PLC0415 - see the package
 
     steps = run_record(load_settings(settings_file, assignments or ()), file)
     sys.stdout.write(f"{file}: {steps} steps\n")
@@ -173,7 +173,7 @@ def replay(
 
     Exit code 1 if a belief is not the recorded one, bit for bit.
     """
-    from clustermcl.replay import print_replay  # noqa: PLC0415 - see the module
+    from clustermcl.replay import print_replay  # noqa: PLC0415 - see the package
 
     same = print_replay(
         folder, first_step=first_step, last_step=last_step, map_file=map_file, as_json=as_json
@@ -189,8 +189,8 @@ def settings(
     assignments: Assignments = None,
 ) -> None:
     """All settings with default, unit and meaning, as TOML that can be fed back."""
-    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
-    from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the module
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
+    from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the package
 
     chosen, without_effect = settings_with_nav2(from_nav2, settings_file, assignments or ())
     sys.stdout.writelines(f"# {line}\n" for line in without_effect)

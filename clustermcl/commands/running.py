@@ -69,7 +69,8 @@ def demo(
     assignments: Assignments = None,
 ) -> None:
     """Start everything on this machine and watch it localize; without options, a simulation."""
-    from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the module
+    from clustermcl.demo import run_demo  # noqa: PLC0415 - see the package
+    from clustermcl.demo_show import DemoOptions  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *(assignments or ())]
     given += of_bag(scan_topic, odom_topic, odom_frame, base_frame)
@@ -101,8 +102,8 @@ def up(
     assignments: Assignments = None,
 ) -> None:
     """Run everything on this machine, in the foreground, until Ctrl-C."""
-    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the module
-    from clustermcl.up import run_up  # noqa: PLC0415 - see the module
+    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
+    from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *(assignments or ())]
     chosen, without_effect = settings_with_nav2(nav2_params, settings_file, given)
@@ -113,8 +114,8 @@ def up(
 
 def ros2(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Stand in for nav2's AMCL on a ROS 2 robot over rmw_zenoh, until Ctrl-C."""
-    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the module
-    from ros2_bridge.process import serve  # noqa: PLC0415 - see the module
+    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the package
+    from ros2_bridge.process import serve  # noqa: PLC0415 - see the package
 
     chosen = load_settings(settings_file, [*log_settings(), *(assignments or ())])
     serve(chosen, "ros2_bridge", stop_on_signals())
@@ -150,7 +151,7 @@ def serve_view(
     assignments: Assignments = None,
 ) -> None:
     """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
-    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the module
+    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the package
 
     options = ViewOptions(
         listen=listen,

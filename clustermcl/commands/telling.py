@@ -37,7 +37,7 @@ def set_pose(
     numbers = (x_m, y_m, heading_rad, position_sigma_m, heading_sigma_rad)
     if not all(map(math.isfinite, numbers)) or min(position_sigma_m, heading_sigma_rad) <= 0.0:
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
-    from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the module
+    from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the package
 
     try:
         tell(
@@ -72,20 +72,20 @@ def relocalize(
     """Forget all places and search everywhere, near a place, or in a region."""
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle is two finite numbers and a positive radius")
-    from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the module
+    from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the package
 
     tell(load_settings(settings_file, assignments or ()), near, region)
 
 
 def update(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Make a step of the next scan, also if the robot stands still."""
-    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the module
+    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the package
 
     tell(load_settings(settings_file, assignments or ()))
 
 
 def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
     """Lift the simulated robot to somewhere far away."""
-    from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the module
+    from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the package
 
     tell(load_settings(settings_file, assignments or ()))

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from clustermcl import view
-from clustermcl.demo import DemoOptions, run_demo
+from clustermcl.demo import run_demo
+from clustermcl.demo_show import DemoOptions
 from clustermcl.snapshot import save_snapshot
 from coordinator.recorder.replay import FlightRecordingError
 from live_view.admission import Address
