@@ -9,6 +9,7 @@ import psutil
 import pytest
 from PIL import Image
 
+from tests.integration.waiting import stretched_s
 from tests.unit.recordings import recording_or_skip
 
 COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
@@ -148,7 +149,7 @@ def test_a_demo_of_a_live_robot() -> None:
 @pytest.mark.parametrize("command", ["pose", "hypotheses", "status", "watch", "relocalize"])
 def test_nobody_there_is_said_within_three_seconds(command: str) -> None:
     process = subprocess.run(
-        [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True, timeout=5,
-        check=False,
+        [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True,
+        timeout=stretched_s(5.0), check=False,
     )  # fmt: skip
     assert_refused(process, "no router", "clustermcl up")
