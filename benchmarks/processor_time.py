@@ -35,14 +35,22 @@ def spent_by_thread() -> ByThread:
     """Of all children of this process, and theirs."""
     spent: dict[tuple[str, int, str, int], Spent] = {}
     for process in psutil.Process().children(recursive=True):
-        words = process.cmdline()
-        part = next((word for word in words[words.index("-m") + 1 :]), "") if "-m" in words else ""
-        for task in Path(f"/proc/{process.pid}/task").iterdir():
-            with suppress(OSError):  # it has just ended
-                cpu_ns, _, turns = (task / "schedstat").read_text().split()
-                kind = _kind(process.pid, int(task.name), (task / "comm").read_text().strip())
-                spent[part, process.pid, kind, int(task.name)] = Spent(int(cpu_ns), int(turns))
+        with suppress(psutil.NoSuchProcess):
+            words = process.cmdline()
+            part = words[words.index("-m") + 1] if "-m" in words[:-1] else ""
+            for thread in process.threads():
+                spent |= _spent_by(part, process.pid, thread.id)
     return spent
+
+
+def _spent_by(part: str, pid: int, thread: int) -> ByThread:
+    """One thread's; nothing if it has just ended."""
+    task = Path(f"/proc/{pid}/task/{thread}")
+    with suppress(OSError):
+        cpu_ns, _, turns = (task / "schedstat").read_text().split()
+        kind = _kind(pid, thread, (task / "comm").read_text().strip())
+        return {(part, pid, kind, thread): Spent(int(cpu_ns), int(turns))}
+    return {}
 
 
 def _kind(pid: int, thread: int, name: str) -> str:
@@ -70,10 +78,7 @@ def processes_table(spent: ByThread, steps: float) -> str:
     lines = ["| part, thread | CPU ms a step | turns a step |", "| --- | --- | --- |"]
     for part, kinds in sorted(parts.items(), key=lambda item: -item[1]["all"].cpu_ns):
         for kind, each in sorted(kinds.items(), key=lambda item: -item[1].cpu_ns):
-            name = (
-                f"**{part}**, {len(processes[part])} processes"
-                if kind == "all"
-                else f"{part}: {kind}"
-            )
+            whole = f"**{part}**, {len(processes[part])} processes"
+            name = whole if kind == "all" else f"{part}: {kind}"
             lines.append(f"| {name} | {each.cpu_ns / 1e6 / steps:.2f} | {each.turns / steps:.1f} |")
     return "\n".join(lines)
