@@ -93,11 +93,6 @@ class Coordinator:
         """Whether it knows enough to answer."""
         return self._term.begun
 
-    @property
-    def awaited(self) -> int:
-        """How many reports complete the step that is open; 0 where none is."""
-        return self._state.awaited if self.begun else 0
-
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
     ) -> list[Instruction]:

@@ -123,8 +123,6 @@ class CoordinatorLoop:
         self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns), now_ns)
         self._carry_out(self._change(self._membership.due(now_ns), now_ns), now_ns)
-        # Half of what is awaited, then half of the rest: the last report still comes alone.
-        self._inbox.wake_at("report", max(self._coordinator.awaited // 2, 1))
         if event is None:
             self._memory.turn(now_ns / 1e9)
 

@@ -149,15 +149,6 @@ class CoordinatorState:
             for job_id in self.ensemble.expected
         )
 
-    @property
-    def awaited(self) -> int:
-        """How many reports the oldest open step waits for; 0 where none is open."""
-        reports = self.collector.oldest_reports
-        if reports is None:
-            return 0
-        lacks = (job_id for job_id in self.ensemble.expected if job_id not in reports)
-        return sum(map(self.placement.waits_for, lacks))
-
     def ready(self, now_ns: int) -> ReadyStep | None:
         """The next step, if nothing is to be waited for any longer; then it must be applied."""
         if self.collector.oldest_scan is None:

@@ -46,7 +46,6 @@ class Inbox(Generic[EventT]):
         self._bounds = dict(keep_newest)
         self._events = _Waiting[EventT]()
         self._max_events, self._max_bytes = max_events, max_kind_bytes
-        self._wakes_at = dict.fromkeys(keep_newest, 1)
         self._arrived = 0
         self._closed = False
         self._dropped: Counter[str] = Counter()
@@ -66,7 +65,6 @@ class Inbox(Generic[EventT]):
                 self._dropped["event"] += 1
                 return False
             self._append(self._events, event)
-            self._tell()
             return True
 
     def put_newest(self, kind: str, state: EventT) -> None:
@@ -85,15 +83,6 @@ class Inbox(Generic[EventT]):
                 waiting.popleft()
                 self._dropped[kind] += 1
             self._append(waiting, state)
-            if len(waiting.queue) >= self._wakes_at[kind]:
-                self._tell()
-
-    def wake_at(self, kind: str, count: int) -> None:
-        """Let the loop sleep until so many states of a kind wait, something else comes, or its
-        time is up: to wake it costs more than to take what it would be woken for.
-        """
-        with self._lock:
-            self._wakes_at[kind] = count
 
     def count_refused(self, kind: str) -> None:
         """Count what was refused before it got here, as being too large."""
@@ -103,24 +92,22 @@ class Inbox(Generic[EventT]):
     def get(self, timeout_s: float) -> EventT | None:
         """Take what arrived first, waiting at most so long; None if nothing came.
 
-        What the loop is not woken for, see `wake_at`, it gets with the next that it is woken for,
-        or when its time is up.
-
         What was put before the inbox was closed is still handed out. Python runs signal
         handlers during the wait but does not end it: loops that look at a `StopFlag` wait
         0.1 s at a time.
         """
-        until_s, in_time = time.monotonic() + timeout_s, True
+        until_s = time.monotonic() + timeout_s
         while True:
             with self._lock:
                 oldest = self._oldest()
                 if oldest is not None:
                     return oldest.popleft()
-                if self._closed or not in_time:
+                if self._closed:
                     return None
                 self._news.acquire(blocking=False)
-            left_s = max(until_s - time.monotonic(), 0.0)
-            in_time = self._news.acquire(timeout=left_s)
+            left_s = until_s - time.monotonic()
+            if left_s <= 0.0 or not self._news.acquire(timeout=left_s):
+                return None
 
     def close(self) -> None:
         """Accept no more and wake the loop; may be called again."""
@@ -136,6 +123,7 @@ class Inbox(Generic[EventT]):
     def _append(self, waiting: "_Waiting[EventT]", event: EventT) -> None:
         waiting.append(self._arrived, event)
         self._arrived += 1
+        self._tell()
 
     def _tell(self) -> None:
         """Wake the loop; called under the lock."""

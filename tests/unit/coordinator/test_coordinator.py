@@ -129,20 +129,6 @@ def test_a_worker_cannot_speak_for_the_job_of_another() -> None:
     assert status.counters["report of another worker's job"] == 1
 
 
-def test_it_knows_how_many_reports_complete_a_step() -> None:
-    story = Story("a", "b").bootstrapped()
-    awaited = [story.coordinator.awaited]  # no step is open
-    story.scan(1, at_s=1.0)
-    awaited.append(story.coordinator.awaited)
-    for report in (
-        tracked("c0", 1, 0.1, NORTH, epoch=story.epochs["c0"]),
-        tracked("c1", 1, 0.1, SOUTH, epoch=story.epochs["c1"]),
-    ):
-        story.report(report, at_s=1.1)
-        awaited.append(story.coordinator.awaited)
-    assert awaited == [0, 2, 1, 0]
-
-
 def test_from_the_first_scan_to_a_belief_over_two_places() -> None:
     story = Story("a", "b").bootstrapped()
     story.tracks(1, at_s=1.0, north=0.3, south=0.1)

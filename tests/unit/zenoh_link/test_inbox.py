@@ -83,43 +83,6 @@ def test_a_put_and_a_close_wake_the_loop() -> None:
     assert taken == ["one", None]
 
 
-def sleeping(inbox: Inbox[str]) -> bool:
-    """Whether the loop has seen all there is, and nobody has woken it since."""
-    return inbox._news.locked()
-
-
-def test_the_loop_sleeps_until_as_many_have_come_as_it_waits_for() -> None:
-    inbox: Inbox[str] = Inbox({"report": 9, "scan": 9})
-    inbox.wake_at("report", 3)
-    assert inbox.get(0.0) is None
-    inbox.put_newest("report", "first")
-    inbox.put_newest("report", "second")
-    assert sleeping(inbox)
-    inbox.put_newest("report", "third")
-    assert not sleeping(inbox)
-    taken = drained(inbox)
-    inbox.put_newest("report", "fourth")
-    assert sleeping(inbox)
-    inbox.put_newest("scan", "fifth")  # anything else wakes it
-    assert not sleeping(inbox)
-    assert taken + drained(inbox) == ["first", "second", "third", "fourth", "fifth"]
-
-
-def test_what_wakes_nobody_is_there_when_the_time_is_up() -> None:
-    inbox: Inbox[str] = Inbox({"report": 9})
-    inbox.wake_at("report", 2)
-    taken: list[str | None] = []
-    loop = threading.Thread(target=lambda: taken.append(inbox.get(0.5)))
-    loop.start()
-    inbox.put_newest("report", "alone")
-    loop.join(timeout=10.0)
-    assert taken == ["alone"]
-
-
-def drained(inbox: Inbox[str]) -> list[str | None]:
-    return list(iter(lambda: inbox.get(0.0), None))
-
-
 def test_many_threads_lose_nothing_and_keep_their_own_order() -> None:
     inbox: Inbox[tuple[int, int]] = Inbox({}, max_events=100_000)
 
