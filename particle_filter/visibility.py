@@ -96,7 +96,7 @@ def _hidden_codes(
             given = codes[int(row) + 1, int(col) + 1]
             dx, dy = col - from_col, row - from_row
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
-            if given == 0 or share <= 0.0:
+            if not (given > 0 and share > 0.0):
                 continue
             if _hidden(ahead, (from_col, from_row), (dx, dy), share, turns):
                 sums[i] += given
