@@ -18,11 +18,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
-import psutil
+
+from benchmarks.processor_time import ByThread, in_between, processes_table, spent_by_thread
 
 Stamps = dict[tuple[int, str, str], int]
 """(step, event, sender): when [ns]."""
-_WATCHED_S, _STEPS_PER_S = 10.0, 10.0
+_UNTIL_WRITTEN_S = 3.0
+"""Stamps are written some at a time."""
 STAGES = (
     ("bridge: encode the scan", "Scan.encode", "Scan.put"),
     ("bridge: hand it to Zenoh", "Scan.put", "Scan.gone"),
@@ -115,11 +117,13 @@ def _run(*command: str) -> None:
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
 
 
-def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers: int) -> float:
+def run_stack(
+    folder: Path, seconds: float, watched_s: float, settings: Sequence[str], far_workers: int
+) -> tuple[ByThread, int]:
     """A stack for so long; `settings` as for `--set`; some workers on the far machine.
 
     Returns:
-        CPU time of all processes over the last seconds of it [s].
+        What each thread of it took over the last `watched_s`, and when they began [ns].
     """
     with network(far_workers > 0) as (address, over_there), ExitStack() as started:
         with socket.socket() as probe:
@@ -138,26 +142,19 @@ def run_stack(folder: Path, seconds: float, settings: Sequence[str], far_workers
         far += ["--name", "far", "--count", str(far_workers)]
         for command in (near, far) if far_workers else (near,):
             started.enter_context(_ended(subprocess.Popen(command, stdin=subprocess.DEVNULL)))
-        time.sleep(seconds - _WATCHED_S)
-        before = _cpu_s()
-        time.sleep(_WATCHED_S)
-        after = _cpu_s()
-    for part in sorted(after):
-        used = [after[part][pid] - spent for pid, spent in before[part].items()]
-        each_ms = 1e3 * np.mean(used) / (_WATCHED_S * _STEPS_PER_S)
-        print(f"CPU of a step, {part}: {len(used)} x {each_ms:.2f} ms")
-    return sum(after[part][pid] - spent for part in after for pid, spent in before[part].items())
+        time.sleep(seconds - watched_s)
+        before, begun_ns = spent_by_thread(), time.monotonic_ns()
+        time.sleep(watched_s)
+        spent = in_between(before, spent_by_thread())
+        time.sleep(_UNTIL_WRITTEN_S)
+    return spent, begun_ns
 
 
-def _cpu_s() -> dict[str, dict[int, float]]:
-    """CPU time of every process of ours so far, by part."""
-    spent: dict[str, dict[int, float]] = defaultdict(dict)
-    for process in psutil.Process().children(recursive=True):
-        words = process.cmdline()
-        part = next((word for word in words[words.index("-m") + 1 :]), "") if "-m" in words else ""
-        times = process.cpu_times()
-        spent[part][process.pid] = times.user + times.system
-    return spent
+def steps_sent(folder: Path, begun_ns: int, watched_s: float) -> int:
+    """How many steps the robot has made in that time: fewer than it would, where all are slow."""
+    lines = (line.split() for file in folder.iterdir() for line in file.read_text().splitlines())
+    gone_ns = [int(stamp) for _, event, _, stamp in lines if event == "Scan.gone"]
+    return sum(begun_ns <= at_ns < begun_ns + watched_s * 1e9 for at_ns in gone_ns)
 
 
 @contextmanager
@@ -177,36 +174,43 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=12)
     parser.add_argument("--far", type=int, default=0, help="more workers, in a network namespace")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--watched", type=float, default=20.0, help="CPU time of the last seconds")
     parser.add_argument("--world", default="office")
     parser.add_argument("--skip", type=int, default=50, help="steps at the start left out")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        cpu_s = run_stack(
+        spent, begun_ns = run_stack(
             Path(name),
             options.seconds,
+            options.watched,
             [
                 f"bridge.source=sim:{options.world}",
                 f"cluster.particles={options.particles}",
                 f"belief.max_clusters={options.clusters}",
                 f"worker.count={options.workers}",
                 "belief.search_every_steps=1000000",
+                # As many clusters all the time:
+                "belief.least_probability=1e-12",
+                "belief.merge_every_steps=1000000",
+                "cluster.split_every_steps=0",
                 *options.set,
             ],
             options.far,
         )
         stages, whole, reports = stages_of(Path(name))
-    if not len(whole):
-        raise SystemExit("no step was traced from scan to belief; run it for longer")
+        steps = steps_sent(Path(name), begun_ns, options.watched)
+    print(processes_table(spent, max(steps, 1)))
+    cpu_ms = sum(each.cpu_ns for each in spent.values()) / 1e6
+    print(f"CPU of a step, all processes: {cpu_ms / max(steps, 1):.1f} ms; ", end="")
+    share, rate = cpu_ms / 1e3 / options.watched / (os.cpu_count() or 1), steps / options.watched
+    print(f"{100 * share:.0f} % of this machine at {rate:.1f} steps a second")
+    print(f"load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d %H:%M')}")
+    if len(whole) <= options.skip:
+        raise SystemExit("too few steps were traced from scan to belief; run it for longer")
     stages = {name: values[options.skip :] for name, values in stages.items()}
     print(f"{len(whole) - options.skip} steps, {reports} clusters of {options.particles} particles")
     print(table(stages, whole[options.skip :]))
-    share = cpu_s / _WATCHED_S / (os.cpu_count() or 1)
-    print(
-        f"CPU of a step, all processes: {1e3 * cpu_s / _WATCHED_S / _STEPS_PER_S:.1f} ms; ", end=""
-    )
-    print(f"{100 * share:.0f} % of this machine at {_STEPS_PER_S:g} steps a second")
-    print(f"load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d %H:%M')}")
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def main() -> None:
             f"belief.search_every_steps={options.every}",
             *options.set,
         ]
-        run_stack(Path(name), options.seconds, settings, 0)
+        run_stack(Path(name), options.seconds, 0.0, settings, 0)
         found = latencies(Path(name))
     told: dict[str, object] = {"load": round(os.getloadavg()[0], 1)}
     for which, values in found.items():

@@ -214,7 +214,7 @@ def _departures(
     for i in range(count):
         dx, dy, until, t = rays[0, i], rays[1, i], rays[2, i], 0.0
         if not inside:
-            t, leaves = _span_in_grid(x, y, dx, dy, float(cols), float(rows))
+            t, leaves = span_in_grid(x, y, dx, dy, float(cols), float(rows))
             until = min(leaves, until)
             if t > until:
                 lengths[i] = np.inf
@@ -236,7 +236,7 @@ def _departures(
 
 
 @kernel
-def _span_in_grid(
+def span_in_grid(
     x: float, y: float, dx: float, dy: float, cols: float, rows: float
 ) -> tuple[float, float]:
     """Where a ray enters and leaves the grid; it enters after it leaves when it misses."""

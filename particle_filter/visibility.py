@@ -14,7 +14,8 @@ from particle_filter.arrays import LogWeights, Points, Poses
 from particle_filter.kernel_arguments import ToCells, plain, read_only
 from particle_filter.kernels import kernel
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import JumpField, cast_fan
+from particle_filter.ray_casting import JumpField
+from particle_filter.single_ray import FlatJumps, cast_ray, flat
 
 
 def hidden_log_likelihood(
@@ -76,15 +77,15 @@ def _hidden_codes(
 ) -> NDArray[np.float64]:
     c, s, x0, y0 = in_cells
     rows, cols = jumps.shape[1], jumps.shape[2]
-    sums, given = np.zeros(len(poses)), np.empty(len(hits), np.uint16)
-    rays, lengths = np.empty((3, len(hits))), np.empty(len(hits))
+    sums, ahead = np.zeros(len(poses)), flat(jumps)
+    # The ray itself must meet something, and so must one a little to either side of it.
+    turns = ((1.0, 0.0), (cos(slack), sin(slack)), (cos(-2.0 * slack), sin(-2.0 * slack)))
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         laser_x = poses[i, 0] + ch * laser[0] - sh * laser[1]
         laser_y = poses[i, 1] + sh * laser[0] + ch * laser[1]
         from_col = c * laser_x - s * laser_y + x0
         from_row = s * laser_x + c * laser_y + y0
-        count = 0
         for j in range(i % stride, len(hits), stride):
             hit_x = poses[i, 0] + ch * hits[j, 0] - sh * hits[j, 1]
             hit_y = poses[i, 1] + sh * hits[j, 0] + ch * hits[j, 1]
@@ -92,40 +93,28 @@ def _hidden_codes(
             row = s * hit_x + c * hit_y + y0
             if not (0.0 <= col < cols and 0.0 <= row < rows):
                 continue  # the rim: nothing was given
-            given[count] = codes[int(row) + 1, int(col) + 1]
+            given = codes[int(row) + 1, int(col) + 1]
             dx, dy = col - from_col, row - from_row
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
-            if given[count] > 0 and share > 0.0:
-                rays[0, count], rays[1, count], rays[2, count] = dx, dy, share
-                count += 1
-        # The ray itself must meet something, and so must one a little to either side of it.
-        for turn in (0.0, slack, -2.0 * slack):
-            count = _hidden(jumps, from_col, from_row, rays, count, turn, lengths, given)
-        for j in range(count):
-            sums[i] += given[j]
+            if not (given > 0 and share > 0.0):
+                continue
+            if _hidden(ahead, (from_col, from_row), (dx, dy), share, turns):
+                sums[i] += given
     return sums
 
 
 @kernel
 def _hidden(
-    jumps: JumpField,
-    x: float,
-    y: float,
-    rays: NDArray[np.float64],
-    count: int,
-    turn: float,
-    lengths: NDArray[np.float64],
-    given: NDArray[np.uint16],
-) -> int:
-    """Turn the first `count` rays and keep those that meet something; returns how many do."""
-    c, s = cos(turn), sin(turn)
-    for j in range(count):
-        dx, dy = rays[0, j], rays[1, j]
-        rays[0, j], rays[1, j] = c * dx - s * dy, s * dx + c * dy
-    cast_fan(jumps, x, y, rays, count, lengths)
-    kept = 0
-    for j in range(count):
-        if lengths[j] < rays[2, j]:
-            rays[:, kept], given[kept] = rays[:, j], given[j]
-            kept += 1
-    return kept
+    jumps: FlatJumps,
+    start: tuple[float, float],
+    way: tuple[float, float],
+    share: float,
+    turns: tuple[tuple[float, float], ...],
+) -> bool:
+    """Whether a ray, turned by one after the other of `turns`, always meets something."""
+    dx, dy = way
+    for c, s in turns:
+        dx, dy = c * dx - s * dy, s * dx + c * dy
+        if not cast_ray(jumps, start[0], start[1], dx, dy, share) < share:
+            return False
+    return True

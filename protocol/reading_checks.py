@@ -24,6 +24,7 @@ MAX_LASERS = 16
 MAX_LASER_NAME = 128
 """Characters."""
 
+_SOME = 8
 _MAX_STAMP_NS = 2**62
 _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
@@ -97,6 +98,11 @@ def _ranges_problem(
 ) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
+    # One that returned is enough, and mostly there is one among the first that did by any rounding:
+    # as plain numbers, they take a quarter of the time of all as an array.
+    least, most = 1.001 * range_min_m, 0.999 * range_max_m
+    if any(reading > 0.0 and least <= reading < most for reading in ranges[:_SOME].tolist()):
+        return None
     if ranges.dtype == np.float32 and abs(range_max_m) > _LARGEST_FLOAT32:
         range_max_m = math.copysign(math.inf, range_max_m)  # what it would be as a float32
     returned = (ranges > 0.0) & (ranges >= range_min_m) & (ranges < range_max_m)

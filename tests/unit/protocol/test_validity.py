@@ -10,6 +10,7 @@ from protocol.arrays import ArrayBlob
 from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
+from protocol.reading_checks import NO_RETURNS, laser_problem
 from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
@@ -214,3 +215,14 @@ def test_a_shape_that_lies_is_malformed(shape: tuple[int, ...]) -> None:
     with pytest.raises(MalformedMessageError) as refused:
         ArrayBlob(dtype="float32", shape=shape, data=data).array()
     assert refused.value.cause == "malformed array: array that lies"
+
+
+@pytest.mark.parametrize("returned", [0, 3, 200, None])
+def test_a_scan_is_of_use_if_any_beam_of_it_returned(returned: int | None) -> None:
+    """To look at the first few is enough for most scans, not for all."""
+    ranges = np.full(201, 30.0)
+    if returned is not None:
+        ranges[returned] = 29.999
+    blob = ArrayBlob.of(ranges, "float32")
+    message = msgspec.structs.replace(scan(3), range_max_m=30.0, angle_step_rad=0.01, ranges=blob)
+    assert laser_problem(message) == (NO_RETURNS if returned is None else None)
