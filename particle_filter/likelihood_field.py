@@ -43,7 +43,7 @@ def _strips(
 def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
     """Distance to the nearest obstacle, capped."""
     distance_m = obstacle_distance(cells == OCCUPIED) * np.float32(cell_m)
-    return np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m))
+    return np.asarray(np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m)))
 
 
 def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogField:

@@ -169,8 +169,8 @@ def _check(entry: Path, sums: dict[str, int]) -> None:
     now, checked = msgspec.json.encode([boot_id, state]), entry / _CHECKED
     if boot_id and checked.exists() and checked.read_bytes() == now:
         return
-    for name in sums:
-        if sums[name] != _checksum(_file(entry, name)):
+    for name, expected in sums.items():
+        if _checksum(_file(entry, name)) != expected:
             raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
     with suppress(OSError):  # in a folder that cannot be written, they are compared each time
         checked.write_bytes(now)
