@@ -45,7 +45,8 @@ def parse_ros_image(content: bytes, path: Path, header: RosMapHeader) -> GridMap
         cells = _cells(image, header)
     except _BROKEN_IMAGE as error:
         raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
-    if not np.any(cells == FREE):
+    strips = (cells[top : top + _STRIP_ROWS] for top in range(0, len(cells), _STRIP_ROWS))
+    if not any(np.any(strip == FREE) for strip in strips):
         problem = (
             f"no free space: no pixel is free with free_thresh {header.free_thresh}, "
             f"negate {int(header.negate)}, mode {header.mode}"
