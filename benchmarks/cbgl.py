@@ -7,10 +7,14 @@ ranked again. CBGL refines by matching scans; here the error itself is made smal
 finer steps around a pose. Ours, to be fair: a position is cast once, all around, for all headings.
 """
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
+from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
-from particle_filter.arrays import FREE
+from particle_filter.arrays import FREE, Poses
 from particle_filter.kernels import kernel
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose, inverse
@@ -26,6 +30,9 @@ _ROUNDS, _TRIES = 8, 64
 _REFINED_PER_PLACE = 16
 _BLOCK = 4096
 
+Cast: TypeAlias = Callable[[Poses, NDArray[np.float64]], NDArray[np.float64]]
+"""(N, 3) poses of the laser in the grid and (B,) directions to (N, B) ranges of the map [m]."""
+
 
 def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTuple]:
     """The best places of one scan, best first.
@@ -36,51 +43,69 @@ def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTup
         count: how many to tell.
         seed: of the positions.
     """
-    rng, cell_m = np.random.default_rng(seed), grid_map.cell_m
-    free = np.argwhere(grid_map.cells == FREE)
-    number = int(len(free) * cell_m**2 * POSITIONS_PER_M2)
-    chosen = free[rng.integers(len(free), size=number)][:, ::-1]
-    lasers = np.zeros((number, 3))
-    lasers[:, :2] = (chosen + rng.random((number, 2))) * cell_m
-    jumps = jump_field(grid_map.cells)
-    ranges = np.minimum(
-        np.nan_to_num(scan.ranges.array(), posinf=scan.range_max_m), scan.range_max_m
-    )
-    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges))
-    every = np.arange(_RAYS) * (2.0 * np.pi / _RAYS)
-    measured = np.interp(every, np.mod(angles, 2.0 * np.pi), ranges, period=2.0 * np.pi)
-    seen = np.abs(np.angle(np.exp(1j * (every - angles.mean())))) <= np.ptp(angles) / 2.0
-    errors = np.concatenate([
-        _errors(
-            cast_rays_from_poses(
-                jumps, cell_m, lasers[first : first + _BLOCK], every, scan.range_max_m
-            ),
-            measured, seen, HEADINGS,
-        )
-        for first in range(0, number, _BLOCK)
-    ])  # fmt: skip
-    kept = np.argsort(errors, axis=None)[: count * _REFINED_PER_PLACE]
-    best = lasers[kept // HEADINGS]
-    best[:, 2] = (kept % HEADINGS) * (2.0 * np.pi / HEADINGS)
-    beams = slice(None, None, max(len(ranges) // 60, 1))
-    least = np.full(len(best), np.inf)
-    for refinement in range(_ROUNDS):  # the best of tries around, ever nearer
-        reach = np.array([0.15, 0.15, np.pi / HEADINGS]) * 0.7**refinement
-        spread = rng.uniform(-1.0, 1.0, (len(best), _TRIES, 3)) * reach
-        spread[:, 0] = 0.0
-        tried = (best[:, None] + spread).reshape(-1, 3)
-        cast = cast_rays_from_poses(jumps, cell_m, tried, angles[beams], scan.range_max_m)
-        error = np.abs(cast - ranges[beams]).sum(axis=1).reshape(len(best), _TRIES)
-        at = error.argmin(axis=1)
-        best, least = (
-            tried.reshape(len(best), _TRIES, 3)[np.arange(len(best)), at],
-            error.min(axis=1),
-        )
-    best = best[np.argsort(least)]
+    rng, jumps = np.random.default_rng(seed), jump_field(grid_map.cells)
+    told = scan.ranges.array().astype(np.float64)
+    ranges = np.minimum(np.nan_to_num(told, posinf=scan.range_max_m), scan.range_max_m)
+    angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(len(ranges), dtype=np.float64)
+
+    def cast(lasers: Poses, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        return cast_rays_from_poses(jumps, grid_map.cell_m, lasers, directions, scan.range_max_m)
+
+    best = _best_anywhere(grid_map, cast, angles, ranges, count * _REFINED_PER_PLACE, rng)
+    best = _refined(best, cast, angles, ranges, rng)
     best = best[np.unique(merge_overlapping(best, 0.5, 0.35))][:count]
     robots = compose(compose(np.array(grid_map.map_from_grid), best),
                      inverse(np.array(scan.robot_from_laser)))  # fmt: skip
     return [(float(x), float(y), float(heading)) for x, y, heading in robots]
+
+
+def _best_anywhere(
+    grid_map: GridMap,
+    cast: Cast,
+    angles: NDArray[np.float64],
+    ranges: NDArray[np.float64],
+    count: int,
+    rng: np.random.Generator,
+) -> Poses:
+    """(count, 3) of the laser in the grid, with the least errors of all that are tried."""
+    free = np.argwhere(grid_map.cells == FREE)
+    number = int(len(free) * grid_map.cell_m**2 * POSITIONS_PER_M2)
+    chosen = free[rng.integers(len(free), size=number)][:, ::-1]
+    lasers = np.zeros((number, 3))
+    lasers[:, :2] = (chosen + rng.random((number, 2))) * grid_map.cell_m
+    every = np.arange(_RAYS, dtype=np.float64) * (2.0 * np.pi / _RAYS)
+    measured = np.interp(every, np.mod(angles, 2.0 * np.pi), ranges, period=2.0 * np.pi)
+    seen = np.abs(np.angle(np.exp(1j * (every - angles.mean())))) <= np.ptp(angles) / 2.0
+    errors = np.concatenate([
+        _errors(cast(lasers[first : first + _BLOCK], every), measured, seen, HEADINGS)
+        for first in range(0, number, _BLOCK)
+    ])  # fmt: skip
+    kept = np.argsort(errors, axis=None)[:count]
+    best = lasers[kept // HEADINGS]
+    best[:, 2] = (kept % HEADINGS) * (2.0 * np.pi / HEADINGS)
+    return best
+
+
+def _refined(
+    best: Poses,
+    cast: Cast,
+    angles: NDArray[np.float64],
+    ranges: NDArray[np.float64],
+    rng: np.random.Generator,
+) -> Poses:
+    """The best of tries around each pose, ever nearer; the least error first."""
+    beams, rows = slice(None, None, max(len(ranges) // 60, 1)), np.arange(len(best))
+    least = np.full(len(best), np.inf)
+    for refinement in range(_ROUNDS):
+        reach = np.array([0.15, 0.15, np.pi / HEADINGS]) * 0.7**refinement
+        spread = rng.uniform(-1.0, 1.0, (len(best), _TRIES, 3)) * reach
+        spread[:, 0] = 0.0
+        tried = best[:, None] + spread
+        error = np.abs(cast(tried.reshape(-1, 3), angles[beams]) - ranges[beams]).sum(axis=1)
+        error = error.reshape(len(best), _TRIES)
+        at = error.argmin(axis=1)
+        best, least = tried[rows, at], error[rows, at]
+    return np.asarray(best[np.argsort(least)])
 
 
 @kernel

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
 from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
 from particle_filter.kernels import kernel
+from particle_filter.obstacle_distance import obstacle_distance
 from particle_filter.settings import SensorSettings
 
 Codes = NDArray[np.uint16]
@@ -41,14 +42,8 @@ def _strips(
 
 def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
     """Distance to the nearest obstacle, capped."""
-    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - heavy, once per map
-
-    farthest, empty = np.float32(settings.max_obstacle_distance_m), cells != OCCUPIED
-    if empty.all():
-        return np.full(cells.shape, farthest)
-    distance_m: NDArray[np.float32] = distance_transform_edt(empty).astype(np.float32)
-    distance_m *= np.float32(cell_m)
-    return np.minimum(distance_m, farthest, out=distance_m)
+    distance_m = obstacle_distance(cells == OCCUPIED) * np.float32(cell_m)
+    return np.asarray(np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m)))
 
 
 def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogField:

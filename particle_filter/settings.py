@@ -175,7 +175,15 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     shards: Annotated[
         int, described("independent shares a search is cut into, whatever the workers", gt=0, le=64)
     ] = 4
-    max_steps: Annotated[int, described("a search ends at the latest after", "steps", gt=0)] = 60
+    max_steps: Annotated[
+        int,
+        described(
+            "a search ends at the latest after; with four times as many, where more is possible "
+            "than fits into the clusters",
+            "steps",
+            gt=0,
+        ),
+    ] = 60
     converged_mass: Annotated[
         float, described("a search ends when its best places hold this share", gt=0, le=1)
     ] = 0.98

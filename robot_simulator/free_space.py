@@ -4,12 +4,12 @@ from math import ceil, floor, hypot
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import dijkstra
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
 from particle_filter.kernel_arguments import to_cells
+from particle_filter.obstacle_distance import obstacle_distance
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
 from robot_simulator.ways import CLEARANCE_BETWEEN_M, connected_ways
@@ -29,9 +29,9 @@ class FreeSpace:
         self._cell_m = ground.cell_m
         self._map_from_grid: Pose = np.array(ground.map_from_grid)
         self._to_cells = to_cells(self._map_from_grid, ground.cell_m)
-        padded = np.pad(ground.cells == FREE, 1)  # what lies off the map is not free
+        blocked = np.pad(ground.cells != FREE, 1, constant_values=True)  # so is what lies off it
         self._clearance: NDArray[np.float32] = (
-            distance_transform_edt(padded).astype(np.float32)[1:-1, 1:-1] - 0.5
+            obstacle_distance(blocked)[1:-1, 1:-1] - np.float32(0.5)
         ) * np.float32(ground.cell_m)
         self._graph, self._nodes = connected_ways(self._clearance, ground.cell_m)
 

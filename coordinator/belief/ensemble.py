@@ -267,7 +267,8 @@ class Ensemble:
             self._admit_first(fresh, step)
         else:
             self._admit_newcomers(fresh, self._search.first_step, step)
-        if self._search.finished(fresh, self.settings.belief.max_clusters):
+        most = self.settings.belief.max_clusters
+        if self._search.finished(fresh, most, patient=not self._is_held_from_before):
             self._stop_search(step, "search over")
 
     def _can_tell_who_is_new(self, step: int) -> bool:
@@ -379,6 +380,13 @@ class Ensemble:
         """Whether the search that runs has found all the clusters that there are."""
         search, clusters = self._search, self.clusters.all()
         return search is not None and all(c.born_step >= search.first_step for c in clusters)
+
+    @property
+    def _is_held_from_before(self) -> bool:
+        """Whether the robot is believed to be where it was tracked before the search that runs."""
+        first_step = self._search.first_step if self._search else 0
+        before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
+        return math.fsum(before) > self.settings.belief.lost_probability
 
     @property
     def _lost(self) -> bool:

@@ -14,6 +14,8 @@ from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
 """Reports of so many steps are kept while shards run apart."""
+_PATIENCE = 4
+"""Times as long as usual a search may take while more is possible than can be tracked."""
 _NO_WEIGHT = 0.01
 """What a shard with less of the evidence left out does not count."""
 
@@ -79,19 +81,26 @@ class SearchPool:
         reports = self._reports[step]
         return _pool(step, [reports[job] for job in self.job_ids], self._settings)
 
-    def finished(self, pool: Pool, clusters: int) -> bool:
+    def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:
         """Whether the search need not go on: its best places hold enough, or it took too long.
 
         Places that hold nearly all of what was kept are not enough where poses almost as good
         were left out.
+
+        Args:
+            pool: what has been found.
+            clusters: how many places can be tracked.
+            patient: let it take longer while more is possible than can be tracked: the robot may
+                be at any of the places that would be dropped.
         """
         mass = self._settings.converged_mass
         held = sum(place.share for place in pool.places[:clusters])
-        left_out = math.exp(-pool.left_out_gap)
+        too_many = held < mass and len(pool.places) > clusters
+        most_steps = self._settings.max_steps * (_PATIENCE if patient and too_many else 1)
         steps = pool.step - self.first_step + 1
-        near = max(min(held, 1.0 - left_out) / mass, steps / self._settings.max_steps)
+        near = max(min(held, 1.0 - math.exp(-pool.left_out_gap)) / mass, steps / most_steps)
         self.progress = min(near, 1.0)
-        return (held >= mass and left_out <= 1.0 - mass) or steps >= self._settings.max_steps
+        return near >= 1.0
 
 
 def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> Pool:

@@ -17,6 +17,11 @@ from particle_filter.poses import compose
 
 CELL_M = 0.1
 RIM = round(RIM_M / CELL_M)
+HEADER = parse_ros_header(
+    b"image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    b"occupied_thresh: 0.65\nfree_thresh: 0.196\n",
+    Path("map.yaml"),
+)
 
 
 @pytest.fixture(autouse=True)
@@ -29,6 +34,16 @@ def building_in(rows: int, cols: int) -> Cells:
     cells[300:320, 500:540] = FREE
     cells[300, 500:540] = OCCUPIED
     return cells
+
+
+def grey(cells: Cells) -> Image.Image:
+    return Image.fromarray(np.array([254, 0, 205], np.uint8)[cells][::-1])
+
+
+def png(image: Image.Image) -> bytes:
+    content = io.BytesIO()
+    image.save(content, "png")
+    return content.getvalue()
 
 
 def test_what_is_known_and_a_rim_are_kept() -> None:
@@ -66,17 +81,26 @@ def test_a_large_map_of_nothing_is_refused() -> None:
 
 
 def test_a_site_plan_with_one_building_is_read_within_three_copies_of_its_cells() -> None:
-    side, image = 3000, io.BytesIO()
-    grey = np.array([254, 0, 205], np.uint8)[building_in(side, side)]
-    Image.fromarray(grey[::-1]).save(image, "png")
-    text = b"image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-    text += b"occupied_thresh: 0.65\nfree_thresh: 0.196\n"
-    header = parse_ros_header(text, Path("map.yaml"))
+    side = 3000
+    image = png(grey(building_in(side, side)))
     tracemalloc.start()
-    grid_map = parse_ros_image(image.getvalue(), Path("map.png"), header)
+    grid_map = parse_ros_image(image, Path("map.png"), HEADER)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grid_map.cells.shape == (20 + 2 * RIM, 40 + 2 * RIM)
     assert grid_map.cells.base is None  # nothing holds the rest
     # The cells and a mask of them; Pillow's own memory is not seen here.
     assert most < 2.2 * side * side
+
+
+@pytest.mark.parametrize("corner", [(300, 500), (0, 0), (980, 1160)])
+def test_a_grey_image_of_which_only_what_is_known_is_looked_at_is_the_same_map(
+    corner: tuple[int, int],
+) -> None:
+    """As the one in colours, which is looked at everywhere."""
+    cells = np.roll(building_in(1000, 1200), (corner[0] - 300, corner[1] - 500), axis=(0, 1))
+    maps = [
+        parse_ros_image(png(image), Path("map.png"), HEADER)
+        for image in (grey(cells), grey(cells).convert("RGB"))
+    ]
+    assert maps[0].digest == maps[1].digest

@@ -100,3 +100,25 @@ def test_a_search_that_takes_too_long_ends() -> None:
         assert found is not None
         ended.append(pool.finished(found, 2))
     assert ended == [False, False, True]
+
+
+@pytest.mark.parametrize(("patient", "over"), [(True, [False, False, True]), (False, [True] * 3)])
+def test_a_search_takes_longer_while_more_is_possible_than_can_be_tracked(
+    patient: bool, over: list[bool]
+) -> None:
+    pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
+    ended = []
+    for step in (12, 20, 21):
+        pool.add(searched("s0.0", step, {NORTH: 0.4, SOUTH: 0.3, (9.0, 0.0, 0.0): 0.3}))
+        found = pool.pooled()
+        assert found is not None
+        ended.append(pool.finished(found, 2, patient=patient))
+    assert ended == over
+
+
+def test_places_beside_those_that_hold_enough_need_no_patience() -> None:
+    pool = SearchPool(0, 10, SearchSettings(shards=1, max_steps=3))
+    pool.add(searched("s0.0", 12, {NORTH: 0.5, SOUTH: 0.49, (9.0, 0.0, 0.0): 0.01}))
+    found = pool.pooled()
+    assert found is not None
+    assert pool.finished(found, 2)
