@@ -126,8 +126,13 @@ class Picture:
         self._set(f"cloud {cluster}", frame)
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
-    def on_belief(self, belief: Belief) -> None:
-        """A step was applied, or a command changed what is believed after it."""
+    def on_belief(self, belief: Belief, latency: Frame | None = None) -> None:
+        """A step was applied, or a command changed what is believed after it.
+
+        Args:
+            belief: after the step.
+            latency: of the last steps; None: it is not known.
+        """
         if belief.term < self._term:
             return
         if belief.step < self._last_step:
@@ -136,7 +141,7 @@ class Picture:
         slots = self._slots.assign(place.cluster for place in belief.hypotheses)
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
         self._drop_clouds_but(slots)
-        self._set_step(step_frame(belief, slots, scan, truth))
+        self._set_step({**step_frame(belief, slots, scan, truth), "latency": latency})
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Where the robot is now."""

@@ -18,7 +18,7 @@ export class MapView {
     this.rows = []; // of the steps so far, up to that one
     this.clouds = new Map(); // particles by cluster
     this.pointed = null; // cluster under the pointer
-    this.placing = null; // { from: [x, y], to: [x, y] } while an arrow is dragged
+    this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
     this.follow = false;
     this.faded = false;
     this.onChange = () => {};

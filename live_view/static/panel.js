@@ -23,6 +23,9 @@ export function showStep(frame) {
   $("searching").textContent = frame.search_progress > 0
     ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
   $("step").textContent = frame.step;
+  const { last, median, most, steps } = frame.latency ?? {};
+  $("latency").textContent = frame.latency
+    ? `scan to belief ${last} ms; of the last ${steps} steps, half within ${median} ms, all within ${most} ms` : "";
   const best = frame.places[0];
   $("off-box").hidden = $("legend-truth").hidden = !frame.truth;
   $("off").textContent = frame.truth && best
