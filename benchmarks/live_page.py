@@ -149,9 +149,13 @@ class Page:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
+        drawn = 0
         for data in self._socket:
             came_ns = time.monotonic_ns()
-            self._socket.send('{"type": "drawn"}')
+            drawn += 1
+            if drawn == 3:  # as the page does
+                self._socket.send('{"type": "drawn", "count": 3}')
+                drawn = 0
             if b'"step":{' in (data if isinstance(data, bytes) else data.encode()):
                 self.came_ns.setdefault(json.loads(data)["step"]["step"], came_ns)
 

@@ -118,7 +118,6 @@ class LiveLoop:
             self._session = self._connected(stop, resources)
         self._ask_what_is_due()
         self._hear(_POLL_S)
-        self._look_at_scans()
         self._look_at(*_LOOKED_AT)
         self._look_at_reports()
         if changes := self.picture.changes():
@@ -214,7 +213,7 @@ class LiveLoop:
         self._look_at(keys.TRUTH)
         belief = decode(received.payload, Belief)
         self._latency.on_belief(belief.step, received.at_ns)
-        self.picture.on_belief(belief, self._latency.frame())
+        self.picture.on_belief(belief)
 
     def _on_payload(self, key: str, payload: bytes) -> None:
         picture = self.picture
@@ -231,7 +230,7 @@ class LiveLoop:
                     self._ask(keys.EVENTS)
             case keys.STATUS if self._has_link:  # an answer may come after its router has gone
                 was = picture.link
-                picture.on_status(decode(payload, Status))
+                picture.on_status(decode(payload, Status), self._latency.frame())
                 self._unanswered = 0
                 if was != "running":
                     self._ask(keys.EVENTS)

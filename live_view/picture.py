@@ -126,13 +126,8 @@ class Picture:
         self._set(f"cloud {cluster}", frame)
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
-    def on_belief(self, belief: Belief, latency: Frame | None = None) -> None:
-        """A step was applied, or a command changed what is believed after it.
-
-        Args:
-            belief: after the step.
-            latency: of the last steps; None: it is not known.
-        """
+    def on_belief(self, belief: Belief) -> None:
+        """A step was applied, or a command changed what is believed after it."""
         if belief.term < self._term:
             return
         if belief.step < self._last_step:
@@ -141,7 +136,7 @@ class Picture:
         slots = self._slots.assign(place.cluster for place in belief.hypotheses)
         scan, truth = self._scans.get(belief.step), self._truths.get(belief.step)
         self._drop_clouds_but(slots)
-        self._set_step({**step_frame(belief, slots, scan, truth), "latency": latency})
+        self._set_step(step_frame(belief, slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
         """Where the robot is now."""
@@ -150,11 +145,16 @@ class Picture:
             self._set("pose", frame)
             self._archive.add(self._last_step, "pose", frame)
 
-    def on_status(self, status: Status) -> None:
-        """The system has answered how it is, so it is there."""
+    def on_status(self, status: Status, latency: Frame | None = None) -> None:
+        """The system has answered how it is, so it is there.
+
+        Args:
+            status: its answer.
+            latency: of the last steps; None: it is not known.
+        """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        frame = status_frame(status)
+        frame = {**status_frame(status), "latency": latency}
         self._set("status", frame)
         self._archive.add(self._last_step, "status", frame)
 

@@ -8,7 +8,7 @@ import { steer } from "./steering.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200;
+const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
@@ -19,7 +19,7 @@ const maxRows = () => system.kept_steps ?? USUAL_ROWS;
 const connection = new Connection(take, () => {
   travel.onLost();
   showLink();
-});
+}, () => view.drawMs > SLOW_MS);
 const travel = new TimeTravel(
   (step) => connection.send({ type: "past", step }),
   () => rows,

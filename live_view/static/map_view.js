@@ -23,6 +23,7 @@ export class MapView {
     this.faded = false;
     this.onChange = () => {};
     this.due = false;
+    this.drawMs = 0; // that drawing took the last time
     this.onDrawn = () => {};
     new ResizeObserver(() => this.redraw()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
@@ -125,7 +126,9 @@ export class MapView {
     this.due = true;
     requestAnimationFrame(() => {
       this.due = false;
+      const begun = performance.now();
       this.draw();
+      this.drawMs = performance.now() - begun;
     });
   }
 
