@@ -9,6 +9,7 @@ map of so many cells a side, full of copies of an office.
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import tempfile
@@ -222,8 +223,9 @@ def measure(system: Imitation, server: psutil.Process, seconds: float, pages: in
     play(system, seconds)
     wall_s, now = time.monotonic() - begun_s, server.cpu_times()
     cpu = (now.user + now.system - used.user - used.system) / wall_s
-    mb = server.memory_info().rss / 1e6
-    line = f"{pages:2} pages: {100 * cpu:.2f} % of a core, {mb:.0f} MB"
+    mb, own_mb = server.memory_info().rss / 1e6, proportional_mb(server)
+    line = f"{pages:2} pages: {100 * cpu:.2f} % of a core, {mb:.0f} MB ({own_mb:.0f} MB PSS)"
+    line += f", load {os.getloadavg()[0]:.1f}"
     late_ms = [
         (page.came_ns[step] - sent) / 1e6
         for page in OPENED
