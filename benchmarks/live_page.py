@@ -2,11 +2,14 @@
 
 A system is imitated at ten steps a second, as many as any robot has: scans, reports with
 particles now and then, beliefs, poses, answers. Run ``python -m benchmarks.live_page``;
-with ``--browser``, the time until a real browser has drawn the step is measured, too.
+with ``--browser``, a real browser's figures, too: how soon the page is ready and a step is drawn,
+its memory, and how often a second the map is drawn while it is dragged. ``--side 16384`` shows a
+map of so many cells a side, full of copies of an office.
 """
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import tempfile
@@ -22,6 +25,8 @@ import psutil
 import zenoh
 from websockets.sync.client import connect
 
+from benchmarks.memory import offices, proportional_mb
+from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
@@ -44,9 +49,9 @@ COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
 class Imitation:
     """A system of so many clusters, which are where the last step says."""
 
-    def __init__(self, session: zenoh.Session, clusters: int) -> None:
+    def __init__(self, session: zenoh.Session, clusters: int, drawn: GridMap) -> None:
         self._clusters, self._step = clusters, 0
-        self._map = to_message(world("cross").map, "bridge")
+        self._map = to_message(drawn, "bridge")
         self._put = {
             key: Publisher(session, key)
             for key in (keys.SCAN, keys.TRUTH, keys.BELIEF, keys.POSE, keys.worker_report("w-0"))
@@ -145,9 +150,13 @@ class Page:
         threading.Thread(target=self._listen, daemon=True).start()
 
     def _listen(self) -> None:
+        drawn = 0
         for data in self._socket:
             came_ns = time.monotonic_ns()
-            self._socket.send('{"type": "drawn"}')
+            drawn += 1
+            if drawn == 3:  # as the page does
+                self._socket.send('{"type": "drawn", "count": 3}')
+                drawn = 0
             if b'"step":{' in (data if isinstance(data, bytes) else data.encode()):
                 self.came_ns.setdefault(json.loads(data)["step"]["step"], came_ns)
 
@@ -168,6 +177,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--pages", type=int, nargs="*", default=[0, 1, 20])
     parser.add_argument("--browser", action="store_true")
+    parser.add_argument("--side", type=int, default=0, help="cells of the map; 0: a small world")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, ExitStack() as resources:
         router = f"zenoh.router=unixsock-stream/{folder}/r.sock"
@@ -182,7 +192,8 @@ def main() -> None:
         session = resources.enter_context(
             open_session(zenoh_settings, settings.robot, StopFlag(), wait_s=10.0)
         )
-        system = Imitation(session, arguments.clusters)
+        drawn = offices(arguments.side) if arguments.side else world("cross").map
+        system = Imitation(session, arguments.clusters, drawn)
         for pages in arguments.pages:
             opened = [Page(link) for _ in range(pages - len(OPENED))]
             OPENED.extend(opened)
@@ -212,8 +223,9 @@ def measure(system: Imitation, server: psutil.Process, seconds: float, pages: in
     play(system, seconds)
     wall_s, now = time.monotonic() - begun_s, server.cpu_times()
     cpu = (now.user + now.system - used.user - used.system) / wall_s
-    mb = server.memory_info().rss / 1e6
-    line = f"{pages:2} pages: {100 * cpu:.2f} % of a core, {mb:.0f} MB"
+    mb, own_mb = server.memory_info().rss / 1e6, proportional_mb(server)
+    line = f"{pages:2} pages: {100 * cpu:.2f} % of a core, {mb:.0f} MB ({own_mb:.0f} MB PSS)"
+    line += f", load {os.getloadavg()[0]:.1f}"
     late_ms = [
         (page.came_ns[step] - sent) / 1e6
         for page in OPENED
@@ -245,12 +257,32 @@ view.draw = function () {
 """
 
 
+DRAG = """
+const done = arguments[0], view = liveView.view, late = [];
+const begun = performance.now();
+let right = 4;
+const next = () => {
+  const before = performance.now();
+  if (late.length % 50 === 49) right = -right;
+  view.pan(right, 1);
+  view.draw();
+  late.push(performance.now() - before);
+  if (performance.now() - begun < 3000) requestAnimationFrame(next);
+  else done([late.length / 3, Math.max(...late)]);
+};
+view.fit();
+view.zoom(arguments[1]);
+next();
+"""
+
+
 def in_browser(system: Imitation, link: str, seconds: float) -> None:
     """From the scan to the step on the screen, by a frame that the browser has painted."""
     from tests.integration.live_view.conftest import started_browser  # noqa: PLC0415 - an extra
 
     driver = started_browser()
     try:
+        empty_mb = browser_mb(driver)
         player = threading.Thread(target=play, args=(system, seconds + 8.0))
         player.start()
         driver.get(link)
@@ -261,8 +293,19 @@ def in_browser(system: Imitation, link: str, seconds: float) -> None:
         painted = driver.execute_script("return painted")
         late_ms = [at - epoch_ms - system.sent_ns[int(step)] / 1e6 for step, at in painted.items()]
         print(f"scan to picture in a browser {quantiles(late_ms)}")
+        print(f"the browser: {empty_mb:.0f} MB empty, {browser_mb(driver):.0f} MB with the page")
+        for zoom in (1.0, 8.0):
+            per_s, most_ms = driver.execute_async_script(DRAG.replace("arguments[1]", str(zoom)))
+            print(
+                f"dragged, zoomed {zoom:g} times: {per_s:.0f} frames/s, none over {most_ms:.0f} ms"
+            )
     finally:
         driver.quit()
+
+
+def browser_mb(driver: Any) -> float:
+    """Of all its processes, a page that they share counted once."""
+    return sum(map(proportional_mb, psutil.Process(driver.service.process.pid).children(True)))
 
 
 if __name__ == "__main__":

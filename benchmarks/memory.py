@@ -22,6 +22,7 @@ import yaml
 from PIL import Image
 
 from clustermcl.client import Client
+from grid_maps.grid_map import GridMap
 from process_runtime.settings import Settings
 from protocol.errors import ClusterMclError
 from robot_simulator.worlds.catalogue import world
@@ -29,11 +30,18 @@ from robot_simulator.worlds.catalogue import world
 COMMAND = (sys.executable, "-I", "-m", "clustermcl")
 
 
-def office_map(side: int, folder: Path) -> Path:
+def offices(side: int) -> GridMap:
     """A square map of so many cells of 5 cm: the simulator's office, side by side."""
     whole = world("office").map
     rows, cols = whole.cells.shape
     cells = np.tile(whole.cells, (side // rows + 1, side // cols + 1))[:side, :side]
+    return GridMap(np.ascontiguousarray(cells), whole.cell_m, (0.0, 0.0, 0.0))
+
+
+def office_map(side: int, folder: Path) -> Path:
+    """The same as a file."""
+    whole = offices(side)
+    cells = whole.cells
     grey = np.where(cells == 0, 254, np.where(cells == 1, 0, 205)).astype(np.uint8)
     Image.fromarray(grey[::-1]).save(folder / "map.png")
     description = {

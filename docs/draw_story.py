@@ -119,7 +119,8 @@ def map_picture(story: Story, step: int) -> Image.Image:
         _disc(draw, middle, radius, colour)
         if hypothesis.cluster >= 0:
             at = middle[0] + 1.3 * radius, middle[1] + 0.8 * radius
-            draw.text(at, f"{hypothesis.probability:.0%}", colour, _font(15))
+            words = f"{hypothesis.probability:.0%}"
+            draw.text(at, words, colour, _font(15), stroke_width=FINER, stroke_fill=PAPER)
     for line, words in enumerate((story.algorithm, f"step {step}", story.outcomes[step].state)):
         draw.text((10 * FINER, (10 + 20 * line) * FINER), words, INK, _font(15))
     return picture.resize((MAP_PX, MAP_PX), Image.Resampling.LANCZOS)
@@ -140,7 +141,7 @@ def plot_picture(story: Story, step: int) -> Image.Image:
         x = left + (right - left) * mark / STEPS
         draw.text((x, low + 8 * FINER), str(mark), FAINT, _font(11), anchor="mt")
     draw.text(((left + right) / 2, low + 24 * FINER), "step", FAINT, _font(11), anchor="mt")
-    for cluster in story.clusters:
+    for drawn, cluster in enumerate(story.clusters):  # equal ones: stripes within stripes
         points = [
             (
                 left + (right - left) * at / STEPS,
@@ -151,7 +152,8 @@ def plot_picture(story: Story, step: int) -> Image.Image:
             if hypothesis.cluster == cluster
         ]
         if len(points) > 1:
-            draw.line(points, colour_of(story, cluster), 3 * FINER, joint="curve")
+            width = 3 * (len(story.clusters) - drawn) * FINER
+            draw.line(points, colour_of(story, cluster), width, joint="curve")
     return picture.resize((PLOT_PX, MAP_PX), Image.Resampling.LANCZOS)
 
 

@@ -2,6 +2,9 @@
 
 from collections.abc import Mapping
 
+MESSAGES_AHEAD = 6
+"""Under way to a page that keeps up: it says that it has drawn once for several."""
+
 
 class Backlog:
     """Holds back what comes while the browser has not yet drawn the last frames.
@@ -15,21 +18,27 @@ class Backlog:
 
     def __init__(self, frames: Mapping[str, bytes]) -> None:
         self._owed = dict(frames)
-        self._in_flight = False
+        self._under_way, self._ahead = 0, MESSAGES_AHEAD
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
         """Newer frames."""
         self._owed.update(frames)
 
-    def on_drawn(self) -> None:
-        """The browser has drawn what it was sent last."""
-        self._in_flight = False
+    def on_drawn(self, count: int, *, slow: bool) -> None:
+        """The browser has drawn so many more messages.
+
+        Args:
+            count: since it said so last.
+            slow: drawing takes long, so each message waits until the last one is drawn.
+        """
+        self._under_way = max(self._under_way - count, 0)
+        self._ahead = 1 if slow else MESSAGES_AHEAD
 
     def take(self) -> list[bytes]:
         """What to send now, in the order in which the topics came; nothing while it draws."""
-        if self._in_flight or not self._owed:
+        if self._under_way >= self._ahead or not self._owed:
             return []
         frames = list(self._owed.values())
         self._owed.clear()
-        self._in_flight = True
+        self._under_way += 1
         return frames

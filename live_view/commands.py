@@ -17,7 +17,11 @@ _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class Drawn(msgspec.Struct, frozen=True, tag_field="type", tag="drawn", forbid_unknown_fields=True):
-    """The page has drawn what it was sent last."""
+    """The page has drawn the last messages; a slow one says so after each."""
+
+    count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
+    slow: bool = False
+    """Drawing takes long: it wants a message only when it has drawn the last."""
 
 
 class ShowPast(

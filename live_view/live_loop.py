@@ -14,6 +14,7 @@ from live_view.map_reduction import reduced
 from live_view.particle_clouds import may_have_particles
 from live_view.picture import Picture
 from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, Room
+from live_view.step_latency import StepLatency
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -30,9 +31,8 @@ from zenoh_link.wire import Event, Link, Received, Unread, ask_later, subscribe,
 _log = logging.getLogger(__name__)
 
 _HEARD = (keys.BELIEF, keys.EVENTS)
-_BEFORE_A_BELIEF = (keys.SCAN, keys.TRUTH)
-_LOOKED_AT = (*_BEFORE_A_BELIEF, keys.POSE)
-"""These wake nobody: they are drawn with the belief of their step, or a moment later."""
+_LOOKED_AT = (keys.TRUTH, keys.POSE)
+"""These wake nobody, nor do scans: they are drawn with the belief of their step, or soon after."""
 _KEPT_MESSAGES = 64
 _REPORTS_EVERY_S = 0.2
 _POLL_S = 0.1
@@ -85,6 +85,9 @@ class LiveLoop:
     def __init__(self, settings: Settings, about: Mapping[str, Any]) -> None:
         self._settings = settings
         self._inbox: Inbox[_InboxEvent] = Inbox(dict.fromkeys(_HEARD, _KEPT_MESSAGES))
+        self._scans: Inbox[Event] = Inbox({keys.SCAN: _KEPT_MESSAGES})
+        """With the times when they arrived; nobody waits for them."""
+        self._latency = StepLatency()
         self.room = Room(settings.robot.name, self._inbox.put)
         self.picture = Picture(
             {"robot": settings.robot.name, "router": settings.zenoh.router, **about}
@@ -131,6 +134,7 @@ class LiveLoop:
             return None
         for key in _HEARD:
             subscribe(session, key, self._inbox, key)
+        subscribe(session, keys.SCAN, self._scans, keys.SCAN)
         self._unread = {
             key: Unread(session, key, self._inbox, key, _KEPT_MESSAGES)
             for key in (*_LOOKED_AT, keys.ALL_REPORTS)
@@ -166,6 +170,17 @@ class LiveLoop:
                 except MalformedMessageError as error:
                     self._on_malformed(error)
 
+    def _look_at_scans(self) -> None:
+        """Take the scans that have come."""
+        while isinstance(event := self._scans.get(0.0), Received):
+            try:
+                scan = decode(event.payload, Scan)
+            except MalformedMessageError as error:
+                self._on_malformed(error)
+                continue
+            self._latency.on_scan(scan.step, event.at_ns)
+            self.picture.on_scan(scan)
+
     def _on_malformed(self, error: MalformedMessageError) -> None:
         """Say the first; a stranger shall not fill the log."""
         if not self._has_warned:
@@ -188,8 +203,17 @@ class LiveLoop:
                 self._has_link = up
                 self.picture.on_link("no system" if up else "no router")
                 self._next_status_s = 0.0
+            case Received(key=keys.BELIEF):
+                self._on_belief(event)
             case Received():
                 self._on_payload(event.key, event.payload)
+
+    def _on_belief(self, received: Received) -> None:
+        self._look_at_scans()
+        self._look_at(keys.TRUTH)
+        belief = decode(received.payload, Belief)
+        self._latency.on_belief(belief.step, received.at_ns)
+        self.picture.on_belief(belief)
 
     def _on_payload(self, key: str, payload: bytes) -> None:
         picture = self.picture
@@ -197,11 +221,6 @@ class LiveLoop:
             case keys.ALL_REPORTS:
                 if may_have_particles(payload):
                     picture.on_report(decode(payload, TrackReport))
-            case keys.SCAN:
-                picture.on_scan(decode(payload, Scan))
-            case keys.BELIEF:
-                self._look_at(*_BEFORE_A_BELIEF)
-                picture.on_belief(decode(payload, Belief))
             case keys.POSE:
                 picture.on_pose(decode(payload, PoseAnswer))
             case keys.TRUTH:
@@ -211,7 +230,7 @@ class LiveLoop:
                     self._ask(keys.EVENTS)
             case keys.STATUS if self._has_link:  # an answer may come after its router has gone
                 was = picture.link
-                picture.on_status(decode(payload, Status))
+                picture.on_status(decode(payload, Status), self._latency.frame())
                 self._unanswered = 0
                 if was != "running":
                     self._ask(keys.EVENTS)

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
 
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
@@ -33,6 +33,8 @@ from protocol.errors import MalformedMessageError, SettingsError
 SOCKET_PATH = "live"
 ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
+MAX_UNREAD_BYTES = 8_000_000
+"""Of one browser; the largest message, all that there is, has a tenth."""
 _STARTED_WITHIN_S = 10.0
 _CONTENT_TYPES = {
     "html": "text/html; charset=utf-8",
@@ -170,9 +172,8 @@ class PageServer:
         room, _ = self._asked(connection.request.path if connection.request else "")
         if room is None:  # refused before
             return
-        browser = Browser()
+        browser = Browser(lambda data: _send(connection, data))
         room.browsers.add(browser)
-        sender = asyncio.create_task(_send(connection, browser))
         try:
             room.on_event(Joined(browser))
             async for text in connection:
@@ -183,13 +184,11 @@ class PageServer:
             pass
         finally:
             room.browsers.discard(browser)
-            sender.cancel()
 
     def _hear(self, room: Room, browser: Browser, text: str | bytes) -> None:
         match parsed_request(text):
-            case Drawn():
-                browser.backlog.on_drawn()
-                browser.woken.set()
+            case Drawn() as drawn:
+                browser.on_drawn(drawn)
             case ShowPast() | ShowEarlier() as question:
                 room.on_event(Questioned(browser, question))
             case command if self._commands:
@@ -199,16 +198,12 @@ class PageServer:
                 browser.offer(encoded({"done": {"problem": problem}}))
 
 
-async def _send(connection: ServerConnection, browser: Browser) -> None:
-    """Send what is owed, whenever there is something and the page has drawn the last."""
-    try:
-        while True:
-            await browser.woken.wait()
-            browser.woken.clear()
-            if frames := browser.backlog.take():
-                await connection.send(b"{" + b",".join(frames) + b"}", text=True)
-    except ConnectionClosed:
-        return
+def _send(connection: ServerConnection, data: bytes) -> None:
+    """Send without waiting; who asks for more and does not read what comes is cut off."""
+    if connection.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
+        connection.transport.abort()
+    else:
+        broadcast([connection], data.decode())
 
 
 def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Response:

@@ -145,11 +145,16 @@ class Picture:
             self._set("pose", frame)
             self._archive.add(self._last_step, "pose", frame)
 
-    def on_status(self, status: Status) -> None:
-        """The system has answered how it is, so it is there."""
+    def on_status(self, status: Status, latency: Frame | None = None) -> None:
+        """The system has answered how it is, so it is there.
+
+        Args:
+            status: its answer.
+            latency: of the last steps; None: it is not known.
+        """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
-        frame = status_frame(status)
+        frame = {**status_frame(status), "latency": latency}
         self._set("status", frame)
         self._archive.add(self._last_step, "status", frame)
 

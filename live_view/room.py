@@ -8,20 +8,33 @@ from typing import Any
 import msgspec
 
 from live_view.backlog import Backlog
-from live_view.commands import Command, Question
+from live_view.commands import Command, Drawn, Question
 
 
 class Browser:
-    """One open page, as a handle for whoever answers it."""
+    """One open page, as a handle for whoever answers it; used on the server's own thread.
 
-    def __init__(self) -> None:
-        self.backlog = Backlog({})
-        self.woken = asyncio.Event()
+    Args:
+        send: told what goes to the page now; it shall not wait, few messages are under way.
+    """
+
+    def __init__(self, send: Callable[[bytes], None]) -> None:
+        self._backlog = Backlog({})
+        self._send = send
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
-        """Give it newer frames; on the server's own thread."""
-        self.backlog.offer(frames)
-        self.woken.set()
+        """Give it newer frames."""
+        self._backlog.offer(frames)
+        self._send_owed()
+
+    def on_drawn(self, drawn: Drawn) -> None:
+        """It has drawn what it was sent."""
+        self._backlog.on_drawn(drawn.count, slow=drawn.slow)
+        self._send_owed()
+
+    def _send_owed(self) -> None:
+        if frames := self._backlog.take():
+            self._send(b"{" + b",".join(frames) + b"}")
 
 
 @dataclass(frozen=True)

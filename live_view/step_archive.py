@@ -2,7 +2,8 @@
 
 import zlib
 from collections import deque
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -11,13 +12,18 @@ MAX_BYTES = 20_000_000
 """Of all that is kept; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
 """So long a frame stands for the steps after it: particles come every tenth step or so."""
-_FAST, _WINDOW_BITS, _MEMORY = 1, 11, 4
-"""Of deflate: frames have some 2 kB, and its usual window takes longer to set up than to use."""
+PACKED_TOGETHER_BYTES = 32_000
+"""About a second's frames: deflate takes longer to set up than to pack one, and they are alike."""
+_FAST = 1
+
+_Entry: TypeAlias = tuple[int, str, msgspec.Raw]
+"""Step, topic, encoded frame."""
+_ENTRIES = msgspec.json.Decoder(list[_Entry])
 
 
-class _Kept(NamedTuple):
-    step: int
-    topic: str
+class _Pack(NamedTuple):
+    first_step: int
+    last_step: int
     packed: bytes
 
 
@@ -31,8 +37,16 @@ class StepArchive:
 
     def __init__(self, max_steps: int = MAX_STEPS, max_bytes: int = MAX_BYTES) -> None:
         self.max_steps, self._max_bytes = max_steps, max_bytes
-        self._kept: deque[_Kept] = deque()
-        self._bytes = 0
+        self._pack_bytes = min(PACKED_TOGETHER_BYTES, max_bytes // 8)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._packs: deque[_Pack] = deque()
+        self._packed_bytes = self._newest_bytes = 0
+        self._newest: list[_Entry] = []
+        """Not packed yet."""
+        self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:
         """Keep a frame; it stands for its step and those after it, until the next of its topic.
@@ -42,30 +56,39 @@ class StepArchive:
             topic: as the page knows it.
             frame: what is drawn.
         """
-        packed = _packed(msgspec.json.encode(frame))
-        self._kept.append(_Kept(step, topic, packed))
-        self._bytes += len(packed)
-        oldest = step - self.max_steps
-        while self._kept and (self._bytes > self._max_bytes or self._kept[0].step <= oldest):
-            self._bytes -= len(self._kept.popleft().packed)
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._kept.clear()
-        self._bytes = 0
+        encoded = msgspec.json.encode(frame)
+        self._newest.append((step, topic, msgspec.Raw(encoded)))
+        self._newest_bytes += len(encoded)
+        self._newest_step = step
+        if self._newest_bytes >= self._pack_bytes:
+            self._pack()
+        given_way = step - self.max_steps
+        while self._packs and (
+            self._packed_bytes > self._max_bytes or self._packs[0].last_step <= given_way
+        ):
+            self._packed_bytes -= len(self._packs.popleft().packed)
 
     def at(self, step: int) -> dict[str, msgspec.Raw]:
         """The newest frame of each topic that is not newer than a step, encoded."""
         found: dict[str, msgspec.Raw] = {}
-        for kept in reversed(self._kept):
-            if kept.step > step or kept.topic in found:
-                continue
-            if kept.step < step - LOOK_BACK_STEPS:
-                break
-            found[kept.topic] = msgspec.Raw(zlib.decompress(kept.packed, -_WINDOW_BITS))
+        oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
+        for entries in self._entries_between(oldest, step):
+            for kept_step, topic, frame in reversed(entries):
+                if oldest <= kept_step <= step:
+                    found.setdefault(topic, frame)
         return found
 
+    def _entries_between(self, first: int, last: int) -> Iterator[Sequence[_Entry]]:
+        """Entries of these steps and some around them, the newest pack first."""
+        yield self._newest
+        for pack in reversed(self._packs):
+            if pack.last_step < first:
+                return
+            if pack.first_step <= last:
+                yield _ENTRIES.decode(zlib.decompress(pack.packed))
 
-def _packed(encoded: bytes) -> bytes:
-    packer = zlib.compressobj(_FAST, zlib.DEFLATED, -_WINDOW_BITS, _MEMORY)
-    return packer.compress(encoded) + packer.flush()
+    def _pack(self) -> None:
+        packed = zlib.compress(msgspec.json.encode(self._newest), _FAST)
+        self._packs.append(_Pack(self._newest[0][0], self._newest[-1][0], packed))
+        self._packed_bytes += len(packed)
+        self._newest, self._newest_bytes = [], 0

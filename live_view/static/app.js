@@ -8,7 +8,8 @@ import { steer } from "./steering.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200;
+const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
+const ROW_PLACES = 16;
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
@@ -19,7 +20,7 @@ const maxRows = () => system.kept_steps ?? USUAL_ROWS;
 const connection = new Connection(take, () => {
   travel.onLost();
   showLink();
-});
+}, () => view.drawMs > SLOW_MS);
 const travel = new TimeTravel(
   (step) => connection.send({ type: "past", step }),
   () => rows,
@@ -78,7 +79,8 @@ const TAKE = {
     now.step = frame;
     while (rows.length && rows[rows.length - 1][0] >= frame.step) rows.pop();
     if (frame.step > (rows[rows.length - 1]?.[0] ?? -1) + 1) askForRowsBefore(frame.step); // some were skipped
-    rows.push([frame.step, frame.places.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
+    const likely = frame.places.slice(0, ROW_PLACES); // as in the rows that the server tells
+    rows.push([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
     if (rows.length > maxRows()) rows.shift();
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
     steering.onStep();

@@ -1,10 +1,15 @@
 // The socket to the server. It is opened again whenever it closes; a page that was saved as a file has none.
 const LONGEST_PAUSE_MS = 4000, FIRST_PAUSE_MS = 250;
+const DRAWN_EVERY = 3, DRAWN_WITHIN_MS = 250; // so the server hears of what was drawn
 
 export class Connection {
-  /** @param take gets the frames of each message @param changed is told when the server comes or goes */
-  constructor(take, changed) {
-    Object.assign(this, { take, changed, socket: null, isOpen: false, pause: FIRST_PAUSE_MS });
+  /**
+   * @param take gets the frames of each message
+   * @param changed is told when the server comes or goes
+   * @param isSlow whether drawing takes so long that messages had better wait for it
+   */
+  constructor(take, changed, isSlow) {
+    Object.assign(this, { take, changed, isSlow, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
   }
 
   open() {
@@ -18,11 +23,14 @@ export class Connection {
     this.socket = new WebSocket(new URL("live", `${scheme}://${location.host}${location.pathname}`));
     this.socket.onopen = () => {
       this.isOpen = true;
+      this.drawn = 0;
       this.pause = FIRST_PAUSE_MS;
     };
     this.socket.onmessage = async ({ data }) => {
       await this.take(JSON.parse(data));
-      this.send({ type: "drawn" });
+      this.drawn += 1;
+      if (this.drawn >= DRAWN_EVERY || this.isSlow()) this.tellDrawn();
+      else this.timer ||= setTimeout(() => this.tellDrawn(), DRAWN_WITHIN_MS);
     };
     this.socket.onclose = () => {
       this.isOpen = false;
@@ -30,6 +38,13 @@ export class Connection {
       setTimeout(() => this.open(), this.pause);
       this.pause = Math.min(2 * this.pause, LONGEST_PAUSE_MS);
     };
+  }
+
+  tellDrawn() {
+    clearTimeout(this.timer);
+    this.timer = 0;
+    if (this.drawn) this.send({ type: "drawn", count: this.drawn, slow: this.isSlow() });
+    this.drawn = 0;
   }
 
   send(message) {

@@ -18,11 +18,12 @@ export class MapView {
     this.rows = []; // of the steps so far, up to that one
     this.clouds = new Map(); // particles by cluster
     this.pointed = null; // cluster under the pointer
-    this.placing = null; // { from: [x, y], to: [x, y] } while an arrow is dragged
+    this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
     this.follow = false;
     this.faded = false;
     this.onChange = () => {};
     this.due = false;
+    this.drawMs = 0; // that drawing took the last time
     this.onDrawn = () => {};
     new ResizeObserver(() => this.redraw()).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
@@ -125,7 +126,9 @@ export class MapView {
     this.due = true;
     requestAnimationFrame(() => {
       this.due = false;
+      const begun = performance.now();
       this.draw();
+      this.drawMs = performance.now() - begun;
     });
   }
 

@@ -3,6 +3,7 @@ import { colourOf, isDashed, prepared, themed } from "./palette.js";
 
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
 const SHOWN_STEPS = 300;
+const FULL_SCALES = [0.1, 0.2, 0.4, 1]; // of many improbable clusters, more than a line at the bottom
 
 /** The first and last step of the plot: of the newest, or around the one that is looked back at. */
 function span(rows, at) {
@@ -26,19 +27,22 @@ export function drawPlot(canvas, rows, at) {
   const right = width - RIGHT, bottom = height - BOTTOM;
   const [first, last] = span(rows, at);
   const xOf = (step) => LEFT + ((step - first) / Math.max(last - first, 20)) * (right - LEFT);
-  const yOf = (p) => bottom - p * (bottom - TOP);
+  const lines = linesOf(rowsBetween(rows, first, last));
+  const most = Math.max(...lines.map((line) => Math.max(...line.points.map(([, p]) => p))));
+  const full = FULL_SCALES.find((scale) => lines.length && most <= scale) ?? 1;
+  const yOf = (p) => bottom - (p / full) * (bottom - TOP);
   context.font = "11px system-ui, sans-serif";
   context.fillStyle = themed("--soft");
   context.strokeStyle = themed("--grid");
   context.lineWidth = 1;
   context.textBaseline = "middle";
   context.textAlign = "right";
-  for (const p of [0, 0.5, 1]) {
+  for (const p of [0, full / 2, full]) {
     context.beginPath();
     context.moveTo(LEFT, Math.round(yOf(p)) + 0.5);
     context.lineTo(right, Math.round(yOf(p)) + 0.5);
     context.stroke();
-    context.fillText(`${100 * p}%`, LEFT - 6, yOf(p));
+    context.fillText(`${Math.round(100 * p)}%`, LEFT - 6, yOf(p));
   }
   if (!rows.length) return;
   context.textBaseline = "alphabetic";
@@ -49,7 +53,7 @@ export function drawPlot(canvas, rows, at) {
   }
   context.lineWidth = 2;
   context.lineJoin = "round";
-  for (const line of linesOf(rowsBetween(rows, first, last))) {
+  for (const line of lines) {
     context.strokeStyle = context.fillStyle = colourOf(line.slot);
     context.setLineDash(isDashed(line.slot) ? [4, 3] : []);
     context.beginPath();
@@ -84,5 +88,5 @@ function linesOf(rows) {
       lines.get(cluster).points.push([step, p]);
     }
   }
-  return lines.values();
+  return [...lines.values()];
 }

@@ -4,8 +4,9 @@ import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
 const KEY_PAN = 60, KEY_ZOOM = 1.3;
+const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
 const PLACING = { // what an arrow that is dragged on the map says
-  "set_pose": ["set-pose", "Press where the robot is, drag to where it looks. Esc: no."],
+  "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
 };
 
@@ -46,12 +47,26 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
   };
   const at = (event) => [event.offsetX, event.offsetY];
+  /** Zoom; while an arrow is dragged, say how far from there the robot may be instead. */
+  const widen = (factor, where) => {
+    if (!view.placing?.spread) {
+      view.zoom(factor, where);
+      return;
+    }
+    view.placing.spread = Math.min(Math.max(view.placing.spread * factor, SPREAD_RANGE_M[0]), SPREAD_RANGE_M[1]);
+    hint(`± ${view.placing.spread.toPrecision(2)} m`);
+    view.redraw();
+  };
 
+  const startPlacing = (where) => {
+    const from = view.mapOf(where);
+    view.placing = { from, to: from, spread: placing === "set_pose" ? USUAL_SPREAD_M : 0 };
+  };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, at(event));
-    if (placing) view.placing = { from: view.mapOf(at(event)), to: view.mapOf(at(event)) };
-    else canvas.classList.add("dragging");
+    if (!placing) canvas.classList.add("dragging");
+    else if (pointers.size === 1) startPlacing(at(event));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
@@ -60,13 +75,13 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
       view.redraw();
       return;
     }
-    if (view.placing) {
-      view.placing.to = view.mapOf(now);
-      view.redraw();
-    } else if (pointers.size === 2) {
+    if (pointers.size === 2) {
       const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
       const apart = (point) => Math.max(Math.hypot(point[0] - other[0], point[1] - other[1]), 1);
-      view.zoom(apart(now) / apart(before), other);
+      widen(apart(now) / apart(before), other);
+    } else if (view.placing) {
+      view.placing.to = view.mapOf(now);
+      view.redraw();
     } else {
       view.pan(now[0] - before[0], now[1] - before[1]);
     }
@@ -75,24 +90,24 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const release = (event) => {
     pointers.delete(event.pointerId);
     canvas.classList.remove("dragging");
-    if (!view.placing) return;
-    const { from, to } = view.placing, type = placing;
+    if (!view.placing || pointers.size) return;
+    const { from, to, spread } = view.placing, type = placing;
     setPlacing(null);
     if (event.type !== "pointerup") return;
     const heading = Math.atan2(to[1] - from[1], to[0] - from[0]);
-    send({ type, pose: [from[0], from[1], heading] });
+    send({ type, pose: [from[0], from[1], heading], ...(spread && { position_sigma_m: spread }) });
   };
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    view.zoom(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), at(event));
+    widen(Math.exp(-event.deltaY * (event.ctrlKey ? 0.01 : 0.0015)), at(event));
   }, { passive: false });
 
   const keys = {
-    "+": () => view.zoom(KEY_ZOOM),
-    "=": () => view.zoom(KEY_ZOOM),
-    "-": () => view.zoom(1 / KEY_ZOOM),
+    "+": () => widen(KEY_ZOOM),
+    "=": () => widen(KEY_ZOOM),
+    "-": () => widen(1 / KEY_ZOOM),
     ArrowLeft: () => view.pan(KEY_PAN, 0),
     ArrowRight: () => view.pan(-KEY_PAN, 0),
     ArrowUp: () => view.pan(0, KEY_PAN),

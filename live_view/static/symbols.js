@@ -104,8 +104,8 @@ export function drawTruth(view, pose) {
   context.restore();
 }
 
-/** The arrow that a person is dragging. */
-export function drawPlacing(view, { from, to }) {
+/** The arrow that a person is dragging, and two standard deviations of where the robot may be [m]. */
+export function drawPlacing(view, { from, to, spread }) {
   const { context } = view;
   const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);
   const angle = Math.atan2(toY - y, toX - x), length = Math.max(Math.hypot(toX - x, toY - y), 24);
@@ -113,7 +113,7 @@ export function drawPlacing(view, { from, to }) {
   context.strokeStyle = context.fillStyle = themed("--accent");
   context.globalAlpha = 0.18;
   context.beginPath();
-  context.arc(x, y, 2 * 0.5 * view.view.scale, 0, 2 * Math.PI);
+  context.arc(x, y, 2 * spread * view.view.scale, 0, 2 * Math.PI);
   context.fill();
   context.globalAlpha = 1;
   context.translate(x, y);

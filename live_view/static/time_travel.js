@@ -82,7 +82,8 @@ export class TimeTravel {
   /** Step after step, from the first where one is not looking back; it ends at the newest. */
   play(on) {
     clearInterval(this.timer);
-    this.timer = on ? setInterval(() => this.next(), PLAYED_EVERY_MS) : 0;
+    const shown = () => this.asked === null; // none is left out, however slow server or browser are
+    this.timer = on ? setInterval(() => shown() && this.next(), PLAYED_EVERY_MS) : 0;
     if (on && this.at === null && this.rows().length) this.goTo(this.rows()[0][0]);
     $("play").textContent = on ? "❚❚" : "▶";
     $("play").setAttribute("aria-pressed", String(on));

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from live_view.commands import DriveRobot, KidnapRobot
+from live_view.commands import DriveRobot, KidnapRobot, PlaceRobot
 from live_view.saved_page import saved_page
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
@@ -189,6 +189,24 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0))
     press(drawn, "d")
     shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0, by_hand=False))
+
+
+def test_whoever_sets_the_pose_says_how_sure_they_are(stage: Stage, drawn: Page) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+
+    drawn.click("set-pose")
+    drawn.hover_on_map(drawn.snapshot().screen_of(3.0, 3.0))
+    before = drawn.snapshot().view
+    ActionChains(drawn.driver).click_and_hold().move_by_offset(50, 0).perform()
+    press(drawn, "--")  # narrower
+    assert drawn.text("hint") == "± 0.30 m"
+    ActionChains(drawn.driver).release().perform()
+    shows(stage, lambda: stage.commands)
+    (given,) = stage.commands
+    assert isinstance(given, PlaceRobot)
+    assert given.pose == pytest.approx((3.0, 3.0, 0.0), abs=0.05)
+    assert given.position_sigma_m == pytest.approx(0.5 / 1.3**2)
+    assert drawn.snapshot().view == before  # the map stays
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "phone"])

@@ -63,8 +63,9 @@ def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
 
 def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None:
     assert not running.is_visible("banner")
-    wait_until(lambda: running.run("return liveView.view.map !== null"))
-    wait_until(lambda: running.text("worker-count") == "2")
+    wait_until(lambda: running.run("return liveView.view.map !== null"), 60.0)  # it has just begun
+    wait_until(lambda: running.text("worker-count") == "2", 60.0)
+    wait_until(lambda: running.text("latency").startswith("scan to belief"), 60.0)
 
 
 def test_the_map_is_drawn_where_it_lies(running: Page) -> None:

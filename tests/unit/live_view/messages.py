@@ -94,6 +94,7 @@ def pose(step: int, *, term: int = 1) -> PoseAnswer:
         covariance=(0.04, 0.0, 0.0, 0.0, 0.09, 0.0, 0.0, 0.0, 0.01),
         workers=2,
         term=term,
+        elsewhere_probability=0.1,
     )
 
 

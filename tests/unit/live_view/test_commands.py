@@ -21,6 +21,7 @@ from protocol.errors import MalformedMessageError
 
 def test_what_the_page_sends_is_understood() -> None:
     assert parsed_request('{"type": "drawn"}') == Drawn()
+    assert parsed_request('{"type": "drawn", "count": 3, "slow": true}') == Drawn(3, slow=True)
     assert parsed_request('{"type": "relocalize"}') == SearchAgain()
     assert parsed_request('{"type": "set_pose", "pose": [1, 2.5, -3]}') == PlaceRobot((1, 2.5, -3))
     assert parsed_request('{"type": "update"}') == LookOnce()
@@ -44,6 +45,7 @@ def test_what_the_page_sends_is_understood() -> None:
         '{"type": "set_pose", "pose": [1, 2, 3], "position_sigma_m": 0}',
         '{"type": "set_pose", "pose": [1e9, 2, 3]}',
         '{"type": "drawn", "more": 1}',
+        '{"type": "drawn", "count": -1}',
         '{"type": "past", "step": -1}',
         '{"type": "past", "step": 1.5}',
         '{"type": "drive", "speed_m_s": 1e300}',

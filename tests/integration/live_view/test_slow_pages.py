@@ -1,0 +1,64 @@
+"""Pages that do not read what they are sent: a real server, without a browser."""
+
+import json
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from live_view.backlog import MESSAGES_AHEAD
+from tests.integration.live_view.stage import Stage
+from tests.integration.waiting import wait_until
+from tests.unit.live_view.messages import belief
+
+STEPS, PLACES = 1000, 16
+
+
+def opened(stage: Stage, **options: Any) -> ClientConnection:
+    link = stage.server.link
+    return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None, **options)  # type: ignore[arg-type]  # a NewType of str
+
+
+def test_who_asks_for_more_and_reads_nothing_is_cut_off_and_harms_nobody() -> None:
+    with Stage() as stage:
+        for step in range(STEPS):
+            stage.picture.on_belief(belief(step, *range(PLACES)))
+        with opened(stage, max_queue=1, ping_interval=None) as deaf:
+
+            def asked_for_more() -> bool:
+                stage.pump()
+                try:
+                    deaf.send('{"type": "earlier", "before": 1000}')
+                    deaf.send('{"type": "drawn", "count": 100}')
+                except ConnectionClosed:
+                    return True
+                return False
+
+            wait_until(asked_for_more)
+        with opened(stage, max_size=None) as other:
+            told: dict[str, Any] = {}
+
+            def has_newest_step() -> bool:
+                stage.pump()
+                with suppress(TimeoutError):
+                    told.update(json.loads(other.recv(0.05)))
+                return "step" in told
+
+            wait_until(has_newest_step)
+            assert told["step"]["step"] == STEPS - 1
+
+
+def test_a_page_that_says_nothing_is_sent_a_few_steps_and_then_the_newest() -> None:
+    with Stage() as stage, opened(stage) as slow:
+        wait_until(lambda: stage.room.browsers)
+        for step in range(50):
+            stage.picture.on_belief(belief(step, 1))
+            stage.pump()
+        for _ in range(MESSAGES_AHEAD):
+            slow.recv(10)
+        with pytest.raises(TimeoutError):
+            slow.recv(0.5)
+        slow.send(json.dumps({"type": "drawn", "count": MESSAGES_AHEAD}))
+        assert json.loads(slow.recv(10))["step"]["step"] == 49
