@@ -52,7 +52,7 @@ def run_soak(
         recordings = [Path(robots[0].recorder.folder) / quote(one.robot.name) for one in robots]
         fleet = Fleet(
             robots, folder, world=options.world, rate_hz=options.rate_hz,
-            coordinators=options.coordinators,
+            coordinators=options.coordinators, cables=options.chaos,
         )  # fmt: skip
         soak = Soak(options, robots, fleet, stop, progress)
         try:
