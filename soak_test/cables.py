@@ -90,6 +90,7 @@ class Relay(asyncio.DatagramProtocol):
     def __init__(self, router: Path) -> None:
         self._router = router
         self._cables: defaultdict[int, _Cable] = defaultdict(_Cable)
+        self._links: set[asyncio.Task[None]] = set()
 
     @asynccontextmanager
     async def serving(self, listen: Path, control: Path) -> AsyncIterator[None]:
@@ -106,11 +107,16 @@ class Relay(asyncio.DatagramProtocol):
         for pid in cables.pids:
             self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
 
-    async def _on_link(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _on_link(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Begin a task: asyncio's own complains of those that are cancelled when all ends."""
+        link = asyncio.create_task(self._join(reader, writer))
+        self._links.add(link)
+        link.add_done_callback(self._links.discard)
+
+    async def _join(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Carry what a process and the router say to each other, until both have closed."""
         cable = self._cables[_pid_of(writer)]
-        # Without a router the link ends; cancelled, the relay does, which is no fault of the link.
-        with closing(writer), suppress(OSError, asyncio.CancelledError):
+        with closing(writer), suppress(OSError):  # without a router the link ends
             await cable.to_router.wait()
             from_router, to_router = await asyncio.open_unix_connection(self._router)
             await asyncio.gather(
