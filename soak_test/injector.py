@@ -108,7 +108,7 @@ class Injector:
         """Let everybody run again who is frozen, and mend all cables."""
         self._later.clear()
         if self._cut_off:
-            self._mend()
+            self._mend(sorted(self._cut_off))
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
 
@@ -151,14 +151,12 @@ class Injector:
 
     def _cut(self, fault: Fault, robot: str, now_ns: int) -> list[DoneFault]:
         """Cut the links of one coordinator, or of every other worker: theirs is another machine."""
-        if self._cut_off:
-            return []  # two cuts together could leave no worker
         role, share = _LINK_CUT[fault.kind], self._share(fault)
+        victims = self._candidates(role, robot)
+        if any(victim.process.pid in self._cut_off for victim in victims):
+            return []  # two cuts together could leave no worker
         if role == WORKER:
-            victims = self._candidates(role, robot)[int(share * 6) % 2 :: 2]
-        else:
-            acting = self._victim(role, robot, fault, now_ns)
-            victims = [] if acting is None else [acting]
+            victims = victims[int(share * 6) % 2 :: 2]
         if not victims:
             return []
         how = list(_DIRECTIONS)[int(share * 3)]
@@ -166,18 +164,22 @@ class Injector:
         self._set_cables(pids, **_DIRECTIONS[how])
         self._cut_off.update(pids)
         until_ns = now_ns + int(fault.lasts_s * 1e9)
-        self._later.append((until_ns, self._mend))
+        self._later.append((until_ns, partial(self._mend, pids)))
         names = " ".join(_short_name(victim) for victim in victims)
         return [DoneFault(fault.kind, now_ns, until_ns, robot, names, how)]
 
-    def _mend(self) -> None:
-        """Make all cables whole."""
-        self._set_cables(list(self._cut_off), **_WHOLE)
-        self._cut_off.clear()
+    def _mend(self, pids: Sequence[int]) -> None:
+        """Make cables whole."""
+        self._set_cables(pids, **_WHOLE)
+        self._cut_off -= set(pids)
 
     def _candidates(self, role: str, robot: str) -> list[Part]:
+        """Processes of a role; of coordinators the one that acts."""
         owner = "" if role == ROUTER else robot
         found = [part for part in self._parts() if part.role == role and part.robot == owner]
+        if role == COORDINATOR:
+            acting = self._robots[robot].acting()
+            found = [part for part in found if _short_name(part) == acting]
         return sorted(found, key=lambda part: part.name)
 
     def _share(self, fault: Fault) -> float:
@@ -189,9 +191,6 @@ class Injector:
         if role == WORKER:
             busy = set(self._robots[robot].trackers(now_ns))
             candidates = [part for part in candidates if _short_name(part) in busy]
-        if role == COORDINATOR:
-            acting = self._robots[robot].acting()
-            candidates = [part for part in candidates if _short_name(part) == acting]
         return candidates[int(self._share(fault) * len(candidates))] if candidates else None
 
     def _freeze(self, process: psutil.Process, fault: Fault, now_ns: int) -> bool:

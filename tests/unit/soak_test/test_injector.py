@@ -108,17 +108,27 @@ def test_every_other_worker_is_cut_off_both_ways_or_one_and_then_no_more(
     assert cables.set[1:] == [(pids, True, True)]
 
 
-def test_what_is_cut_in_the_end_is_mended_and_two_cuts_are_never_at_once(
+def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_once(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
-    cables, pids = Cables(), {sleepers["coordinator"].pid}
-    one = Fault(at_s=1.0, kind=Kind.COORDINATOR_LINK_CUT, lasts_s=20.0, choice=0.0)
-    other = Fault(at_s=1.0, kind=Kind.WORKER_LINKS_CUT, lasts_s=20.0, choice=0.0)
-    tested = injector(sleepers, [], one, other, cables=cables)
-    assert [fault.target for fault in tested.tick(AT_NS)] == ["coordinator"]
+    cables = Cables()
+    coordinator, worker = ({sleepers[name].pid} for name in ("coordinator", "worker-0"))
+    faults = [
+        Fault(at_s=1.0, kind=kind, lasts_s=lasts_s, choice=choice)
+        for kind, lasts_s, choice in (
+            (Kind.COORDINATOR_LINK_CUT, 5.0, 0.0),
+            (Kind.WORKER_LINKS_CUT, 60.0, 0.0),
+            (Kind.WORKER_LINKS_CUT, 60.0, 0.3),
+        )
+    ]
+    tested = injector(sleepers, [], *faults, cables=cables)
+    assert [fault.target for fault in tested.tick(AT_NS)] == ["coordinator", "worker-0"]
+    assert cables.set == [(coordinator, False, False), (worker, False, False)]
+    assert tested.tick(6 * AT_NS) == []
+    assert cables.set[2:] == [(coordinator, True, True)]
     tested.wake_all()
     tested.wake_all()
-    assert cables.set == [(pids, False, False), (pids, True, True)]
+    assert cables.set[3:] == [(worker, True, True)]
 
 
 def test_the_robot_is_told_to_be_elsewhere(
