@@ -6,18 +6,17 @@ when the cable is whole, all goes on where it was. Who calls over a cut cable is
 """
 
 import argparse
-import asyncio
 import socket
 import struct
 from collections import defaultdict
-from collections.abc import AsyncIterator, Iterable
-from contextlib import asynccontextmanager, closing, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
+from threading import Event, Thread
 
 import msgspec
 
 from process_runtime.main import Invocation, process_main
-from process_runtime.stop import StopFlag
 
 _PIECE_BYTES = 65536
 _LOOK_EVERY_S = 0.05
@@ -59,20 +58,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(invocation: Invocation) -> None:
     given = invocation.arguments
-    asyncio.run(_relay(given.listen, given.router, given.control, invocation.stop))
-
-
-async def _relay(listen: Path, router: Path, control: Path, stop: StopFlag) -> None:
-    async with Relay(router).serving(listen, control):
-        while not stop.is_set():
-            await asyncio.sleep(_LOOK_EVERY_S)
+    relay = Relay(given.listen, given.router, given.control)
+    while not invocation.stop.is_set():
+        relay.be_told(_LOOK_EVERY_S)
 
 
 class _Cable:
     """Of one process; an event that is set lets through."""
 
     def __init__(self) -> None:
-        self.to_router, self.from_router = asyncio.Event(), asyncio.Event()
+        self.to_router, self.from_router = Event(), Event()
         self.set(to_router=True, from_router=True)
 
     def set(self, *, to_router: bool, from_router: bool) -> None:
@@ -80,66 +75,74 @@ class _Cable:
             (event.set if whole else event.clear)()
 
 
-class Relay(asyncio.DatagramProtocol):
-    """All cables, by the process at their end.
+class Relay:
+    """All cables, by the process at their end; two threads a link, that wait nearly always.
 
     Args:
-        router: the socket it listens at.
+        listen: where processes connect from now on.
+        router: where the router listens.
+        control: where it is told what to cut.
     """
 
-    def __init__(self, router: Path) -> None:
+    def __init__(self, listen: Path, router: Path, control: Path) -> None:
         self._router = router
         self._cables: defaultdict[int, _Cable] = defaultdict(_Cable)
-        self._links: set[asyncio.Task[None]] = set()
+        self._control = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._control.bind(str(control))
+        self._server = socket.socket(socket.AF_UNIX)
+        self._server.bind(str(listen))
+        self._server.listen()
+        _begin(self._accept)
 
-    @asynccontextmanager
-    async def serving(self, listen: Path, control: Path) -> AsyncIterator[None]:
-        """Let processes connect, and be told what to cut."""
-        told, _ = await asyncio.get_running_loop().create_datagram_endpoint(
-            lambda: self, local_addr=str(control), family=socket.AF_UNIX
-        )
-        with closing(told), closing(await asyncio.start_unix_server(self._on_link, listen)):
-            yield
+    def be_told(self, wait_s: float) -> None:
+        """Wait so long for somebody to say what is to be cut or mended."""
+        self._control.settimeout(wait_s)
+        with suppress(TimeoutError):
+            cables = msgspec.json.decode(self._control.recv(_PIECE_BYTES), type=Cables)
+            for pid in cables.pids:
+                self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
 
-    def datagram_received(self, data: bytes, _address: object) -> None:
-        """Be told."""
-        cables = msgspec.json.decode(data, type=Cables)
-        for pid in cables.pids:
-            self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
+    def close(self) -> None:
+        """Let nobody connect any more."""
+        self._server.shutdown(socket.SHUT_RDWR)
+        self._control.close()
 
-    def _on_link(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Begin a task: asyncio's own complains of those that are cancelled when all ends."""
-        link = asyncio.create_task(self._join(reader, writer))
-        self._links.add(link)
-        link.add_done_callback(self._links.discard)
+    def _accept(self) -> None:
+        with self._server, suppress(OSError):
+            while True:
+                link, _ = self._server.accept()
+                _begin(self._join, link)
 
-    async def _join(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def _join(self, link: socket.socket) -> None:
         """Carry what a process and the router say to each other, until both have closed."""
-        cable = self._cables[_pid_of(writer)]
-        with closing(writer), suppress(OSError):  # without a router the link ends
-            await cable.to_router.wait()
-            from_router, to_router = await asyncio.open_unix_connection(self._router)
-            await asyncio.gather(
-                _carry(reader, to_router, cable.to_router),
-                _carry(from_router, writer, cable.from_router),
-            )
+        cable = self._cables[_pid_of(link)]
+        cable.to_router.wait()
+        with link, socket.socket(socket.AF_UNIX) as router, suppress(OSError):
+            router.connect(str(self._router))
+            back = _begin(_carry, router, link, cable.from_router)
+            _carry(link, router, cable.to_router)
+            back.join()
 
 
-async def _carry(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, whole: asyncio.Event
-) -> None:
-    with closing(writer):
-        with suppress(ConnectionError):
-            while data := await reader.read(_PIECE_BYTES):
-                await whole.wait()
-                writer.write(data)
-                await writer.drain()
-        await whole.wait()
+def _begin(work: Callable[..., None], *arguments: object) -> Thread:
+    """A thread that does not keep the process from its end."""
+    thread = Thread(target=work, args=arguments, daemon=True)
+    thread.start()
+    return thread
 
 
-def _pid_of(writer: asyncio.StreamWriter) -> int:
+def _carry(source: socket.socket, target: socket.socket, whole: Event) -> None:
+    with suppress(OSError):
+        while data := source.recv(_PIECE_BYTES):
+            whole.wait()
+            target.sendall(data)
+    whole.wait()
+    with suppress(OSError):  # it has ended already
+        target.shutdown(socket.SHUT_RDWR)
+
+
+def _pid_of(link: socket.socket) -> int:
     """The process at the other end of a Unix socket."""
-    link: socket.socket = writer.get_extra_info("socket")
     credentials = link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER_CREDENTIALS.size)
     pid: int = _PEER_CREDENTIALS.unpack(credentials)[0]
     return pid

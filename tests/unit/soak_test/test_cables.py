@@ -1,9 +1,9 @@
 """A relay: this process at one end, at the other a router that writes down what it hears."""
 
-import asyncio
 import os
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, closing
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
@@ -14,127 +14,98 @@ QUIET_S, WITHIN_S = 0.2, 20.0
 
 
 class Ends:
-    """Of one link: streams at the process's end and at the router's."""
+    """Of one link: sockets at the process's end and at the router's."""
 
-    def __init__(self, folder: Path) -> None:
-        self.router, self.listen = folder / "router", folder / "cables"
-        self.control = folder / "control"
-        self.links: asyncio.Queue[tuple[asyncio.StreamReader, asyncio.StreamWriter]]
-        self.links = asyncio.Queue()
-        self.writers: list[asyncio.StreamWriter] = []
+    def __init__(self, folder: Path, stack: ExitStack) -> None:
+        self._listen, self._control = folder / "cables", folder / "control"
+        self._stack = stack
+        self.router = stack.enter_context(socket.socket(socket.AF_UNIX))
+        self.router.settimeout(WITHIN_S)
+        self.router_path = folder / "router"
+        self.router.bind(str(self.router_path))
+        self.router.listen()
+        self._relay = Relay(self._listen, self.router_path, self._control)
+        stack.enter_context(closing(self._relay))
+        self.own = self.call()
+        self.far = self.answered()
+        self.both_ways()
 
-    @asynccontextmanager
-    async def joined(self) -> AsyncIterator[None]:
-        async def on_link(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            self.writers.append(writer)
-            await self.links.put((reader, writer))
+    def call(self) -> socket.socket:
+        link = self._stack.enter_context(socket.socket(socket.AF_UNIX))
+        link.settimeout(WITHIN_S)
+        link.connect(str(self._listen))
+        return link
 
-        router = await asyncio.start_unix_server(on_link, self.router)
-        with closing(router), closing(self):
-            async with Relay(self.router).serving(self.listen, self.control):
-                self.heard, self.said = await self.call()
-                self.router_heard, self.router_said = await self.links.get()
-                await self.both_ways()
-                yield
+    def answered(self) -> socket.socket:
+        link = self._stack.enter_context(self.router.accept()[0])
+        link.settimeout(WITHIN_S)
+        return link
 
-    async def call(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-        reader, writer = await asyncio.open_unix_connection(self.listen)
-        self.writers.append(writer)
-        return reader, writer
+    def set(self, *, to_router: bool, from_router: bool) -> None:
+        set_cables(self._control, [os.getpid()], to_router=to_router, from_router=from_router)
+        self._relay.be_told(WITHIN_S)
 
-    def close(self) -> None:
-        for writer in self.writers:
-            writer.close()
-
-    def cables(self, *, to_router: bool, from_router: bool) -> None:
-        set_cables(self.control, [os.getpid()], to_router=to_router, from_router=from_router)
-
-    async def both_ways(self) -> None:
-        self.said.write(b"a")
-        assert await self.router_heard.readexactly(1) == b"a"
-        self.router_said.write(b"b")
-        assert await self.heard.readexactly(1) == b"b"
+    def both_ways(self) -> None:
+        self.own.sendall(b"a")
+        assert self.far.recv(1) == b"a"
+        self.far.sendall(b"b")
+        assert self.own.recv(1) == b"b"
 
 
-def run(folder: Path, scenario: Callable[[Ends], Awaitable[None]]) -> None:
-    async def whole() -> None:
-        ends = Ends(folder)
-        async with ends.joined():
-            await scenario(ends)
-
-    asyncio.run(asyncio.wait_for(whole(), WITHIN_S))
+@pytest.fixture
+def ends(tmp_path: Path) -> Iterator[Ends]:
+    with ExitStack() as stack:
+        yield Ends(tmp_path, stack)
 
 
-async def is_quiet(reader: asyncio.StreamReader) -> bool:
+def is_quiet(link: socket.socket) -> bool:
     """Whether nothing comes, and no end either."""
+    link.settimeout(QUIET_S)
     try:
-        await asyncio.wait_for(reader.read(1), QUIET_S)
+        link.recv(1)
     except TimeoutError:
+        link.settimeout(WITHIN_S)
         return True
     return False
 
 
-async def is_cut(ends: Ends, *, to_router: bool) -> None:
-    """Until what is said in a direction does not arrive; the relay is told by another way."""
-    said = ends.said if to_router else ends.router_said
-    heard = ends.router_heard if to_router else ends.heard
-    while True:
-        said.write(b"?")
-        if await is_quiet(heard):
-            return
-
-
 @pytest.mark.parametrize("to_router", [True, False])
 def test_what_is_said_over_a_cut_cable_arrives_when_it_is_whole_again(
-    tmp_path: Path, *, to_router: bool
+    ends: Ends, *, to_router: bool
 ) -> None:
-    async def scenario(ends: Ends) -> None:
-        ends.cables(to_router=not to_router, from_router=to_router)
-        await is_cut(ends, to_router=to_router)
-        other, heard = (
-            (ends.router_said, ends.heard) if to_router else (ends.said, ends.router_heard)
-        )
-        other.write(b"!")
-        assert await heard.readexactly(1) == b"!", "the other direction is whole"
-        ends.cables(to_router=True, from_router=True)
-        held = ends.router_heard if to_router else ends.heard
-        assert await held.readexactly(1) == b"?"
-        await ends.both_ways()
-
-    run(tmp_path, scenario)
+    said, heard = (ends.own, ends.far) if to_router else (ends.far, ends.own)
+    ends.set(to_router=not to_router, from_router=to_router)
+    said.sendall(b"?")
+    assert is_quiet(heard)
+    heard.sendall(b"!")
+    assert said.recv(1) == b"!", "the other direction is whole"
+    ends.set(to_router=True, from_router=True)
+    assert heard.recv(1) == b"?"
+    ends.both_ways()
 
 
-def test_nobody_is_told_over_a_cut_cable_that_a_link_has_ended(tmp_path: Path) -> None:
-    async def scenario(ends: Ends) -> None:
-        ends.cables(to_router=False, from_router=False)
-        await is_cut(ends, to_router=True)
-        ends.said.close()
-        assert await is_quiet(ends.router_heard)
-        ends.cables(to_router=True, from_router=True)
-        assert await ends.router_heard.read() == b"?"
-
-    run(tmp_path, scenario)
+def test_nobody_is_told_over_a_cut_cable_that_a_link_has_ended(ends: Ends) -> None:
+    ends.set(to_router=False, from_router=False)
+    ends.own.close()
+    assert is_quiet(ends.far)
+    ends.set(to_router=True, from_router=True)
+    assert ends.far.recv(1) == b""
 
 
-def test_who_calls_over_a_cut_cable_is_heard_when_it_is_whole_again(tmp_path: Path) -> None:
-    async def scenario(ends: Ends) -> None:
-        ends.cables(to_router=False, from_router=True)
-        await is_cut(ends, to_router=True)
-        heard, said = await ends.call()
-        said.write(b"x")
-        assert await is_quiet(heard)
-        assert ends.links.empty()
-        ends.cables(to_router=True, from_router=True)
-        router_heard, _ = await ends.links.get()
-        assert await router_heard.readexactly(1) == b"x"
-
-    run(tmp_path, scenario)
+def test_who_calls_over_a_cut_cable_is_heard_when_it_is_whole_again(ends: Ends) -> None:
+    ends.set(to_router=False, from_router=True)
+    link = ends.call()
+    link.sendall(b"x")
+    assert is_quiet(link)
+    ends.set(to_router=True, from_router=True)
+    assert ends.answered().recv(1) == b"x"
 
 
-def test_without_a_router_a_link_ends(tmp_path: Path) -> None:
-    async def scenario(ends: Ends) -> None:
-        ends.router.unlink()
-        heard, _ = await ends.call()
-        assert await heard.read() == b""
+def test_a_link_that_the_router_ends_is_ended(ends: Ends) -> None:
+    ends.far.close()
+    assert ends.own.recv(1) == b""
 
-    run(tmp_path, scenario)
+
+def test_without_a_router_a_link_ends(ends: Ends) -> None:
+    ends.router_path.unlink()
+    assert ends.call().recv(1) == b""
