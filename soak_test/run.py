@@ -63,6 +63,7 @@ def run_soak(
             stop_s = fleet.stop()
             if options.logs is not None:
                 kept_logs(fleet.log_files(), options.logs)
+        stop.take_time()  # an hour's history takes minutes, also for who has ended the soak
         faults, exits = soak.faults, fleet.exits
         verdicts = [
             exits_verdict(exits, faults, fleet.log_files()),
