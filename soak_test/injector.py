@@ -4,7 +4,6 @@ import signal
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 import psutil
@@ -12,6 +11,7 @@ import psutil
 from soak_test import malformed
 from soak_test.availability import DoneFault
 from soak_test.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
+from soak_test.link_cuts import LinkCuts, SetCables
 from soak_test.robot import KIDNAP_KEY
 from soak_test.schedule import Fault, Kind
 
@@ -28,13 +28,6 @@ _KILLED = {
     Kind.ROUTER_KILLED: ROUTER,
 }
 _LINK_CUT = {Kind.WORKER_LINKS_CUT: WORKER, Kind.COORDINATOR_LINK_CUT: COORDINATOR}
-_DIRECTIONS = {
-    "both ways": {"to_router": False, "from_router": False},
-    "to the router": {"to_router": False, "from_router": True},
-    "from the router": {"to_router": True, "from_router": False},
-}
-"""What of a cut cable lets through."""
-_WHOLE = {"to_router": True, "from_router": True}
 _FROZEN = {
     Kind.WORKER_FROZEN: WORKER,
     Kind.COORDINATOR_FROZEN: COORDINATOR,
@@ -58,13 +51,6 @@ class RobotSide:
     ask: Callable[[str, bytes], None]
 
 
-class SetCables(Protocol):
-    """What the injector needs of the cables."""
-
-    def __call__(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
-        """Cut or mend those of these processes."""
-
-
 class Injector:
     """Told the time, does what is due."""
 
@@ -81,9 +67,8 @@ class Injector:
         self._start_ns, self._robots, self._parts = start_ns, robots, parts
         self._rng = np.random.default_rng([seed, 0xBAD])
         self._later: list[tuple[int, Callable[[], object]]] = []
-        self._set_cables = set_cables
+        self._cuts = LinkCuts(set_cables)
         self._stopped: set[psutil.Process] = set()
-        self._cut_off: set[int] = set()
         self.skipped: list[Fault] = []
 
     def tick(self, now_ns: int) -> list[DoneFault]:
@@ -107,8 +92,7 @@ class Injector:
     def wake_all(self) -> None:
         """Let everybody run again who is frozen, and mend all cables."""
         self._later.clear()
-        if self._cut_off:
-            self._mend(sorted(self._cut_off))
+        self._cuts.mend_all()
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
 
@@ -152,26 +136,16 @@ class Injector:
     def _cut(self, fault: Fault, robot: str, now_ns: int) -> list[DoneFault]:
         """Cut the links of one coordinator, or of every other worker: theirs is another machine."""
         role, share = _LINK_CUT[fault.kind], self._share(fault)
-        victims = self._candidates(role, robot)
-        if any(victim.process.pid in self._cut_off for victim in victims):
+        everybody = self._candidates(role, robot)
+        victims = everybody[int(share * 6) % 2 :: 2] if role == WORKER else everybody
+        if not victims or self._cuts.any_cut_off([one.process.pid for one in everybody]):
             return []  # two cuts together could leave no worker
-        if role == WORKER:
-            victims = victims[int(share * 6) % 2 :: 2]
-        if not victims:
-            return []
-        how = list(_DIRECTIONS)[int(share * 3)]
         pids = [victim.process.pid for victim in victims]
-        self._set_cables(pids, **_DIRECTIONS[how])
-        self._cut_off.update(pids)
+        how = self._cuts.cut(pids, share)
         until_ns = now_ns + int(fault.lasts_s * 1e9)
-        self._later.append((until_ns, partial(self._mend, pids)))
+        self._later.append((until_ns, partial(self._cuts.mend, pids)))
         names = " ".join(_short_name(victim) for victim in victims)
         return [DoneFault(fault.kind, now_ns, until_ns, robot, names, how)]
-
-    def _mend(self, pids: Sequence[int]) -> None:
-        """Make cables whole."""
-        self._set_cables(pids, **_WHOLE)
-        self._cut_off -= set(pids)
 
     def _candidates(self, role: str, robot: str) -> list[Part]:
         """Processes of a role; of coordinators the one that acts."""
