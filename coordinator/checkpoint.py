@@ -61,10 +61,10 @@ def from_bytes(data: bytes) -> CheckpointState:
         ValueError: it cannot be read, or is of another version.
     """
     try:
-        version = msgspec.msgpack.decode(data, type=_Version).version
+        version = _VERSIONS.decode(data).version
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
-        state = msgspec.msgpack.decode(data, type=CheckpointState)
+        state = _STATES.decode(data)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
     if problem := _problem(state):
@@ -102,3 +102,9 @@ def _problem(state: CheckpointState) -> str | None:
 
 class _Version(msgspec.Struct, frozen=True):
     version: int
+
+
+# Made once, before there are threads: msgspec learns a type when it is first decoded, and crashes
+# where another thread, as the flight recorder's, decodes it meanwhile.
+_VERSIONS = msgspec.msgpack.Decoder(_Version)
+_STATES = msgspec.msgpack.Decoder(CheckpointState)

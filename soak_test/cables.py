@@ -92,6 +92,7 @@ class Relay:
         self._server = socket.socket(socket.AF_UNIX)
         self._server.bind(str(listen))
         self._server.listen()
+        self._closed = False
         _begin(self._accept)
 
     def be_told(self, wait_s: float) -> None:
@@ -104,13 +105,19 @@ class Relay:
 
     def close(self) -> None:
         """Let nobody connect any more."""
+        self._closed = True
         self._server.shutdown(socket.SHUT_RDWR)
         self._control.close()
 
     def _accept(self) -> None:
-        with self._server, suppress(OSError):
+        with self._server:
             while True:
-                link, _ = self._server.accept()
+                try:
+                    link, _ = self._server.accept()
+                except OSError:
+                    if self._closed:
+                        return
+                    raise
                 _begin(self._join, link)
 
     def _join(self, link: socket.socket) -> None:
