@@ -61,10 +61,10 @@ def from_bytes(data: bytes) -> CheckpointState:
         ValueError: it cannot be read, or is of another version.
     """
     try:
-        version = _VERSION.decode(data).version
+        version = _VERSIONS.decode(data).version
         if version != STATE_VERSION:
             raise ValueError(f"state of version {version}, expected {STATE_VERSION}")
-        state = _STATE.decode(data)
+        state = _STATES.decode(data)
     except (msgspec.DecodeError, msgspec.ValidationError, RecursionError) as error:
         raise ValueError(f"not a coordinator's state: {error}") from None
     if problem := _problem(state):
@@ -104,7 +104,7 @@ class _Version(msgspec.Struct, frozen=True):
     version: int
 
 
-# Made here, by one thread: msgspec looks into a type when it is first decoded, and crashes where
-# two threads do so at the same time, as the loop and the flight recorder of a coordinator that
-# takes over.
-_VERSION, _STATE = msgspec.msgpack.Decoder(_Version), msgspec.msgpack.Decoder(CheckpointState)
+# Made once, before there are threads: msgspec learns a type when it is first decoded, and crashes
+# where another thread, as the flight recorder's, decodes it meanwhile.
+_VERSIONS = msgspec.msgpack.Decoder(_Version)
+_STATES = msgspec.msgpack.Decoder(CheckpointState)

@@ -53,6 +53,11 @@ class StopFlag:
             time.sleep(min(left_s, _POLL_S))
         return True
 
+    @staticmethod
+    def take_time() -> None:
+        """Have nobody watch any more whether the process ends soon: what hangs is closed."""
+        faulthandler.cancel_dump_traceback_later()
+
     def check(self) -> None:
         """Raise `StoppedError` when the flag is set: leaves nested waiting in one go."""
         self.on_look()

@@ -4,6 +4,7 @@ Only msgpack bounds what it reads before it makes it; `msgspec.msgpack` reads fi
 would make a list of four billion items.
 """
 
+from threading import Lock
 from typing import Any, TypeVar, get_args
 
 import msgpack
@@ -31,6 +32,9 @@ _NOT_MESSAGEPACK = (
 
 M = TypeVar("M")
 
+_learnt: set[object] = set()
+_learning = Lock()
+
 
 def encode(message: Message) -> bytes:
     """The message as one MessagePack map."""
@@ -55,6 +59,7 @@ def decode(data: bytes, expected: type[M]) -> M:
     most = max_bytes(expected)  # type: ignore[arg-type] # classes and unions can be hashed
     if len(data) > most:
         raise malformed("too large", f"{len(data)} bytes, at most {most} are read")
+    _learn(expected)
     try:
         message = msgspec.convert(_unpacked(data), expected)
     except msgspec.ValidationError as error:
@@ -65,6 +70,15 @@ def decode(data: bytes, expected: type[M]) -> M:
     if impossible := problem_of(message):
         raise malformed("impossible", impossible)
     return message
+
+
+def _learn(expected: type[M]) -> None:
+    """Have msgspec look at a class while no other thread does: half learnt, it ends the process."""
+    if expected in _learnt:
+        return
+    with _learning:
+        msgspec.msgpack.Decoder(expected)
+        _learnt.add(expected)
 
 
 def _unpacked(data: bytes) -> Any:

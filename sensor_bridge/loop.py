@@ -49,6 +49,8 @@ from zenoh_link.wire import (
 
 POLL_S = 0.1
 ASK_MAP_EVERY_S = 1.0
+ASK_STEP_WITHIN_S = 5.0
+"""A coordinator that is there may have too much to do; where none is, nothing is waited for."""
 KEPT_COMMANDS = 100
 """A command that is asked once more does nothing, if it is one of the last."""
 HELD_BACK = "scans held back"
@@ -202,7 +204,7 @@ class BridgeLoop:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
         first_step = 0
         try:
-            status = ask(self._session, keys.STATUS, Status, timeout_s=1.0)
+            status = ask(self._session, keys.STATUS, Status, timeout_s=ASK_STEP_WITHIN_S)
             first_step = max(status.step, status.newest_step) + 1
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)

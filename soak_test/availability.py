@@ -11,7 +11,8 @@ AFTER_FREEZE_S = 1.0
 """Who was frozen, or cut off, gets its link back within so long, and a coordinator then listens
 for 0.6 s whether another has taken over."""
 _UNREACHABLE = {
-    Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN,
+    Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.COORDINATOR_LINK_CUT,
+    Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN,
 }  # fmt: skip
 """Faults after which nobody can ask the coordinator for a while."""
 _CUT_OFF = {Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN, Kind.SLOW_NETWORK}
@@ -28,7 +29,9 @@ class DoneFault:
     robot: str
     """Whom it concerns; empty: all."""
     target: str
-    """What was hit, for people."""
+    """Whom it hit: names with spaces between."""
+    how: str = ""
+    """More of it, for people."""
 
     def concerns(self, robot: str) -> bool:
         """Whether a robot may notice."""

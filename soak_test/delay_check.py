@@ -7,8 +7,8 @@ from soak_test.schedule import Kind
 from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
 _EXCUSED = {
-    Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.ALL_WORKERS_KILLED,
-    Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN, Kind.SLOW_NETWORK,
+    Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.COORDINATOR_LINK_CUT,
+    Kind.ALL_WORKERS_KILLED, Kind.ROUTER_KILLED, Kind.ROUTER_FROZEN, Kind.SLOW_NETWORK,
 }  # fmt: skip
 _EXCUSED_S = 6.0
 _KEPT_SCANS = 1024

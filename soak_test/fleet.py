@@ -11,13 +11,16 @@ import psutil
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from soak_test.cables import set_cables
 from soak_test.map_file import write_map
 from soak_test.robot import soak_world
 from zenoh_link.configuration import as_json5, router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
+CABLES = "cables"
 WORKER = "worker"
 """One of the processes that the workers' process has forked."""
+_SOCKET = "unixsock-stream/"
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,7 @@ class Fleet:
         world: the simulated robots' world.
         rate_hz: scans a second of each robot.
         coordinators: of each robot; one acts, the others stand by.
+        cables: workers and coordinators reach the router over cables that can be cut.
     """
 
     def __init__(
@@ -51,20 +55,31 @@ class Fleet:
         world: str,
         rate_hz: float,
         coordinators: int,
+        cables: bool,
     ) -> None:
         self._folder = folder
+        self._control = folder / "control.sock"
         self.exits: list[tuple[int, ChildExit]] = []
         children = [self._router(settings[0])]
+        endpoint = settings[0].zenoh.router
+        if cables:
+            children.append(self._cables(endpoint))
+            endpoint = f"{_SOCKET}{folder}/{CABLES}.sock"
         for number, one in enumerate(settings):
             robot = one.robot.name
             map_file = write_map(soak_world(world, number).map, folder, f"{robot}-map")
             bridge = msgspec.structs.replace(one.bridge, map=str(map_file))
-            file = folder / f"{robot}.toml"
-            file.write_text(settings_as_toml(msgspec.structs.replace(one, bridge=bridge)), "utf-8")
+            own = msgspec.structs.replace(one, bridge=bridge)
+            file, far_file = folder / f"{robot}.toml", folder / f"{robot}-far.toml"
+            file.write_text(settings_as_toml(own), "utf-8")
+            zenoh = msgspec.structs.replace(one.zenoh, router=endpoint)
+            far_file.write_text(
+                settings_as_toml(msgspec.structs.replace(own, zenoh=zenoh)), "utf-8"
+            )
             drive = ("--world", world, "--room", str(number), "--rate-hz", repr(rate_hz))
             children += [
-                self._child(f"{robot}/{WORKERS}", "worker", file),
-                *self._coordinators(robot, file, coordinators),
+                self._child(f"{robot}/{WORKERS}", "worker", far_file),
+                *self._coordinators(robot, far_file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
                 self._child(f"{robot}/{ROBOT}", "soak_test.robot", file, *drive),
             ]
@@ -80,8 +95,8 @@ class Fleet:
             self.exits.append((time.time_ns(), ended))
 
     def parts(self) -> list[Part]:
-        """All processes that run now, the forked workers among them."""
-        names = {pid: name for name, pid in self._supervisor.pids().items()}
+        """All processes under test that run now, the forked workers among them."""
+        names = {pid: name for name, pid in self._supervisor.pids().items() if name != CABLES}
         found = []
         for process in self.processes():
             name = names.get(process.pid) or _worker_name(process, names)
@@ -94,6 +109,10 @@ class Fleet:
     def processes(self) -> list[psutil.Process]:
         """All descendants, also those that have just been forked, or are dead and not reaped."""
         return psutil.Process().children(recursive=True)
+
+    def set_cables(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
+        """Cut or mend the cables of these processes."""
+        set_cables(self._control, pids, to_router=to_router, from_router=from_router)
 
     def stop(self) -> float:
         """End all; returns how long it took [s]."""
@@ -115,6 +134,16 @@ class Fleet:
         file.write_text(as_json5(configuration), "utf-8")
         command = python_module("zenoh_link.router", "--config", str(file))
         return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
+
+    def _cables(self, router: str) -> ChildSpec:
+        """The relay; it can be told what to cut."""
+        command = python_module(
+            "soak_test.cables",
+            *("--listen", str(self._folder / f"{CABLES}.sock")),
+            *("--router", router.removeprefix(_SOCKET)),
+            *("--control", str(self._control)),
+        )
+        return ChildSpec(CABLES, command, self._folder / f"{CABLES}.log")
 
     def _coordinators(self, robot: str, file: Path, count: int) -> list[ChildSpec]:
         names = [COORDINATOR, *(f"{COORDINATOR}-{number}" for number in range(2, count + 1))]

@@ -11,6 +11,8 @@ import psutil
 from soak_test import malformed
 from soak_test.availability import DoneFault
 from soak_test.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
+from soak_test.link_cuts import LinkCuts, SetCables
+from soak_test.robot import KIDNAP_KEY
 from soak_test.schedule import Fault, Kind
 
 TRY_FOR_S = 10.0
@@ -25,6 +27,7 @@ _KILLED = {
     Kind.BRIDGE_KILLED: BRIDGE,
     Kind.ROUTER_KILLED: ROUTER,
 }
+_LINK_CUT = {Kind.WORKER_LINKS_CUT: WORKER, Kind.COORDINATOR_LINK_CUT: COORDINATOR}
 _FROZEN = {
     Kind.WORKER_FROZEN: WORKER,
     Kind.COORDINATOR_FROZEN: COORDINATOR,
@@ -57,12 +60,14 @@ class Injector:
         start_ns: int,
         robots: Mapping[str, RobotSide],
         parts: Callable[[], list[Part]],
+        set_cables: SetCables,
         seed: int,
     ) -> None:
         self._waiting = list(faults)
         self._start_ns, self._robots, self._parts = start_ns, robots, parts
         self._rng = np.random.default_rng([seed, 0xBAD])
         self._later: list[tuple[int, Callable[[], object]]] = []
+        self._cuts = LinkCuts(set_cables)
         self._stopped: set[psutil.Process] = set()
         self.skipped: list[Fault] = []
 
@@ -85,8 +90,9 @@ class Injector:
         return done
 
     def wake_all(self) -> None:
-        """Let everybody run again who is frozen."""
+        """Let everybody run again who is frozen, and mend all cables."""
         self._later.clear()
+        self._cuts.mend_all()
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
 
@@ -106,11 +112,10 @@ class Injector:
             if victim is None or not self._freeze(victim.process, fault, now_ns):
                 return []
             return [_done(fault, victim, now_ns)]
-        side = self._robots[robot]
-        count = self._speak(fault.kind, side)
-        if count == 0:
-            return []
-        return [DoneFault(fault.kind, now_ns, now_ns, robot, f"{count} messages")]
+        if fault.kind in _LINK_CUT:
+            return self._cut(fault, robot, now_ns)
+        said = self._speak(fault.kind, self._robots[robot])
+        return [DoneFault(fault.kind, now_ns, now_ns, robot, said)] if said else []
 
     def _kill(self, faults: Sequence[Fault], robot: str, now_ns: int) -> list[DoneFault]:
         """All of them, where each has somebody to hit; told one by one."""
@@ -128,19 +133,39 @@ class Injector:
             if self._signal(victim.process, signal.SIGKILL)
         ]
 
-    def _victim(self, role: str, robot: str, fault: Fault, now_ns: int) -> Part | None:
+    def _cut(self, fault: Fault, robot: str, now_ns: int) -> list[DoneFault]:
+        """Cut the links of one coordinator, or of every other worker: theirs is another machine."""
+        role, share = _LINK_CUT[fault.kind], self._share(fault)
+        everybody = self._candidates(role, robot)
+        victims = everybody[int(share * 6) % 2 :: 2] if role == WORKER else everybody
+        if not victims or self._cuts.any_cut_off([one.process.pid for one in everybody]):
+            return []  # two cuts together could leave no worker
+        pids = [victim.process.pid for victim in victims]
+        how = self._cuts.cut(pids, share)
+        until_ns = now_ns + int(fault.lasts_s * 1e9)
+        self._later.append((until_ns, partial(self._cuts.mend, pids)))
+        names = " ".join(_short_name(victim) for victim in victims)
+        return [DoneFault(fault.kind, now_ns, until_ns, robot, names, how)]
+
+    def _candidates(self, role: str, robot: str) -> list[Part]:
+        """Processes of a role; of coordinators the one that acts."""
         owner = "" if role == ROUTER else robot
-        candidates = [part for part in self._parts() if part.role == role and part.robot == owner]
+        found = [part for part in self._parts() if part.role == role and part.robot == owner]
+        if role == COORDINATOR:
+            acting = self._robots[robot].acting()
+            found = [part for part in found if _short_name(part) == acting]
+        return sorted(found, key=lambda part: part.name)
+
+    def _share(self, fault: Fault) -> float:
+        """Digits of the choice that have not chosen the robot."""
+        return fault.choice * len(self._robots) % 1.0
+
+    def _victim(self, role: str, robot: str, fault: Fault, now_ns: int) -> Part | None:
+        candidates = self._candidates(role, robot)
         if role == WORKER:
             busy = set(self._robots[robot].trackers(now_ns))
             candidates = [part for part in candidates if _short_name(part) in busy]
-        if role == COORDINATOR:
-            acting = self._robots[robot].acting()
-            candidates = [part for part in candidates if _short_name(part) == acting]
-        candidates.sort(key=lambda part: part.name)
-        # Digits of the choice that have not chosen the robot.
-        share = fault.choice * len(self._robots) % 1.0
-        return candidates[int(share * len(candidates))] if candidates else None
+        return candidates[int(self._share(fault) * len(candidates))] if candidates else None
 
     def _freeze(self, process: psutil.Process, fault: Fault, now_ns: int) -> bool:
         if process in self._stopped or not self._signal(process, signal.SIGSTOP):
@@ -167,7 +192,11 @@ class Injector:
             return False
         return True
 
-    def _speak(self, kind: Kind, side: RobotSide) -> int:
+    def _speak(self, kind: Kind, side: RobotSide) -> str:
+        """What was said; nothing where nothing has been heard yet that could be spoiled."""
+        if kind is Kind.ROBOT_KIDNAPPED:
+            side.say(KIDNAP_KEY, b"")
+            return ROBOT
         if kind is Kind.WRONG_READINGS:
             messages = malformed.wrong_readings(side.seen)
         else:
@@ -178,7 +207,7 @@ class Injector:
                 side.ask(key, payload)
             if key in malformed.PUBLISHED:
                 side.say(key, payload)
-        return len(messages)
+        return f"{len(messages)} messages" if messages else ""
 
 
 def _done(fault: Fault, victim: Part, now_ns: int) -> DoneFault:

@@ -140,7 +140,12 @@ class Soak:
         }
         seed = self._robots[0].seed
         self._injector = Injector(
-            self._planned(seed), self._start_ns, sides, self._fleet.parts, seed
+            self._planned(seed),
+            self._start_ns,
+            sides,
+            self._fleet.parts,
+            self._fleet.set_cables,
+            seed,
         )
 
     def _planned(self, seed: int) -> tuple[Fault, ...]:

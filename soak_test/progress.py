@@ -39,7 +39,7 @@ class ConsoleProgress:
 
     def fault(self, fault: DoneFault, at_s: float) -> None:
         """A fault was done."""
-        whom = " ".join(filter(None, (fault.robot, fault.target)))
+        whom = " ".join(filter(None, (fault.robot, fault.target, fault.how)))
         lasts_s = (fault.until_ns - fault.at_ns) / 1e9
         lasts = f" for {lasts_s:.1f} s" if lasts_s else ""
         self._say(f"{at_s:7.1f} s  {fault.kind}{lasts}: {whom}")

@@ -7,9 +7,14 @@ from soak_test.availability import BACK_WITHIN_S, Availability, DoneFault
 from soak_test.schedule import Kind
 from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
-WITHIN_S = {Kind.WORKER_KILLED: 2.0, Kind.WORKER_FROZEN: 5.0, Kind.ALL_WORKERS_KILLED: 15.0}
-"""A killed worker's link breaks at once, a frozen one's after its lease of 2 s; to start workers
-anew takes some seconds."""
+WITHIN_S = {
+    Kind.WORKER_KILLED: 2.0,
+    Kind.WORKER_FROZEN: 5.0,
+    Kind.WORKER_LINKS_CUT: 5.0,
+    Kind.ALL_WORKERS_KILLED: 15.0,
+}
+"""A killed worker's link breaks at once, that of one frozen or cut off after its lease of 2 s; to
+start workers anew takes some seconds."""
 _REPORTED_LATELY_NS = 2_000_000_000
 _IN_FLIGHT_NS = 100_000_000
 """Reports sent just before the death."""
@@ -45,13 +50,13 @@ class Recovery:
         return sorted({worker for worker, at_ns in self._reporter.values() if at_ns >= recent})
 
     def fault(self, fault: DoneFault) -> None:
-        """A fault was done; its target is a worker's name, or it hits all workers."""
+        """A fault was done; it hits the workers that are its target, or all workers."""
         if fault.kind not in WITHIN_S:
             return
         everybody = fault.kind is Kind.ALL_WORKERS_KILLED
         recent = fault.at_ns - _REPORTED_LATELY_NS
         for job_id, (worker, at_ns) in self._reporter.items():
-            hit = everybody or worker == fault.target
+            hit = everybody or worker in fault.target.split()
             if hit and at_ns >= recent and job_id not in self._orphans:
                 self._orphans[job_id] = _Orphan(job_id, worker, fault)
 
@@ -98,6 +103,7 @@ class Recovery:
         what = {
             Kind.WORKER_KILLED: "a killed worker's clusters go on",
             Kind.WORKER_FROZEN: "a frozen worker's clusters go on",
+            Kind.WORKER_LINKS_CUT: "the clusters of workers that are cut off go on",
             Kind.ALL_WORKERS_KILLED: "with all workers killed, their clusters go on",
         }[kind]
         return Verdict(

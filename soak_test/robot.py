@@ -5,6 +5,7 @@ of what is tested: the bridge that reads it can die and come back, and the robot
 """
 
 import argparse
+import threading
 import time
 
 import msgspec
@@ -24,6 +25,8 @@ from zenoh_link.session import open_session
 from zenoh_link.wire import Publisher
 
 TRUTH_KEY = "soak/truth"
+KIDNAP_KEY = "soak/kidnap"
+"""Whatever is published there lifts the robot to another place."""
 ROOMS = "eight_rooms"
 SIMULATED_HZ = 10.0
 """Scans a second of simulated time; at another rate the robot's time passes faster or slower."""
@@ -36,6 +39,8 @@ class TrueMotion(Message, frozen=True, kw_only=True, tag="soak_truth/1"):
 
     stamp_ns: int
     map_from_robot: PoseTuple
+    kidnapped: int = 0
+    """How often the robot was lifted to another place till then."""
 
 
 def soak_world(name: str, room: int) -> World:
@@ -71,6 +76,8 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
     odometry = Publisher(session, keys.ODOMETRY_READING)
     laser = Publisher(session, keys.LASER_READING)
     truth = Publisher(session, TRUTH_KEY)
+    lift, kidnapped = threading.Event(), 0
+    session.declare_subscriber(KIDNAP_KEY, lambda _sample: lift.set())
     clock = _Clock(SIMULATED_HZ * period_s)
     for tick in simulation:
         for reading in tick.readings:
@@ -83,8 +90,16 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
                 odometry.put(stamped)
                 continue
             pose = tick.map_from_robot
-            truth.put(TrueMotion(sender="robot", stamp_ns=stamp_ns, map_from_robot=pose))
+            truth.put(
+                TrueMotion(
+                    sender="robot", stamp_ns=stamp_ns, map_from_robot=pose, kidnapped=kidnapped
+                )
+            )
             laser.put(stamped)
+        if lift.is_set():
+            lift.clear()
+            simulation.kidnap()
+            kidnapped += 1
 
 
 class _Clock:

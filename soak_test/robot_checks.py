@@ -19,14 +19,15 @@ from soak_test.availability import Availability, DoneFault
 from soak_test.belief_checks import ClusterChanges, Probabilities
 from soak_test.delay_check import Delays
 from soak_test.end_causes import EndCauses
+from soak_test.kidnap_check import Kidnappings
 from soak_test.listener import Arrived, Heard, StatusHeard, TokenHeard
 from soak_test.pose_checks import Ages, Answered, Question
 from soak_test.recovery_check import Recovery
 from soak_test.robot import TRUTH_KEY, TrueMotion
-from soak_test.room_check import RoomsHeld
+from soak_test.room_check import RoomsHeld, all_rooms_held
 from soak_test.step_check import Steps
 from soak_test.true_poses import JudgedBelief, TruePoses
-from soak_test.truth_check import Truth
+from soak_test.truth_check import Truth, truth_held
 from soak_test.verdict import Break, Verdict
 
 HAND_OVER_S = 2.0
@@ -66,6 +67,8 @@ class RobotChecks:
         self._answered = Answered(self.availability)
         self._ages = Ages(settings.coordinator.stale_after_s)
         self._probabilities, self._truth = Probabilities(), Truth()
+        found = all_rooms_held if promised.rooms else truth_held
+        self._kidnappings = Kidnappings(self.availability, found)
         self._steps = Steps(self.availability)
         longest_s = settings.coordinator.step_deadline_s + HAND_OVER_S
         self._delays = Delays(self.availability, promised.delay_s, longest_s)
@@ -123,7 +126,8 @@ class RobotChecks:
         rows += [*self._truth.verdicts(), self._probabilities.verdict()]
         rows.append(self._rooms.verdict() if self._promised.rooms else self._truth.localized())
         rows += [*self._steps.verdicts(), *self._delays.verdicts(), self._apart()]
-        rows += self.recovery.verdicts(now_ns) if self._promised.chaos else []
+        if self._promised.chaos:
+            rows += [*self.recovery.verdicts(now_ns), self._kidnappings.verdict(now_ns)]
         return rows
 
     def _message(self, heard: Heard) -> None:
@@ -145,7 +149,8 @@ class RobotChecks:
                 self._steps.scan(message.step)
                 self._remember(message.stamp_ns, message.step)
             case TrueMotion():
-                self._judge(self._true_poses.truth(message.stamp_ns, message.map_from_robot))
+                truth = message.map_from_robot, message.kidnapped
+                self._judge(self._true_poses.truth(message.stamp_ns, *truth))
 
     def _belief(self, at_ns: int, belief: Belief) -> None:
         self.belief = belief
@@ -163,7 +168,7 @@ class RobotChecks:
             self._foreign.append(Break(at_ns, what))
 
     def _judge(self, judged: JudgedBelief | None) -> None:
-        if judged is None:
+        if judged is None or self._kidnappings.looked_for(judged):
             return
         self._rooms.judge(judged)
         if self.judging:

@@ -32,6 +32,13 @@ class _Loss:
         return f"room {self.room} at step {self.first_step} for {lasted}: {self.cause}{back}"
 
 
+def all_rooms_held(judged: JudgedBelief) -> bool:
+    """Whether a cluster is where the robot would be in each of the rooms."""
+    return all(
+        _holder(judged.belief, copy) is not None for copy in copies_in_all_rooms(judged.truth)
+    )
+
+
 class RoomsHeld:
     """A room is held while a cluster is within 1 m and 20 degrees of the true pose's copy in it.
 

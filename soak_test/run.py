@@ -52,7 +52,7 @@ def run_soak(
         recordings = [Path(robots[0].recorder.folder) / quote(one.robot.name) for one in robots]
         fleet = Fleet(
             robots, folder, world=options.world, rate_hz=options.rate_hz,
-            coordinators=options.coordinators,
+            coordinators=options.coordinators, cables=options.chaos,
         )  # fmt: skip
         soak = Soak(options, robots, fleet, stop, progress)
         try:
@@ -63,6 +63,7 @@ def run_soak(
             stop_s = fleet.stop()
             if options.logs is not None:
                 kept_logs(fleet.log_files(), options.logs)
+        stop.take_time()  # an hour's history takes minutes, also for who has ended the soak
         faults, exits = soak.faults, fleet.exits
         verdicts = [
             exits_verdict(exits, faults, fleet.log_files()),

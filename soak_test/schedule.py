@@ -18,9 +18,12 @@ class Kind(StrEnum):
     COORDINATOR_FROZEN = "coordinator frozen"
     BRIDGE_KILLED = "bridge killed"
     ROBOT_FROZEN = "robot frozen"
+    ROBOT_KIDNAPPED = "robot kidnapped"
     ROUTER_KILLED = "router killed"
     ROUTER_FROZEN = "router frozen"
     SLOW_NETWORK = "slow network"
+    WORKER_LINKS_CUT = "worker links cut"
+    COORDINATOR_LINK_CUT = "coordinator link cut"
     MALFORMED_MESSAGES = "malformed messages"
     WRONG_READINGS = "wrong readings"
 
@@ -42,9 +45,12 @@ _RULES = {
     Kind.COORDINATOR_FROZEN: _Rule(2, (0.5, 4.0)),
     Kind.BRIDGE_KILLED: _Rule(1),
     Kind.ROBOT_FROZEN: _Rule(2, (1.5, 4.0)),
+    Kind.ROBOT_KIDNAPPED: _Rule(1),
     Kind.ROUTER_KILLED: _Rule(1),
-    Kind.ROUTER_FROZEN: _Rule(1, (0.5, 1.5)),
+    Kind.ROUTER_FROZEN: _Rule(1, (0.5, 10.0)),
     Kind.SLOW_NETWORK: _Rule(2, (3.0, 6.0)),
+    Kind.WORKER_LINKS_CUT: _Rule(2, (1.0, 60.0)),
+    Kind.COORDINATOR_LINK_CUT: _Rule(1, (1.0, 10.0)),
     Kind.MALFORMED_MESSAGES: _Rule(2),
     Kind.WRONG_READINGS: _Rule(1),
 }

@@ -9,7 +9,7 @@ from soak_test.schedule import Kind
 from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 
 SAME_WITHIN = 1e-9
-_RESTARTS = {Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN}
+_RESTARTS = {Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.COORDINATOR_LINK_CUT}
 _RESTART_S = 5.0
 _NO_WORKERS = {Kind.ALL_WORKERS_KILLED}
 _NO_WORKERS_S = 8.0

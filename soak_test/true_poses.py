@@ -18,6 +18,8 @@ class JudgedBelief:
     belief: Belief
     truth: PoseTuple
     """`map_from_robot` at the belief's scan."""
+    kidnapped: int = 0
+    """How often the robot had been lifted to another place by then."""
 
     @property
     def blind(self) -> bool:
@@ -30,24 +32,24 @@ class TruePoses:
     """Told of true poses and beliefs in any order; answers with those that belong together."""
 
     def __init__(self) -> None:
-        self._truths: OrderedDict[int, PoseTuple] = OrderedDict()
+        self._truths: OrderedDict[int, tuple[PoseTuple, int]] = OrderedDict()
         self._waiting: OrderedDict[int, tuple[int, Belief]] = OrderedDict()
         self.unknown = 0
         """Beliefs whose truth was never heard."""
 
-    def truth(self, stamp_ns: int, pose: PoseTuple) -> JudgedBelief | None:
+    def truth(self, stamp_ns: int, pose: PoseTuple, kidnapped: int = 0) -> JudgedBelief | None:
         """Where the robot was when it took a scan; the belief that waited for it, if one did."""
-        self._truths[stamp_ns] = pose
+        self._truths[stamp_ns] = pose, kidnapped
         while len(self._truths) > _KEPT_TRUTHS:
             self._truths.popitem(last=False)
         held = self._waiting.pop(stamp_ns, None)
-        return None if held is None else JudgedBelief(*held, pose)
+        return None if held is None else JudgedBelief(*held, pose, kidnapped)
 
     def on_belief(self, at_ns: int, belief: Belief) -> JudgedBelief | None:
         """A belief was heard; None while its truth is still on its way."""
-        pose = self._truths.get(belief.stamp_ns)
-        if pose is not None:
-            return JudgedBelief(at_ns, belief, pose)
+        truth = self._truths.get(belief.stamp_ns)
+        if truth is not None:
+            return JudgedBelief(at_ns, belief, *truth)
         self._waiting[belief.stamp_ns] = at_ns, belief
         while len(self._waiting) > _WAITING_BELIEFS:
             self._waiting.popitem(last=False)

@@ -10,6 +10,11 @@ from soak_test.verdict import KEPT_BREAKS, Break, Verdict
 TRUTH_TRACKED_SHARE = 0.99
 
 
+def truth_held(judged: JudgedBelief) -> bool:
+    """Whether one of the places is where the robot is."""
+    return any(pose_error(place.mean, judged.truth).right for place in judged.belief.hypotheses)
+
+
 class Truth:
     """One of the places is where the robot is, and nothing else is believed for certain."""
 

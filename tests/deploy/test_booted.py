@@ -30,13 +30,14 @@ SETTINGS = "/etc/clustermcl/settings.toml"
 COMMAND = "/opt/clustermcl/bin/clustermcl"
 BACK_WITHIN_S = 120.0
 ROBOT = """
+[Unit]
+StartLimitIntervalSec=0
 [Service]
 ExecStart=/opt/clustermcl/bin/python -I -m soak_test.robot --settings ${DRIVER} --world hall
 Environment=DRIVER=/etc/clustermcl/settings.toml
 EnvironmentFile=-/etc/clustermcl/driver
 Restart=always
 RestartSec=1
-StartLimitIntervalSec=0
 [Install]
 WantedBy=multi-user.target
 """

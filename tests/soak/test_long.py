@@ -10,6 +10,10 @@ from tests.integration.system.commands import typed
 
 pytestmark = pytest.mark.soak
 
+MANY_STEPS = ["--rate-hz", "20", "--world", "hall", "--workers", "4", "--coordinators", "2"]
+"""Few clusters, that two cores have time for them: what grows by the step, grows ten times faster
+than at two steps a second."""
+
 
 @pytest.mark.timeout(4500)
 @pytest.mark.parametrize(
@@ -17,6 +21,9 @@ pytestmark = pytest.mark.soak
     [
         pytest.param(["--minutes", "60", "--chaos"], id="an hour of chaos"),
         pytest.param(["--minutes", "60"], id="an hour of peace"),
+        pytest.param(
+            ["--minutes", "30", *MANY_STEPS], id="five hours' steps of two a second in half an hour"
+        ),
         pytest.param(["--minutes", "10", "--rate-hz", "40"], id="ten minutes at 40 Hz"),
     ],
 )

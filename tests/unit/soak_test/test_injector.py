@@ -3,13 +3,14 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import psutil
 import pytest
 
 from soak_test.fleet import COORDINATOR, WORKER, Part
 from soak_test.injector import TRY_FOR_S, Injector, RobotSide
+from soak_test.robot import KIDNAP_KEY
 from soak_test.schedule import Fault, Kind
 
 BOTH = Fault(at_s=1.0, kind=Kind.WORKER_AND_COORDINATOR_KILLED, lasts_s=0.0, choice=0.3)
@@ -26,12 +27,28 @@ def sleepers() -> Iterator[dict[str, subprocess.Popen[bytes]]]:
         process.wait()
 
 
-def injector(sleepers: dict[str, subprocess.Popen[bytes]], trackers: list[str]) -> Injector:
+class Cables:
+    """Writes down what is cut."""
+
+    def __init__(self) -> None:
+        self.set: list[tuple[set[int], bool, bool]] = []
+
+    def __call__(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
+        self.set.append((set(pids), to_router, from_router))
+
+
+def injector(
+    sleepers: dict[str, subprocess.Popen[bytes]],
+    trackers: list[str],
+    *faults: Fault,
+    cables: Cables | None = None,
+    said: list[str] | None = None,
+) -> Injector:
     side = RobotSide(
         trackers=lambda _: trackers,
         acting=lambda: "coordinator",
         seen={},
-        say=lambda _key, _payload: None,
+        say=lambda key, _payload: said.append(key) if said is not None else None,
         ask=lambda _key, _payload: None,
     )
     parts = [
@@ -40,13 +57,13 @@ def injector(sleepers: dict[str, subprocess.Popen[bytes]], trackers: list[str]) 
             (COORDINATOR, "coordinator"), (WORKER, "worker-0"), (WORKER, "worker-1")
         )
     ]  # fmt: skip
-    return Injector([BOTH], 0, {"r": side}, lambda: parts, seed=1)
+    return Injector(faults, 0, {"r": side}, lambda: parts, cables or Cables(), seed=1)
 
 
 def test_a_worker_and_the_coordinator_are_killed_at_once_and_told_one_by_one(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
-    done = injector(sleepers, ["worker-1"]).tick(AT_NS)
+    done = injector(sleepers, ["worker-1"], BOTH).tick(AT_NS)
     assert [(fault.kind, fault.target) for fault in done] == [
         (Kind.COORDINATOR_KILLED, "coordinator"),
         (Kind.WORKER_KILLED, "worker-1"),
@@ -59,9 +76,65 @@ def test_a_worker_and_the_coordinator_are_killed_at_once_and_told_one_by_one(
 def test_while_no_worker_tracks_anything_neither_is_killed(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
-    tested = injector(sleepers, [])
+    tested = injector(sleepers, [], BOTH)
     assert tested.tick(AT_NS) == []
     assert tested.skipped == []
     assert tested.tick(AT_NS + int(TRY_FOR_S * 1e9)) == []
     assert tested.skipped == [BOTH]
     assert all(process.poll() is None for process in sleepers.values())
+
+
+@pytest.mark.parametrize(
+    ("choice", "worker", "to_router", "from_router"),
+    [(0.1, "worker-0", False, False), (0.3, "worker-1", False, False),
+     (0.4, "worker-0", False, True), (0.9, "worker-1", True, False)],
+)  # fmt: skip
+def test_every_other_worker_is_cut_off_both_ways_or_one_and_then_no_more(
+    sleepers: dict[str, subprocess.Popen[bytes]],
+    choice: float,
+    worker: str,
+    to_router: bool,
+    from_router: bool,
+) -> None:
+    cables, pids = Cables(), {sleepers[worker].pid}
+    fault = Fault(at_s=1.0, kind=Kind.WORKER_LINKS_CUT, lasts_s=20.0, choice=choice)
+    tested = injector(sleepers, [], fault, cables=cables)
+    done = tested.tick(AT_NS)
+    assert [(one.target, one.until_ns) for one in done] == [(worker, 21 * AT_NS)]
+    assert cables.set == [(pids, to_router, from_router)]
+    tested.tick(20 * AT_NS)
+    assert len(cables.set) == 1
+    tested.tick(21 * AT_NS)
+    assert cables.set[1:] == [(pids, True, True)]
+
+
+def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_once(
+    sleepers: dict[str, subprocess.Popen[bytes]],
+) -> None:
+    cables = Cables()
+    coordinator, worker = ({sleepers[name].pid} for name in ("coordinator", "worker-0"))
+    faults = [
+        Fault(at_s=1.0, kind=kind, lasts_s=lasts_s, choice=choice)
+        for kind, lasts_s, choice in (
+            (Kind.COORDINATOR_LINK_CUT, 5.0, 0.0),
+            (Kind.WORKER_LINKS_CUT, 60.0, 0.0),
+            (Kind.WORKER_LINKS_CUT, 60.0, 0.3),
+        )
+    ]
+    tested = injector(sleepers, [], *faults, cables=cables)
+    assert [fault.target for fault in tested.tick(AT_NS)] == ["coordinator", "worker-0"]
+    assert cables.set == [(coordinator, False, False), (worker, False, False)]
+    assert tested.tick(6 * AT_NS) == []
+    assert cables.set[2:] == [(coordinator, True, True)]
+    tested.wake_all()
+    tested.wake_all()
+    assert cables.set[3:] == [(worker, True, True)]
+
+
+def test_the_robot_is_told_to_be_elsewhere(
+    sleepers: dict[str, subprocess.Popen[bytes]],
+) -> None:
+    said: list[str] = []
+    fault = Fault(at_s=1.0, kind=Kind.ROBOT_KIDNAPPED, lasts_s=0.0, choice=0.0)
+    assert len(injector(sleepers, [], fault, said=said).tick(AT_NS)) == 1
+    assert said == [KIDNAP_KEY]

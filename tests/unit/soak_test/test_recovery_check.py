@@ -1,5 +1,5 @@
 from soak_test.availability import Availability
-from soak_test.recovery_check import Recovery
+from soak_test.recovery_check import WITHIN_S, Recovery
 from soak_test.schedule import Kind
 from soak_test.verdict import Verdict
 from tests.unit.soak_test.hear import at, fault
@@ -17,7 +17,7 @@ def verdict_of(check: Recovery, kind: Kind, now_s: float) -> Verdict:
     return dict(zip(list(KINDS), check.verdicts(at(now_s)), strict=True))[kind]
 
 
-KINDS = (Kind.WORKER_KILLED, Kind.WORKER_FROZEN, Kind.ALL_WORKERS_KILLED)
+KINDS = tuple(WITHIN_S)
 
 
 def test_a_cluster_that_another_worker_reports_on_has_recovered() -> None:
@@ -66,3 +66,16 @@ def test_workers_that_track_are_those_that_reported_lately() -> None:
     check.reported(at(9.0), "worker-2", "c8")
     check.reported(at(9.0), "worker-3", "s3.0")
     assert check.trackers(at(9.5)) == ["worker-2"]
+
+
+def test_all_workers_that_are_cut_off_are_hit() -> None:
+    check = Recovery(Availability())
+    check.reported(at(9.9), "worker-1", "c7")
+    check.reported(at(9.9), "worker-2", "c8")
+    check.reported(at(9.9), "worker-3", "c9")
+    check.fault(fault(Kind.WORKER_LINKS_CUT, 10.0, 60.0, target="worker-1 worker-3"))
+    check.reported(at(10.05), "worker-1", "c7")  # was on its way
+    check.reported(at(12.4), "worker-2", "c7")
+    verdict = verdict_of(check, Kind.WORKER_LINKS_CUT, 60.0)
+    assert verdict.figures == {"recovered": 1, "longest_s": 2.4, "late": 1}
+    assert "c9 of worker-3" in verdict.breaks[0].what

@@ -1,0 +1,41 @@
+"""A bridge that starts asks whether steps were counted before."""
+
+from threading import Timer
+
+import zenoh
+
+from process_runtime.settings import ZenohSettings
+from process_runtime.supervisor import python_module
+from protocol import keys
+from protocol.codec import encode
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.sensor_bridge.robot import Robot, answering
+from tests.integration.sensor_bridge.test_published_map import FIRST
+from tests.integration.sensor_bridge.test_standing_robot import Standing
+from tests.integration.waiting import wait_until
+from tests.unit.evaluation.places import STATUS
+
+LATE_S = 2.0
+
+
+def test_steps_go_on_though_a_busy_coordinator_answers_late(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    coordinator = open_client()
+
+    def answer_late(query: zenoh.Query) -> None:
+        def answer() -> None:
+            with query:
+                query.reply(keys.STATUS, encode(STATUS))
+
+        Timer(LATE_S, answer).start()
+
+    coordinator.declare_queryable(keys.STATUS, answer_late)
+    with answering(open_client(), FIRST):
+        endpoint = f"zenoh.router={router.router}"
+        start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
+        robot = Robot(open_client())
+        wait_until(lambda: robot.dropped() is not None, deadline_s=60.0)
+        Standing(robot).scan()
+        steps = robot.steps()
+    assert [step.step for step in steps] == [max(STATUS.step, STATUS.newest_step) + 1]

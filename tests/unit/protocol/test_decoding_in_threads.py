@@ -1,0 +1,42 @@
+"""Several threads decode a class that none has decoded before."""
+
+import subprocess
+import sys
+
+FIRST_DECODED_BY_FOUR_THREADS = """
+import sys, threading
+import msgspec
+from protocol.codec import decode
+from protocol.message import Message
+
+sys.setswitchinterval(1e-6)
+for number in range(60):
+    inner = [
+        msgspec.defstruct(f"Inner{number}_{k}", [(f"f{j}", int) for j in range(30)])
+        for k in range(20)
+    ]
+    kind = msgspec.defstruct(
+        f"Outer{number}", [(f"g{k}", each) for k, each in enumerate(inner)],
+        bases=(Message,), tag=f"outer{number}/1", kw_only=True, frozen=True,
+    )
+    fields = {f"g{k}": {f"f{j}": 1 for j in range(30)} for k in range(20)}
+    data = msgspec.msgpack.encode({"schema": f"outer{number}/1", "sender": "a", **fields})
+    start, decoded = threading.Barrier(4), []
+    def run():
+        start.wait()
+        decoded.append(decode(data, kind))
+    threads = [threading.Thread(target=run) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(decoded) == 4
+"""
+
+
+def test_a_class_that_several_threads_decode_at_once_for_the_first_time_ends_no_process() -> None:
+    ran = subprocess.run(
+        [sys.executable, "-I", "-X", "faulthandler", "-c", FIRST_DECODED_BY_FOUR_THREADS],
+        capture_output=True, text=True, timeout=100.0, check=False,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr[-2000:]
