@@ -8,6 +8,7 @@ from process_runtime.settings import ZenohSettings
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.codec import encode
+from protocol.steps import Scan
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_published_map import FIRST
@@ -36,6 +37,12 @@ def test_steps_go_on_though_a_busy_coordinator_answers_late(
         start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
         robot = Robot(open_client())
         wait_until(lambda: robot.dropped() is not None, deadline_s=60.0)
-        Standing(robot).scan()
-        steps = robot.steps()
-    assert [step.step for step in steps] == [max(STATUS.step, STATUS.newest_step) + 1]
+        standing = Standing(robot)
+
+        def steps() -> list[Scan]:
+            standing.scan()  # it may still be without a map
+            return robot.steps()
+
+        wait_until(lambda: bool(steps()), deadline_s=60.0)
+        first = robot.steps()[0]
+    assert first.step == max(STATUS.step, STATUS.newest_step) + 1

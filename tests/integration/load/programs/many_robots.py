@@ -113,7 +113,7 @@ def run_robots(robots: int, at_most_s: float, folder: Path) -> dict[str, Robot]:
     worker = msgspec.structs.replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     settings = msgspec.structs.replace(SETTINGS, zenoh=router, worker=worker)
     each = robots_settings(settings, robots)
-    fleet = Fleet(each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1)
+    fleet = Fleet(each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1, cables=False)
     fleet.start()
     try:
         with _session_of_no_robot(settings) as session:

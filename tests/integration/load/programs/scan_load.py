@@ -140,7 +140,9 @@ def run_load(
     router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
     worker = msgspec.structs.replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     settings = msgspec.structs.replace(SETTINGS, zenoh=router, worker=worker)
-    fleet = Fleet([settings], folder, world="eight_rooms", rate_hz=rate_hz, coordinators=1)
+    fleet = Fleet(
+        [settings], folder, world="eight_rooms", rate_hz=rate_hz, coordinators=1, cables=False
+    )
     fleet.start()
     try:
         with open_session(router, settings.robot, StopFlag(), wait_s=30.0) as session:
