@@ -92,19 +92,24 @@ class History:
         return breaks
 
     def _not_gone_on(self) -> list[Break]:
-        """Successors that have forgotten a decision, or begin with another."""
+        """Successors that have forgotten a decision, or begin with another.
+
+        One that begins while no worker is there knows nothing yet, and may be told: it counts with
+        the first places that it believes in.
+        """
         breaks = []
-        for earlier, later in pairwise(self._rules):
+        for earlier, later in pairwise([rule for rule in self._rules if rule.beliefs]):
             last = earlier.last_before(later.begun_ns)
-            if last is None or not any(place.cluster >= 0 for place in last.hypotheses):
+            if last is None or not _has_places(last):
                 continue
-            first = later.beliefs[0][1] if later.beliefs else None
-            if not later.took_over:
+            told = [belief for _, belief in later.beliefs]
+            first = told[0] if later.took_over else next(filter(_has_places, told), None)
+            if first is None or (first.step > last.step and not later.took_over):
                 breaks.append(Break(later.begun_ns, f"begins anew after step {last.step}"))
-            elif first is not None and first.stamp_ns < last.stamp_ns:
+            elif first.stamp_ns < last.stamp_ns:
                 what = f"begins with step {first.step}, decided was {last.step}"
                 breaks.append(Break(later.begun_ns, what))
-            elif first is not None and first.step == last.step and not _same(first, last):
+            elif first.step == last.step and not _same(first, last):
                 breaks.append(Break(later.begun_ns, f"begins with another belief of {last.step}"))
         return breaks
 
@@ -139,6 +144,10 @@ def _verdict(promise: str, measured: str, breaks: list[Break], *, known: bool = 
         kept=(not breaks) if known else None,
         breaks=tuple(breaks[:KEPT_BREAKS]),
     )
+
+
+def _has_places(belief: Belief) -> bool:
+    return any(place.cluster >= 0 for place in belief.hypotheses)
 
 
 def _same(first: Belief, second: Belief) -> bool:

@@ -22,7 +22,9 @@ MAX_EARLIER = 3
 MAX_HEARD = 4
 """Checkpoints that others publish while this coordinator has not begun."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
-"""So long a beginner waits for the last worker, with a checkpoint in hand and without."""
+"""So long a beginner waits for the last worker, with a checkpoint of places and without."""
+SILENT_NS = 30_000_000_000
+"""So long it waits without one while most are silent: busy as they are, they know it."""
 
 
 M = TypeVar("M")
@@ -151,6 +153,15 @@ class StateRecovery:
         return [AskState(worker, TakeOver(sender=self._sender, term=term)) for worker in due]
 
     def is_over(self, now_ns: int) -> bool:
-        """Whether to wait for no more workers before beginning."""
+        """Whether to wait for no more workers before beginning.
+
+        Who begins without a checkpoint may forget all places: not because workers are busy.
+        """
         waited_ns = now_ns - self._began_ns
-        return not self._asked_ns or waited_ns >= (KNOWN_NS if self.checkpoints else UNKNOWN_NS)
+        if any(checkpoint.founded for checkpoint in self.checkpoints):
+            wait_ns = KNOWN_NS
+        elif len(self._told) >= len(self._asked_ns):
+            wait_ns = UNKNOWN_NS
+        else:
+            wait_ns = SILENT_NS
+        return not self._asked_ns or waited_ns >= wait_ns

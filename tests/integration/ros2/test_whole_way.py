@@ -57,8 +57,8 @@ _OURS_KEY = "test/reading/laser"
 
 
 @contextmanager
-def robot_and_system() -> Iterator[tuple[System, RosRobot, zenoh.Session]]:
-    """Our processes on the map's file, a robot on the same router, and a session of ours."""
+def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
+    """Our processes on the map's file, and a robot on the same router."""
     with ExitStack() as resources:
         folder = Path(resources.enter_context(tempfile.TemporaryDirectory(prefix="mcl-map-")))
         map_file = write_map(world(WORLD).map, folder, "map")
@@ -74,10 +74,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot, zenoh.Session]]:
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
         wait_until(lambda: "is there, in ROS domain" in tested.log("ros2_bridge"), 60.0)
         wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0), 60.0)
-        ours = resources.enter_context(
-            open_session(tested.settings.zenoh, tested.settings.robot, StopFlag(), wait_s=20.0)
-        )
-        yield tested, robot, ours
+        yield tested, robot
 
 
 def put_map(robot: RosRobot, grid_map: GridMap) -> None:
@@ -104,16 +101,14 @@ class Drive:
     Args:
         robot: who says what it measures.
         tested: who believes it.
-        session: of a robot of ours beside it.
     """
 
-    def __init__(self, robot: RosRobot, tested: System, session: zenoh.Session) -> None:
+    def __init__(self, robot: RosRobot, tested: System) -> None:
         self._robot, self._tested = robot, tested
         self.truth: dict[int, PoseTuple] = {}
         self.readings: list[OdometryReading | LaserReading] = []
         self.said_at_s: dict[int, float] = {}
-        self.said_ours_at_s: dict[int, float] = {}
-        self._ours = Publisher(session, _OURS_KEY)
+        self.ours: RobotOfOurs | None = None
         self.at_ease_from = 10**9
         """The first of the readings that are said at ease."""
         simulation = Simulation(world(WORLD), seed=3)
@@ -144,7 +139,8 @@ class Drive:
                 self.readings.append(stamped)
                 at_ease = len(self.readings) > self.at_ease_from
                 if at_ease:
-                    self._say_ours(stamped)
+                    if self.ours is not None:
+                        self.ours.say(stamped)
                     stop.wait(_AT_EASE_S)
                 self._say(stamped)
                 if (scan := maker.on_reading(stamped)) is not None:
@@ -153,12 +149,6 @@ class Drive:
                     stop.wait(_AT_EASE_S)  # whoever hears has the interpreter for himself
             if stop.is_set():
                 return
-
-    def _say_ours(self, reading: OdometryReading | LaserReading) -> None:
-        """Say a scan as a robot of ours does, under a key that nobody else reads."""
-        if isinstance(reading, LaserReading):
-            self.said_ours_at_s[reading.stamp_ns] = time.monotonic()
-            self._ours.put(reading)
 
     def _say(self, reading: OdometryReading | LaserReading) -> None:
         self.said_at_s[reading.stamp_ns] = time.monotonic()
@@ -173,6 +163,24 @@ class Drive:
         while time.monotonic() < until_s and not stop.wait(0.002):
             if self._tested.beliefs and self._tested.beliefs[-1].stamp_ns >= stamp_ns:
                 return
+
+
+class RobotOfOurs:
+    """A robot that says its scans to us without ROS, under a key that nobody else reads.
+
+    Args:
+        session: of its own.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._publisher = Publisher(session, _OURS_KEY)
+        self.said_at_s: dict[int, float] = {}
+
+    def say(self, reading: OdometryReading | LaserReading) -> None:
+        """Say it, if it is a scan."""
+        if isinstance(reading, LaserReading):
+            self.said_at_s[reading.stamp_ns] = time.monotonic()
+            self._publisher.put(reading)
 
 
 class Heard:
@@ -226,8 +234,12 @@ def stamp_of(message: Any) -> int:
 
 @pytest.mark.timeout(300)
 def test_a_robot_of_ros_is_localized_as_one_of_ours() -> None:
-    with robot_and_system() as (tested, robot, ours):
-        heard, drive = Heard(tested), Drive(robot, tested, ours)
+    with (
+        robot_and_system() as (tested, robot),
+        open_session(tested.settings.zenoh, tested.settings.robot, StopFlag(), wait_s=20.0) as ours,
+    ):
+        heard, drive = Heard(tested), Drive(robot, tested)
+        drive.ours = RobotOfOurs(ours)
         poses, transforms = robot.listen(AMCL_POSE), robot.listen(robot.topics.tf)
         places = robot.listen(HYPOTHESIS_DETECTION)
         with drive.driving():
@@ -265,7 +277,8 @@ def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]
     """
     at_ease = drive.readings[drive.at_ease_from :]
     odometry_ns = sorted(one.stamp_ns for one in at_ease if isinstance(one, OdometryReading))
-    ours_s = median(at_s - drive.said_ours_at_s[one] for one, at_s in heard.ours_at_s.items())
+    assert drive.ours is not None
+    ours_s = median(at_s - drive.ours.said_at_s[one] for one, at_s in heard.ours_at_s.items())
     theirs_s, to_pose_s = [], []
     for stamp_ns, at_s in poses_at_s.items():
         after = bisect_left(odometry_ns, stamp_ns)

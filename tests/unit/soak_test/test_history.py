@@ -44,9 +44,20 @@ def test_a_term_that_two_have_had_is_noticed() -> None:
 
 def test_a_decision_that_is_forgotten_is_noticed() -> None:
     before = [(0.0, FIRST), (1.0, said(1, 1)), (2.0, said(2, 1))]
-    assert kept(*before, (3.0, CoordinatorActs("c", 5, None)))[GOES_ON] is False
+    anew = (3.0, CoordinatorActs("c", 5, None))
+    assert kept(*before, anew, (4.0, said(3, 5)))[GOES_ON] is False
+    assert kept(*before, anew, (4.0, said(3, 5, shares=())))[GOES_ON] is False
+    killed_at_once = (3.5, CoordinatorActs("d", 6, None))
+    assert kept(*before, anew, killed_at_once, (4.0, said(3, 6)))[GOES_ON] is False
     again = (3.0, CoordinatorActs("c", 5, 1))
     assert kept(*before, again, (3.0, said(1, 5)))[GOES_ON] is False
+
+
+def test_one_that_begins_before_any_worker_is_there_may_be_told_later() -> None:
+    before = [(0.0, FIRST), (1.0, said(1, 1)), (2.0, said(2, 1))]
+    alone = [(3.0, CoordinatorActs("c", 5, None)), (3.5, said(3, 5, shares=()))]
+    assert kept(*before, *alone, (4.0, said(2, 5)), (4.5, said(3, 5)))[GOES_ON] is True
+    assert kept(*before, *alone, (4.0, said(1, 5)))[GOES_ON] is False
 
 
 def test_another_beginning_than_the_last_decision_is_noticed() -> None:

@@ -1,0 +1,48 @@
+from msgspec.structs import replace
+
+from coordinator.failover.state_recovery import (
+    KNOWN_NS,
+    SILENT_NS,
+    UNKNOWN_NS,
+    StateRecovery,
+    Told,
+)
+from protocol.work import Checkpoint
+
+BEGAN_NS = 5_000_000_000
+KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
+NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
+
+
+def asked(*workers: str, known: Checkpoint | None = None) -> StateRecovery:
+    recovery = StateRecovery("c", known, BEGAN_NS)
+    for worker in workers:
+        recovery.expect(worker)
+    return recovery
+
+
+def is_over_after(recovery: StateRecovery, wait_ns: int) -> bool:
+    """It is, after so long and not a moment before."""
+    return recovery.is_over(BEGAN_NS + wait_ns) and not recovery.is_over(BEGAN_NS + wait_ns - 1)
+
+
+def test_who_has_heard_all_waits_no_longer() -> None:
+    recovery = asked("w1")
+    assert not recovery.is_over(BEGAN_NS)
+    recovery.answered("w1", NOTHING)
+    assert recovery.is_over(BEGAN_NS)
+
+
+def test_with_a_checkpoint_in_hand_the_last_worker_is_hardly_waited_for() -> None:
+    assert is_over_after(asked("w1", "w2", known=KNOWN), KNOWN_NS)
+    knows_nothing = replace(KNOWN, founded=False)
+    assert is_over_after(asked("w1", "w2", known=knows_nothing), SILENT_NS)
+
+
+def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> None:
+    recovery = asked("w1", "w2", "w3")
+    assert is_over_after(recovery, SILENT_NS)
+    recovery.answered("w1", NOTHING)  # it was just started
+    assert is_over_after(recovery, SILENT_NS)
+    recovery.answered("w2", NOTHING)
+    assert is_over_after(recovery, UNKNOWN_NS)
