@@ -1,6 +1,6 @@
 """Clusters that have come to the same place: which of them are one (section 4 of the paper)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,23 +8,32 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
 
+_BLOCK = 256
+"""Clusters that are compared at once with all earlier ones: it bounds the memory."""
+
 
 def is_near(
-    pose: Sequence[float], means: Iterable[Sequence[float]], distance_m: float, heading_rad: float
-) -> bool:
-    """Whether one of some means is near to a pose in x, y *and* heading.
+    poses: Sequence[Sequence[float]],
+    others: Sequence[Sequence[float]],
+    distance_m: float,
+    heading_rad: float,
+) -> NDArray[np.bool_]:
+    """Which of some poses have another near to them in x, y *and* heading.
 
     Args:
-        pose: (3,) x, y [m] and heading [rad].
-        means: (3,) each.
+        poses: (N, 3) x, y [m] and heading [rad].
+        others: (M, 3) likewise.
         distance_m: at most so far apart [m].
         heading_rad: and at most so far in heading [rad].
+
+    Returns:
+        (N,) for each pose.
     """
-    return any(
-        np.hypot(mean[0] - pose[0], mean[1] - pose[1]) <= distance_m
-        and heading_distance(mean[2], pose[2]) <= heading_rad
-        for mean in means
-    )
+    here, there = np.reshape(poses, (-1, 1, 3)), np.reshape(others, (1, -1, 3))
+    apart_m = np.hypot(there[..., 0] - here[..., 0], there[..., 1] - here[..., 1])
+    turned = heading_distance(there[..., 2], here[..., 2])
+    near: NDArray[np.bool_] = ((apart_m <= distance_m) & (turned <= heading_rad)).any(axis=1)
+    return near
 
 
 def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> NDArray[np.int64]:
@@ -43,10 +52,15 @@ def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> ND
         (K,) index of the absorbing cluster; its own index where a cluster stays.
     """
     absorber = np.arange(len(means), dtype=np.int64)
-    for k in range(1, len(means)):
-        apart_m = np.hypot(means[:k, 0] - means[k, 0], means[:k, 1] - means[k, 1])
-        turned = heading_distance(means[:k, 2], means[k, 2])
-        near = (apart_m <= distance_m) & (turned <= heading_rad) & (absorber[:k] == np.arange(k))
-        if near.any():
-            absorber[k] = np.argmax(near)
+    for start in range(0, len(means), _BLOCK):
+        rows = means[start : start + _BLOCK]
+        others = means[: start + len(rows)]
+        beside = np.abs(rows[:, None, 0] - others[:, 0]) <= distance_m
+        row, into = np.nonzero(np.tril(beside, start - 1))
+        apart_m = np.hypot(*(others[into, :2] - rows[row, :2]).T)
+        turned = heading_distance(others[into, 2], rows[row, 2])
+        near = (apart_m <= distance_m) & (turned <= heading_rad)
+        for k, first in zip((start + row[near]).tolist(), into[near].tolist(), strict=True):
+            if absorber[k] == k and absorber[first] == first:
+                absorber[k] = first
     return absorber

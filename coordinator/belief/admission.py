@@ -9,9 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from msgspec.structs import replace
-
-from coordinator.belief.search_pool import Pool
+from coordinator.belief.search_pool import Pool, PooledPlace
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
@@ -25,7 +23,7 @@ def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
         Most probable first; what their shares lack of one is elsewhere.
     """
     probable = [place for place in pool.places if place.share >= rules.least_probability]
-    return probable[: rules.max_clusters]
+    return [place.place(place.share) for place in probable[: rules.max_clusters]]
 
 
 MOST_LOG = 100.0
@@ -69,22 +67,25 @@ def admission(
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
     reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
-    fresh = list[tuple[Place, Place]]()
+    fresh = list[tuple[PooledPlace, float]]()
     explained = 0.0
-    for place in pool.places:
-        if is_near(place.mean, held, reach_m, reach_rad):
+    means = [place.mean for place in pool.places]
+    is_held = is_near(means, held, reach_m, reach_rad)
+    is_beside = is_near(means, held, search.source_radius_m, search.source_heading_rad)
+    for place, here, beside in zip(pool.places, is_held, is_beside, strict=True):
+        if here:
             explained += place.share
         elif place.share > 0.0:
             weight = math.exp(min(log_weight + math.log(place.share), MOST_LOG))
-            beside = is_near(place.mean, held, search.source_radius_m, search.source_heading_rad)
             if place.share >= rules.newcomer_min_share and not beside:
                 weight = max(weight, rules.newcomer_probability)
             if weight >= rules.least_probability:
-                fresh.append((place, replace(place, share=weight)))
-    fresh.sort(key=lambda pair: -pair[1].share)
-    entering = [pair for pair, leaving in zip(fresh, room, strict=False) if pair[1].share > leaving]
+                fresh.append((place, weight))
+    fresh.sort(key=lambda pair: -pair[1])
+    entering = [pair for pair, leaving in zip(fresh, room, strict=False) if pair[1] > leaving]
     explained += math.fsum(place.share for place, _ in entering)
-    return Admission(tuple(weighed for _, weighed in entering), min(explained, 1.0))
+    weighed = tuple(place.place(weight) for place, weight in entering)
+    return Admission(weighed, min(explained, 1.0))
 
 
 def log_weight_of_held(
@@ -100,15 +101,12 @@ def log_weight_of_held(
         rules: how near is near.
     """
     reach = (rules.source_radius_m, rules.source_heading_rad)
-    near = [
-        (mean, probability)
-        for mean, probability in held
-        if is_near(mean, [place.mean for place in pool.places], *reach)
-    ]
+    means = [place.mean for place in pool.places]
+    is_found = is_near([mean for mean, _ in held], means, *reach)
+    near = [one for one, found in zip(held, is_found, strict=True) if found]
+    is_of_near = is_near(means, [mean for mean, _ in near], *reach)
     share = math.fsum(
-        place.share
-        for place in pool.places
-        if is_near(place.mean, [mean for mean, _ in near], *reach)
+        place.share for place, of_near in zip(pool.places, is_of_near, strict=True) if of_near
     )
     probability = math.fsum(probability for _, probability in near)
     return math.log(probability / share) if probability > 0.0 and share > 0.0 else None

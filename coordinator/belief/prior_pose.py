@@ -47,14 +47,9 @@ def with_prior_pose(
     rules = settings.belief
     moved = between(np.array(prior.odom_from_robot), np.array(odom_from_robot))
     now = pose_tuple(compose(np.array(prior.map_from_robot), moved))
-    there = next(
-        (
-            index
-            for index, place in enumerate(found)
-            if is_near(now, [place.mean], rules.merge_distance_m, rules.merge_heading_rad)
-        ),
-        None,
-    )
+    means = [place.mean for place in found]
+    is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
+    there = int(np.argmax(is_there)) if is_there.any() else None
     kept = list(found) if there is not None else list(found[: rules.max_clusters - 1])
     total = math.fsum(place.share for place in kept)
     if not kept or total <= 0.0:

@@ -5,11 +5,13 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from coordinator.belief.search_evidence import SearchEvidenceState
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
+from protocol.message import PoseTuple
 from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
@@ -31,11 +33,42 @@ class SearchState(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
+class PooledPlace:
+    """A place as one or several shards have found it."""
+
+    share: float
+    """Of all that the search has found."""
+    views: tuple[Place, ...]
+    """One of each shard, the most probable first; each with its part of the share."""
+
+    @property
+    def mean(self) -> PoseTuple:
+        """Where it is: x [m], y [m], heading [rad]."""
+        return self.views[0].mean
+
+    def place(self, share: float) -> Place:
+        """The place to be tracked, of so much weight: samples side by side, weighed by share."""
+        best = self.views[0]
+        poses = [view.sample.map_from_robot.array() for view in self.views]
+        log_weights = []
+        for view in self.views:
+            own = view.sample.log_weights.array().astype(np.float64)
+            log_weights.append(own - np.logaddexp.reduce(own) + math.log(view.share))
+        sample = Particles(
+            step=best.sample.step,
+            odom_from_robot=best.sample.odom_from_robot,
+            map_from_robot=ArrayBlob.of(np.concatenate(poses), "float64"),
+            log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
+        )
+        return Place(share=share, mean=best.mean, covariance=best.covariance, sample=sample)
+
+
+@dataclass(frozen=True)
 class Pool:
     """All places of a search after one step, most probable first."""
 
     step: int
-    places: tuple[Place, ...]
+    places: tuple[PooledPlace, ...]
     log_evidence: float
     """Log of the average likelihood of all scans so far, over the whole free space."""
     left_out_gap: float
@@ -109,37 +142,21 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     log_sum = np.logaddexp.reduce(shards)
     shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
     found = [
-        (float(weight * place.share), place)
+        replace(place, share=float(weight * place.share))
         for weight, report in zip(shard_weight, reports, strict=True)
         for place in report.places
         if weight * place.share > 0.0
     ]
-    found.sort(key=lambda pair: -pair[0])
+    found.sort(key=lambda place: -place.share)
     gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
-    told = (log_evidence, min(gaps))
-    if not found:
-        return Pool(step, (), *told)
-    means = np.array([place.mean for _, place in found])
+    means = np.reshape([place.mean for place in found], (-1, 3))
     into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
-    groups = [np.flatnonzero(into == index) for index in np.unique(into)]
-    joined = [_joined([found[member] for member in group]) for group in groups]
+    groups: dict[int, list[Place]] = {}
+    for index, place in zip(into.tolist(), found, strict=True):
+        groups.setdefault(index, []).append(place)
+    joined = [
+        PooledPlace(math.fsum(view.share for view in views), tuple(views))
+        for _, views in sorted(groups.items())
+    ]
     joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), *told)
-
-
-def _joined(found: list[tuple[float, Place]]) -> Place:
-    """One place from several shards' views of it: samples side by side, weighed by share."""
-    poses = [place.sample.map_from_robot.array() for _, place in found]
-    log_weights = []
-    for share, place in found:
-        own = place.sample.log_weights.array().astype(np.float64)
-        log_weights.append(own - np.logaddexp.reduce(own) + math.log(share))
-    best = found[0][1]
-    sample = Particles(
-        step=best.sample.step,
-        odom_from_robot=best.sample.odom_from_robot,
-        map_from_robot=ArrayBlob.of(np.concatenate(poses), "float64"),
-        log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
-    )
-    share = math.fsum(share for share, _ in found)
-    return Place(share=share, mean=best.mean, covariance=best.covariance, sample=sample)
+    return Pool(step, tuple(joined), log_evidence, min(gaps))

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import Poses
-from particle_filter.overlaps import merge_overlapping
+from particle_filter.overlaps import is_near, merge_overlapping
 from tests.unit.particle_filter.naive import angle_between
 
 means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
@@ -45,3 +45,22 @@ def test_the_same_place_facing_the_other_way_is_another_place() -> None:
 def test_a_row_of_clusters_does_not_collapse_into_one() -> None:
     row = np.array([[0.4 * k, 0.0, 0.0] for k in range(4)])
     assert merge_overlapping(row, 0.5, 0.35).tolist() == [0, 0, 2, 2]
+
+
+def test_many_are_compared_as_few_are() -> None:
+    rng = np.random.default_rng(0)
+    many = np.column_stack((rng.uniform(0.0, 9.0, (700, 2)), rng.uniform(-4.0, 4.0, 700)))
+    absorber = list[int]()
+    for k, mean in enumerate(many):
+        first = (i for i in range(k) if absorber[i] == i and near(mean, many[i]))
+        absorber.append(next(first, k))
+    assert merge_overlapping(many, 0.5, 0.35).tolist() == absorber
+    assert 100 < len(set(absorber)) < 600
+
+
+def test_near_is_near_to_any_in_place_and_heading() -> None:
+    others = [[0.0, 0.0, 3.1], [5.0, 0.0, 0.0]]
+    poses = [[0.3, 0.0, -3.1], [0.3, 0.0, 0.0], [5.0, 0.5, 0.35], [5.0, 0.6, 0.0]]
+    assert is_near(poses, others, 0.5, 0.35).tolist() == [True, False, True, False]
+    assert is_near(poses, [], 0.5, 0.35).tolist() == [False] * 4
+    assert is_near([], others, 0.5, 0.35).tolist() == []

@@ -13,7 +13,7 @@ from coordinator.belief.admission import (
     log_weight_of_held,
 )
 from coordinator.belief.given_places import cloud, diagonal
-from coordinator.belief.search_pool import Pool
+from coordinator.belief.search_pool import Pool, PooledPlace
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
@@ -38,7 +38,8 @@ NO_EVIDENCE = -math.inf
 
 
 def pool(*found: tuple[float, PoseTuple]) -> Pool:
-    return Pool(7, tuple(place(share, mean, 7) for share, mean in found), 0.0, 12.0)
+    places = (PooledPlace(share, (place(share, mean, 7),)) for share, mean in found)
+    return Pool(7, tuple(places), 0.0, 12.0)
 
 
 def entered(

@@ -69,7 +69,8 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     assert pooled is not None
     near, far = pooled.places
     assert (near.share, far.share) == pytest.approx((0.8, 0.2))
-    poses, logs = near.sample.map_from_robot.array(), near.sample.log_weights.array()
+    sample = near.place(0.5).sample
+    poses, logs = sample.map_from_robot.array(), sample.log_weights.array()
     weights = np.exp(logs - np.logaddexp.reduce(logs))
     of_second = float(weights[poses[:, 0] > 1.1].sum())
     assert of_second == pytest.approx(0.75), "by evidence, whatever the number of points"

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from coordinator.belief.search_evidence import SearchEvidence
-from coordinator.belief.search_pool import Pool, SearchPool
+from coordinator.belief.search_pool import Pool, PooledPlace, SearchPool
 from particle_filter.settings import SearchSettings
 from tests.unit.coordinator.reports import place
 
@@ -14,7 +14,8 @@ SETTINGS = SearchSettings(shards=1, converged_mass=0.8, max_steps=10)
 
 def progress(share: float, left_out: float, step: int) -> float:
     search = SearchPool(0, 1, SETTINGS)
-    pool = Pool(step, (place(share, (0.0, 5.0, 0.0), step),), 0.0, -math.log(left_out))
+    found = PooledPlace(share, (place(share, (0.0, 5.0, 0.0), step),))
+    pool = Pool(step, (found,), 0.0, -math.log(left_out))
     finished = search.finished(pool, 64)
     assert finished == (search.progress == 1.0)
     return search.progress
