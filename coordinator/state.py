@@ -144,8 +144,9 @@ class CoordinatorState:
     def awaits_reports(self) -> bool:
         """Whether no step is complete: none is open, or one of its reports is waited for."""
         reports = self.collector.oldest_reports
+        unhurried = self.ensemble.unhurried if self.collector.waits_for_no_search else ()
         return reports is None or any(
-            job_id not in reports and self.placement.waits_for(job_id)
+            job_id not in reports and job_id not in unhurried and self.placement.waits_for(job_id)
             for job_id in self.ensemble.expected
         )
 
@@ -154,7 +155,8 @@ class CoordinatorState:
         if self.collector.oldest_scan is None:
             return None
         expected = self.placement.waited_for(self.ensemble.expected)
-        return self.collector.ready(expected, self.placement.jobs.placed_ns, now_ns)
+        placed_ns, unhurried = self.placement.jobs.placed_ns, self.ensemble.unhurried
+        return self.collector.ready(expected, placed_ns, now_ns, unhurried)
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""

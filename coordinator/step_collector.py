@@ -1,6 +1,6 @@
 """Steps in their order: when all reports are in, or none can be waited for any longer."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import msgspec
@@ -137,7 +137,11 @@ class StepCollector:
         return True
 
     def ready(
-        self, expected: Iterable[str], placed_ns: Callable[[str], int], now_ns: int
+        self,
+        expected: Iterable[str],
+        placed_ns: Callable[[str], int],
+        now_ns: int,
+        unhurried: Container[str] = (),
     ) -> ReadyStep | None:
         """The next step, if it is complete or its deadline has passed.
 
@@ -145,6 +149,7 @@ class StepCollector:
             expected: jobs whose report it waits for.
             placed_ns: when a job was given to its worker; a fresh one is waited for longer.
             now_ns: by the same clock as `on_scan`.
+            unhurried: those of the jobs that may tell a step later.
         """
         step = min((s for s, opened in self._open.items() if opened.scan), default=None)
         if step is None:
@@ -153,7 +158,12 @@ class StepCollector:
         follows = self.before is None or step == self.before + 1
         if not follows and now_ns < opened.arrived_ns + FETCH_NS:
             return None
-        missing = [job_id for job_id in expected if job_id not in opened.reports]
+        missing = [
+            job_id
+            for job_id in expected
+            if job_id not in opened.reports
+            and not (job_id in unhurried and self._is_late_for_searches(opened, now_ns))
+        ]
         if missing and now_ns < self._deadline(opened, missing, placed_ns):
             return None
         return self._close(step)
@@ -162,6 +172,18 @@ class StepCollector:
     def before(self) -> int | None:
         """The step after which the next one should be; None: any may be the first."""
         return self._base if self._applied is None else self._applied.step
+
+    @property
+    def waits_for_no_search(self) -> bool:
+        """Whether the next step is decided as soon as all but searches have reported."""
+        oldest = self.oldest_scan
+        return oldest is not None and not oldest.paced and self._settings.search_deadline_s == 0.0
+
+    def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
+        """Whether a step waits for no search; where the bridge waits, there is time."""
+        wait_ns = int(self._settings.search_deadline_s * 1e9)
+        paced = opened.scan is not None and opened.scan.paced
+        return not paced and now_ns >= opened.arrived_ns + wait_ns
 
     def _deadline(
         self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
 
-_BLOCK = 256
-"""Clusters that are compared at once with all earlier ones: it bounds the memory."""
+_BLOCK = 64
+"""Clusters beside each other that are compared at once."""
 
 
 def is_near(
@@ -52,15 +52,21 @@ def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> ND
         (K,) index of the absorbing cluster; its own index where a cluster stays.
     """
     absorber = np.arange(len(means), dtype=np.int64)
+    by_x = np.argsort(means[:, 0])
+    reach = means[by_x, 0] + (1.0 + 1e-9) * distance_m  # the very edge is for the comparison below
+    until = np.searchsorted(means[by_x, 0], reach, side="right")
+    near = [np.empty((0, 2), np.int64)]
     for start in range(0, len(means), _BLOCK):
-        rows = means[start : start + _BLOCK]
-        others = means[: start + len(rows)]
-        beside = np.abs(rows[:, None, 0] - others[:, 0]) <= distance_m
-        row, into = np.nonzero(np.tril(beside, start - 1))
-        apart_m = np.hypot(*(others[into, :2] - rows[row, :2]).T)
-        turned = heading_distance(others[into, 2], rows[row, 2])
-        near = (apart_m <= distance_m) & (turned <= heading_rad)
-        for k, first in zip((start + row[near]).tolist(), into[near].tolist(), strict=True):
-            if absorber[k] == k and absorber[first] == first:
-                absorber[k] = first
+        rows = by_x[start : start + _BLOCK]
+        others = by_x[start : until[start + len(rows) - 1]]
+        beside = np.abs(means[rows, None, 1] - means[others, 1]) <= distance_m
+        row, other = np.nonzero(np.triu(beside, 1))
+        one, two = rows[row], others[other]
+        apart_m = np.hypot(*(means[one, :2] - means[two, :2]).T)
+        turned = heading_distance(means[one, 2], means[two, 2])
+        pairs = np.column_stack((np.maximum(one, two), np.minimum(one, two)))
+        near.append(pairs[(apart_m <= distance_m) & (turned <= heading_rad)])
+    for k, into in sorted(np.concatenate(near).tolist()):
+        if absorber[k] == k and absorber[into] == into:
+            absorber[k] = into
     return absorber

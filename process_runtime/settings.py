@@ -103,6 +103,15 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     paced_deadline_s: Annotated[
         float, described("the same when the bridge waits for the workers", "s", gt=0)
     ] = 20.0
+    search_deadline_s: Annotated[
+        float,
+        described(
+            "a step that all clusters have reported waits so long after its scan for a search; "
+            "what that tells later counts with the next step",
+            "s",
+            ge=0,
+        ),
+    ] = 0.0
     stale_after_s: Annotated[
         float, described("a pose whose newest data is older is called stale", "s", gt=0)
     ] = 1.0

@@ -78,6 +78,11 @@ class Ensemble:
         searching = self._search.job_ids if self._search else ()
         return (*self.clusters.job_ids, *searching, *self._elsewhere)
 
+    @property
+    def unhurried(self) -> tuple[str, ...]:
+        """Those of them that may tell a step later: searches beside clusters."""
+        return self._search.job_ids if self._search and len(self.clusters) else ()
+
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """What must see the scan of `step` itself: the first search. Call once, before it.
 
@@ -108,6 +113,7 @@ class Ensemble:
                 carries clusters without a report. None: it is not known.
         """
         arrived = {report.job_id for report in reports if report.step == step}
+        arrived |= set(self.unhurried)  # nobody misses them
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         elsewhere = (

@@ -155,7 +155,7 @@ class Living:
         started = Started(
             sender="coordinator",
             filter_settings=SETTINGS,
-            settings=CoordinatorSettings(),
+            settings=CoordinatorSettings(search_deadline_s=20.0),
             version="test",
             now_ns=self._now_ns,
             term=self._term,

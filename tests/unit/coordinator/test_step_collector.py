@@ -103,3 +103,31 @@ def test_a_late_track_report_tells_nothing_but_a_late_search_report_does() -> No
     ready = made.ready([], never_placed, 0)
     assert ready is not None
     assert [report.job_id for report in ready.reports] == ["s0.0"]
+
+
+def test_a_search_beside_clusters_holds_no_step_up() -> None:
+    made = collector()
+    made.on_scan(scan(0), 0)
+    jobs = ["c0", "s1.0"]
+    assert made.ready(jobs, never_placed, 1, ["s1.0"]) is None
+    made.on_report(tracked("c0", 0, 1.0, HERE))
+    assert made.ready(jobs, never_placed, 1) is None
+    ready = made.ready(jobs, never_placed, 1, ["s1.0"])
+    assert ready is not None
+    late = searched("s1.0", 0, {HERE: 1.0})
+    assert made.on_report(late)
+    made.on_scan(scan(1), 2)
+    made.on_report(tracked("c0", 1, 1.0, HERE))
+    following = made.ready(jobs, never_placed, 3, ["s1.0"])
+    assert following is not None
+    assert late in following.reports
+
+
+def test_a_paced_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> None:
+    made = collector()
+    made.on_scan(scan(0, paced=True), 0)
+    assert made.ready(["s1.0"], never_placed, 19_000_000_000, ["s1.0"]) is None
+    patient = StepCollector(CoordinatorSettings(search_deadline_s=0.2))
+    patient.on_scan(scan(0), 0)
+    assert patient.ready(["s1.0"], never_placed, 199_999_999, ["s1.0"]) is None
+    assert patient.ready(["s1.0"], never_placed, 200_000_000, ["s1.0"]) is not None
