@@ -2,8 +2,7 @@
 
 Runs a whole stack with a simulated robot whose every scan is a step (10 Hz) and that searches
 everywhere again and again. Steps whose scan came while a search computed, and steps whose scan
-came while none did, stand side by side: from the scan's encoding to the last tracked cluster's
-report at the coordinator, all in one run.
+came while none did, stand side by side: from the scan's encoding to the belief, all in one run.
 """
 
 import argparse
@@ -18,9 +17,9 @@ import numpy as np
 from benchmarks.latency import run_stack
 
 
-def latencies(folder: Path) -> dict[str, list[float]]:
-    """Milliseconds of each step, by whether a search computed when its scan came."""
-    begun, tracked = dict[int, int](), dict[int, int]()
+def latencies(folder: Path, skip: int) -> dict[str, list[float]]:
+    """Milliseconds of each step from `skip` on, by whether a search computed when its scan came."""
+    begun, believed = dict[int, int](), dict[int, int]()
     searched = defaultdict[int, list[int]](list)
     for file in folder.iterdir():
         for line in file.read_text().splitlines():
@@ -29,16 +28,16 @@ def latencies(folder: Path) -> dict[str, list[float]]:
             match event:
                 case "Scan.encode":
                     begun.setdefault(int(step), at)
-                case "TrackReport.decoded":
-                    tracked[int(step)] = max(at, tracked.get(int(step), 0))
+                case "Belief.encode":
+                    believed.setdefault(int(step), at)
                 case "SearchReport.put":
                     searched[int(step)].append(at)
     spans = [(begun[step], max(puts)) for step, puts in searched.items() if step in begun]
     result: dict[str, list[float]] = {"without": [], "with": []}
     for step, at in begun.items():
-        if step in tracked:
+        if step >= skip and step in believed:
             busy = any(first <= at <= last for first, last in spans)
-            result["with" if busy else "without"].append((tracked[step] - at) / 1e6)
+            result["with" if busy else "without"].append((believed[step] - at) / 1e6)
     return result
 
 
@@ -57,12 +56,12 @@ def main() -> None:
             *options.set,
         ]
         run_stack(Path(name), options.seconds, 0.0, settings, 0)
-        found = latencies(Path(name))
+        found = latencies(Path(name), options.skip)
     told: dict[str, object] = {"load": round(os.getloadavg()[0], 1)}
     for which, values in found.items():
-        if len(values) > options.skip:
-            p50, p99 = np.percentile(values[options.skip :], (50, 99)).round(2).tolist()
-            told[which] = {"steps": len(values) - options.skip, "p50_ms": p50, "p99_ms": p99}
+        if values:
+            p50, p99 = np.percentile(values, (50, 99)).round(2).tolist()
+            told[which] = {"steps": len(values), "p50_ms": p50, "p99_ms": p99}
     print(json.dumps(told))
 
 
