@@ -41,7 +41,7 @@ from protocol.work import Checkpoint, Place, Report, TrackJob
 
 PATIENCE = 4
 """So many deadlines a step waits while most reports are missing: not a worker is slow then, but the
-machine, and who decided without them would be blind for as long as it is."""
+machine, and steps that are decided without reports let the next ones come too fast."""
 
 
 class CoordinatorState:
