@@ -155,15 +155,15 @@ def rays(kind: str, count: int, beams: int, compiler: bool) -> Iterator[Case]:
 
 def motion(count: int, compiler: bool) -> Iterator[Case]:
     poses, settings = cloud("blob", count), MotionSettings()
-    before, after = np.zeros(3), np.array([0.2, 0.01, 0.05])
+    drive = np.array([0.2, 0.01, 0.05])
     rng = np.random.default_rng(1)
     noise = standard_normals(rng, 3, count)
-    numbers = np.array(along_across_turn(after, settings))
+    numbers = np.array(along_across_turn(drive, settings))
     moved = np.empty((count, 3))
     in_c = floor.call("drive", poses, count, noise, numbers, moved) if compiler else None
 
     def check() -> None:
-        ours = move_with_noise(poses, before, after, settings, noise.T)
+        ours = move_with_noise(poses, drive, settings, noise)
         np.testing.assert_allclose(ours, plain.drive(poses, numbers, noise), atol=1e-6)
         if in_c is not None:
             in_c()
@@ -171,12 +171,12 @@ def motion(count: int, compiler: bool) -> Iterator[Case]:
 
     yield Case(
         f"motion, noise given, {count:,} particles", "particle", count,
-        lambda: move_with_noise(poses, before, after, settings, noise.T),
+        lambda: move_with_noise(poses, drive, settings, noise),
         lambda: plain.drive(poses, numbers, noise), in_c, check,
     )  # fmt: skip
     yield Case(
         f"motion, noise drawn; floor: noise given, {count:,} particles", "particle", count,
-        lambda: move(poses, before, after, settings, rng),
+        lambda: move(poses, drive, settings, rng),
         lambda: plain.drive(poses, numbers, rng.standard_normal((3, count))), in_c,
     )  # fmt: skip
 

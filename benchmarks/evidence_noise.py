@@ -19,6 +19,7 @@ import numpy as np
 
 from particle_filter import cluster_filter
 from particle_filter.cluster_filter import Cloud
+from particle_filter.poses import between
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
@@ -72,10 +73,10 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
                 for index, rng in enumerate(rngs)
             ]
         else:
-            beams = scan_beams(scan, model)
+            beams, motion = scan_beams(scan, model), between(before, after)
             weighed = [
                 cluster_filter.advanced(
-                    cloud, before, after, beams, model, settings.motion, settings.cluster, rng
+                    cloud, motion, beams, model, settings.motion, settings.cluster, rng
                 )
                 for cloud, rng in zip(clouds, rngs, strict=True)
             ]

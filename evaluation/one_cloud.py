@@ -7,7 +7,7 @@ import numpy as np
 from particle_filter.arrays import FREE, Pose, Poses
 from particle_filter.cluster_filter import Cloud, Weighed, weighed
 from particle_filter.motion import move
-from particle_filter.poses import compose
+from particle_filter.poses import between, compose
 from particle_filter.resampling import resample
 from particle_filter.sensor_model import Beams, Grid, SensorModel
 from particle_filter.settings import FilterSettings
@@ -88,8 +88,9 @@ class OneCloud:
         """One step; the first one does not move, for nothing is known from before."""
         if odom_from_before is not None:
             self._redraw(rng)
+            before_from_after = between(odom_from_before, odom_from_after)
             poses, motion = self.cloud.map_from_robot, self._settings.motion
-            moved = move(poses, odom_from_before, odom_from_after, motion, rng)
+            moved = move(poses, before_from_after, motion, rng)
             self.cloud = Cloud(moved, self.cloud.log_weights)
         exponent = self._model.settings.scan_likelihood_exponent
         result = weighed(self.cloud, beams, self._model, exponent)

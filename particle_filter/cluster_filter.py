@@ -1,7 +1,7 @@
 """One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,6 @@ from particle_filter.ground import ground_log_penalty
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import multiplied, normalised_weights, shares
 from particle_filter.motion import move
-from particle_filter.poses import between
 from particle_filter.resampling import resample, resample_weights
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import ClusterSettings, MotionSettings
@@ -98,22 +97,18 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
     if beams.count == 0:
         return Weighed(cloud, math.log(count), math.nan)
     fit = model.log_likelihood(cloud.map_from_robot, beams)
+    # Walls do not pass for free.
     penalty = ground_log_penalty(
-        cloud.map_from_robot,
-        model.grid.cells,
-        model.grid.cell_m,
-        model.grid.map_from_grid,
-        model.settings.not_free_log_penalty,  # walls do not pass for free
+        cloud.map_from_robot, model.grid, model.settings.not_free_log_penalty
     )
     log_weights, total = multiplied(cloud.log_weights, fit, exponent, penalty)
-    even = Cloud(cloud.map_from_robot, log_weights)
-    return Weighed(even, total, float(fit.max()) / beams.count)
+    after = Cloud(cloud.map_from_robot, log_weights)
+    return Weighed(after, total, float(np.maximum.reduce(fit)) / beams.count)
 
 
 def advanced(
     cloud: Cloud,
-    odom_from_before: Pose,
-    odom_from_after: Pose,
+    before_from_after: Pose,
     beams: Beams,
     model: SensorModel,
     motion: MotionSettings,
@@ -131,20 +126,22 @@ def advanced(
         Section 2, routine 1-3; the draw is left out while enough particles count.
     """
     cloud = resampled(cloud, settings, rng)
-    moved = move(cloud.map_from_robot, odom_from_before, odom_from_after, motion, rng)
+    moved = move(cloud.map_from_robot, before_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
     result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
     if motion.slip_probability > 0.0 and result.log_likelihood_per_beam < motion.slip_below_fit:
-        way = between(odom_from_before, odom_from_after)
-        back = slipped(cloud.map_from_robot[::_SLIP_EVERY], moved[::_SLIP_EVERY], way, rng)
+        some = slice(None, None, _SLIP_EVERY)
+        back = slipped(cloud.map_from_robot[some], moved[some], before_from_after, rng)
         best_back = float(model.log_likelihood(back, beams).max()) / beams.count
         if best_back > result.log_likelihood_per_beam + _SLIP_GAIN:
             both = _with_slipped(cloud, moved, back, motion.slip_probability)
             again = weighed(both, beams, model, exponent)
             chosen = resample(again.cloud.log_weights, len(moved), settings.resampling, rng)
-            result = replace(again, cloud=Cloud.even(both.map_from_robot[chosen]))
+            drawn = Cloud.even(both.map_from_robot[chosen])
+            result = Weighed(drawn, again.log_weight_sum, again.log_likelihood_per_beam)
     correction = model.correction(result.cloud.map_from_robot, result.cloud.weights, beams)
-    return replace(result, log_weight_sum=result.log_weight_sum - correction)
+    evidence = result.log_weight_sum - correction
+    return Weighed(result.cloud, evidence, result.log_likelihood_per_beam)
 
 
 def _with_slipped(cloud: Cloud, moved: Poses, back: Poses, probability: float) -> Cloud:

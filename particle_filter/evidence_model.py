@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
-from particle_filter.poses import between
 from particle_filter.settings import BeliefSettings, SensorSettings
 
 
@@ -59,10 +58,10 @@ def misfit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
     return max(best - log_likelihood_per_beam, 0.0)
 
 
-def way(odom_from_before: Pose, odom_from_after: Pose) -> tuple[float, float]:
-    """How far a robot has driven [m] and turned [rad]."""
-    x, y, turn = between(odom_from_before, odom_from_after)
-    return math.hypot(x, y), abs(float(turn))
+def way(before_from_after: Pose) -> tuple[float, float]:
+    """How far a robot has driven [m] and turned [rad] on a motion of (3,)."""
+    x, y, turn = before_from_after.tolist()
+    return math.hypot(x, y), abs(turn)
 
 
 def new_view(moved_m: float, turned_rad: float, rules: BeliefSettings) -> float:

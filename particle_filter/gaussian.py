@@ -28,7 +28,7 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     Raises:
         ValueError: no poses, or the weights sum to zero or are not finite.
     """
-    total = float(weights.sum())
+    total = float(np.add.reduce(weights))
     if not (0.0 < total < np.inf):
         raise ValueError(f"weights that sum to {total} fit no Gaussian")
     mean, covariance = np.empty(3), np.empty((3, 3))

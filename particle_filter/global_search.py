@@ -172,12 +172,12 @@ class GlobalSearch:
             raise ValueError("odometry must tell the way from the step before")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
         yield
-        motion = self._settings.motion
-        moved = move(kept.poses, odom_from_before, odom_from_after, motion, rng)
+        before_from_after = between(odom_from_before, odom_from_after)
+        moved = move(kept.poses, before_from_after, self._settings.motion, rng)
         self._kept = replace(kept, poses=moved)
         if beams.count == 0:
             return math.nan
-        seen = new_view(*way(odom_from_before, odom_from_after), self._settings.belief)
+        seen = new_view(*way(before_from_after), self._settings.belief)
         yield
         return (yield from self._weigh(self._kept, beams, seen, rng))
 
@@ -267,8 +267,7 @@ class GlobalSearch:
         return self._model.settings.scan_likelihood_exponent
 
     def _penalty(self, poses: Poses, log_penalty: float) -> LogWeights:
-        grid = self._model.grid
-        return ground_log_penalty(poses, grid.cells, grid.cell_m, grid.map_from_grid, log_penalty)
+        return ground_log_penalty(poses, self._model.grid, log_penalty)
 
     def _split(
         self, kept: _Kept, rng: np.random.Generator, *, also_unsplit: bool = False

@@ -2,28 +2,24 @@
 
 import numpy as np
 
-from particle_filter.arrays import FREE, Cells, LogWeights, Pose, Poses
-from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
+from particle_filter.arrays import FREE, Cells, LogWeights, Poses
+from particle_filter.kernel_arguments import ToCells, plain
 from particle_filter.kernels import kernel
+from particle_filter.sensor_model import Grid
 
 
-def ground_log_penalty(
-    map_from_robot: Poses, cells: Cells, cell_m: float, map_from_grid: Pose, log_penalty: float
-) -> LogWeights:
+def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
     """What each particle pays for the ground it stands on.
 
     Args:
         map_from_robot: (N, 3) poses.
-        cells: (rows, cols) grid; row 0 has the lowest y.
-        cell_m: side of a cell [m].
-        map_from_grid: (3,) the outer corner of cell (0, 0), in the map's frame.
+        grid: the map.
         log_penalty: for ground that is occupied, unknown or off the map.
 
     Returns:
         (N,) `log_penalty` or 0.
     """
-    in_cells = to_cells(map_from_grid, cell_m)
-    return _penalties(plain(map_from_robot), read_only(cells), in_cells, float(log_penalty))
+    return _penalties(plain(map_from_robot), grid.cells, grid.in_cells, log_penalty)
 
 
 @kernel

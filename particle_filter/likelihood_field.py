@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
+from particle_filter.elementary_functions import cos_sin
 from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
 from particle_filter.kernels import kernel
 from particle_filter.obstacle_distance import obstacle_distance
@@ -130,8 +131,8 @@ class LikelihoodField:
             raise ValueError(problem)
         log_floor, log_step = code_scale(settings)
         return cls(
-            codes=codes,
-            cells=cells,
+            codes=read_only(codes),
+            cells=read_only(cells),
             log_floor=log_floor,
             log_step=log_step,
             cell_m=float(cell_m),
@@ -164,15 +165,12 @@ def scan_log_likelihood(
     """
     if not 0 < len(hits_in_robot) <= _MAX_BEAMS:
         raise ValueError(f"a scan of {len(hits_in_robot)} returns cannot be scored")
-    headings = (map_from_robot[:, 2] - field.map_from_grid[2]).astype(np.float32)
-    sums = _summed_codes(
+    return _scored(
         plain(map_from_robot),
-        (np.cos(headings), np.sin(headings)),
-        (np.asarray(hits_in_robot) / field.cell_m).astype(np.float32),
-        read_only(field.codes),
-        field.in_cells,
+        plain(hits_in_robot),
+        field.codes,
+        (field.log_floor, field.log_step, field.cell_m, field.map_from_grid[2], *field.in_cells),
     )
-    return np.asarray(len(hits_in_robot) * field.log_floor + field.log_step * sums)
 
 
 def code_scale(settings: SensorSettings) -> tuple[float, float]:
@@ -190,34 +188,32 @@ def _peak(settings: SensorSettings) -> float:
 
 
 @kernel
-def _summed_codes(
-    poses: Poses,
-    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
-    hits: NDArray[np.float32],
-    codes: Codes,
-    in_cells: ToCells,
-) -> NDArray[np.uint32]:
-    """Sum the codes under every particle's hits; hits are in cells.
+def _scored(poses: Poses, hits: Points, codes: Codes, numbers: tuple[float, ...]) -> LogWeights:
+    """Sum the codes under every particle's hits, and make log-likelihoods of the sums.
+
+    Numbers: `log_floor`, `log_step`, `cell_m`, the grid's heading, and the four of `in_cells`.
 
     The loop over particles is the inner one: it carries no sum from one turn to the next, so
     it is compiled to vector instructions.
     """
-    c, s, x0, y0 = in_cells
+    log_floor, log_step, cell_m, heading, c, s, x0, y0 = numbers
     flat, cols = codes.reshape(-1), np.int32(codes.shape[1])
     # Middles of the last cells: rounding cannot push a clamped hit past the table.
     last_x, last_y = np.float32(codes.shape[1] - 0.5), np.float32(codes.shape[0] - 0.5)
-    sums = np.zeros(len(poses), np.uint32)
+    fits, sums = np.empty(len(poses)), np.empty(_BLOCK, np.uint32)
     x, y = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
+    cos_h, sin_h = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
     cells = np.empty(_BLOCK, np.uint32)
     for start in range(0, len(poses), _BLOCK):
-        block = slice(start, min(start + _BLOCK, len(poses)))
-        total, cos_h, sin_h = sums[block], cos_sin[0][block], cos_sin[1][block]
+        total = sums[: min(_BLOCK, len(poses) - start)]
+        total[:] = 0
         for i in range(len(total)):
             at = poses[start + i]
             x[i] = c * at[0] - s * at[1] + x0 + 1.0  # 1: the rim
             y[i] = s * at[0] + c * at[1] + y0 + 1.0
+            cos_h[i], sin_h[i] = cos_sin(at[2] - heading)
         for beam in range(len(hits)):
-            along, across = hits[beam, 0], hits[beam, 1]
+            along, across = np.float32(hits[beam, 0] / cell_m), np.float32(hits[beam, 1] / cell_m)
             for i in range(len(total)):
                 col = x[i] + cos_h[i] * along - sin_h[i] * across  # table 6.3, line 5
                 row = y[i] + sin_h[i] * along + cos_h[i] * across  # table 6.3, line 6
@@ -228,4 +224,6 @@ def _summed_codes(
                 cells[i] = np.int32(row) * cols + np.int32(col)
             for i in range(len(total)):
                 total[i] += flat[cells[i]]
-    return sums
+        for i in range(len(total)):
+            fits[start + i] = len(hits) * log_floor + log_step * np.float64(total[i])
+    return fits

@@ -79,16 +79,18 @@ class LikelihoodFieldModel:
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count)
-        mean = float(self.hidden(map_from_robot.take(chosen, axis=0), beams).mean())
-        return max(mean - tolerance * beams.count, 0.0)
+        hidden = self.hidden(map_from_robot.take(chosen, axis=0), beams)
+        return max(float(np.add.reduce(hidden)) / count - tolerance * beams.count, 0.0)
 
     def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.
 
         Costs some hundred times as much as the field.
         """
-        first, *others = (self._hidden_of_laser(map_from_robot, laser) for laser in beams.lasers)
-        return np.asarray(np.sum([first, *others], axis=0)) if others else first
+        hidden = self._hidden_of_laser(map_from_robot, beams)
+        for other in beams.others:
+            hidden += self._hidden_of_laser(map_from_robot, other)
+        return hidden
 
     def _hidden_of_laser(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
         return hidden_log_likelihood(

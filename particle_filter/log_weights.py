@@ -5,12 +5,13 @@ zero; plus infinity and NaN are no weights. Sums are taken in the order of the p
 in every process: numpy's would depend on how many threads it has.
 """
 
-from math import exp, inf, isfinite, log
+from math import inf, isfinite, log
 
 import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
+from particle_filter.elementary_functions import exponentials
 from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 
@@ -77,8 +78,8 @@ def _check(largest: float, total: float) -> None:
 def _shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float, float]:
     weights, largest = np.empty(len(log_weights)), _largest(log_weights)
     total = squares = 0.0
+    exponentials(log_weights, largest, weights)
     for i in range(len(log_weights)):
-        weights[i] = exp(log_weights[i] - largest)
         total += weights[i]
         squares += weights[i] * weights[i]
     for i in range(len(weights)):
@@ -94,8 +95,10 @@ def _multiplied(
     for i in range(len(after)):
         after[i] = log_weights[i] + exponent * log_likelihood[i] + penalty[i]
     largest, total = _largest(after), 0.0
+    weights = np.empty(len(after))
+    exponentials(after, largest, weights)
     for i in range(len(after)):
-        total += exp(after[i] - largest)
+        total += weights[i]
     log_total = largest + log(total)
     for i in range(len(after)):
         after[i] -= log_total - log(len(after))

@@ -6,18 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
+from particle_filter.elementary_functions import cos_sin
 from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 from particle_filter.motion_noise import along_across_turn, turn_drive_turn
 from particle_filter.normal_numbers import standard_normals
-from particle_filter.poses import between
 from particle_filter.settings import MotionSettings
 
 
 def move(
     map_from_robot: Poses,
-    odom_from_before: Pose,
-    odom_from_after: Pose,
+    before_from_after: Pose,
     settings: MotionSettings,
     rng: np.random.Generator,
 ) -> Poses:
@@ -25,8 +24,7 @@ def move(
 
     Args:
         map_from_robot: (N, 3) poses before the motion.
-        odom_from_before: (3,) odometry's pose then.
-        odom_from_after: (3,) odometry's pose now.
+        before_from_after: (3,) the motion: odometry's pose now, seen from its pose then.
         settings: motion model and noise, as standard deviations per metre and per radian.
         rng: gives N x 3 normal numbers, also when the robot stands still.
 
@@ -37,51 +35,37 @@ def move(
         Probabilistic Robotics (2005), table 5.6 (differential); nav2_amcl's OmniMotionModel
         (omnidirectional). nav2's alphas are variances: our noise is the root of an alpha.
     """
-    normals = standard_normals(rng, 3, len(map_from_robot)).T
-    return move_with_noise(map_from_robot, odom_from_before, odom_from_after, settings, normals)
+    noise = standard_normals(rng, 3, len(map_from_robot))
+    return move_with_noise(map_from_robot, before_from_after, settings, noise)
 
 
 def move_with_noise(
     map_from_robot: Poses,
-    odom_from_before: Pose,
-    odom_from_after: Pose,
+    before_from_after: Pose,
     settings: MotionSettings,
-    normals: NDArray[np.floating],
+    noise: NDArray[np.float32],
 ) -> Poses:
-    """Move with standard normal numbers (N, 3) from whatever sequence; else as `move`.
+    """Move with standard normal numbers (3, N) from whatever sequence; else as `move`.
 
-    Columns: along the drive, across it, turn; or first turn, drive, second turn.
+    Rows: along the drive, across it, turn; or first turn, drive, second turn.
     """
-    poses, motion = plain(map_from_robot), between(odom_from_before, odom_from_after)
-    noise = np.require(normals.T, np.float32, ["C", "A", "W"])
+    poses = plain(map_from_robot)
     if settings.model == "differential":
-        parts = turn_drive_turn(motion, settings)
-        bearings = poses[:, 2] + parts[0] + parts[3] * noise[0].astype(np.float64)
-        return _turn_drive_turn(poses, parts, noise, _cos_sin(bearings))
-    drive = along_across_turn(motion, settings)
-    return _drive_along_bearing(poses, drive, noise, _cos_sin(poses[:, 2] + drive[0]))
+        return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
+    return _drive_along_bearing(poses, along_across_turn(before_from_after, settings), noise)
 
 
-def _cos_sin(angles: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """In single precision, five times as fast: a drive of a metre ends at most 0.5 um beside."""
-    single = angles.astype(np.float32)
-    return np.cos(single), np.sin(single)
-
-
+# Bearings in single precision: a drive of a metre ends at most 0.2 um beside.
 @kernel
 def _drive_along_bearing(
-    poses: Poses,
-    motion: tuple[float, ...],
-    noise: NDArray[np.float32],
-    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
+    poses: Poses, motion: tuple[float, ...], noise: NDArray[np.float32]
 ) -> Poses:
-    _, drive, turn, along_sigma, across_sigma, turn_sigma = motion
-    cos_bearing, sin_bearing = cos_sin
+    bearing, drive, turn, along_sigma, across_sigma, turn_sigma = motion
     moved = np.empty_like(poses)
     for i in range(len(poses)):
         along = drive + along_sigma * np.float64(noise[0, i])
         across = across_sigma * np.float64(noise[1, i])
-        c, s = np.float64(cos_bearing[i]), np.float64(sin_bearing[i])
+        c, s = cos_sin(poses[i, 2] + bearing)
         moved[i, 0] = poses[i, 0] + along * c - across * s
         moved[i, 1] = poses[i, 1] + along * s + across * c
         moved[i, 2] = _wrapped(poses[i, 2] + turn + turn_sigma * np.float64(noise[2, i]))
@@ -89,20 +73,14 @@ def _drive_along_bearing(
 
 
 @kernel
-def _turn_drive_turn(
-    poses: Poses,
-    motion: tuple[float, ...],
-    noise: NDArray[np.float32],
-    cos_sin: tuple[NDArray[np.float32], NDArray[np.float32]],
-) -> Poses:
+def _turn_drive_turn(poses: Poses, motion: tuple[float, ...], noise: NDArray[np.float32]) -> Poses:
     turn_1, drive, turn_2, turn_1_sigma, drive_sigma, turn_2_sigma = motion
-    cos_bearing, sin_bearing = cos_sin
     moved = np.empty_like(poses)
     for i in range(len(poses)):
         turned_1 = turn_1 + turn_1_sigma * np.float64(noise[0, i])
         driven = drive + drive_sigma * np.float64(noise[1, i])
         turned_2 = turn_2 + turn_2_sigma * np.float64(noise[2, i])
-        c, s = np.float64(cos_bearing[i]), np.float64(sin_bearing[i])
+        c, s = cos_sin(poses[i, 2] + turned_1)
         moved[i, 0] = poses[i, 0] + driven * c  # table 5.6, line 8
         moved[i, 1] = poses[i, 1] + driven * s  # table 5.6, line 9
         moved[i, 2] = _wrapped(poses[i, 2] + turned_1 + turned_2)  # table 5.6, line 10

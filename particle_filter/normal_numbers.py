@@ -3,18 +3,21 @@
 import numpy as np
 from numpy.typing import NDArray
 
-_TURN = np.float32(2.0 * np.pi)
-_UNIT = np.float32(2.0**-32)
-_PAIRS = 8192
-"""Pairs made together: all intermediate numbers stay in the near cache."""
+from particle_filter.elementary_functions import cos_sin, logarithms
+from particle_filter.kernels import kernel
+
+_UNIT, _TO_ANGLE = np.float32(2.0**-32), 2.0 * np.pi * 2.0**-32
+_HALF, _TWO = np.float32(0.5), np.float32(2.0)
+_PAIRS = 2048
+"""Pairs made together: all intermediate numbers stay in the nearest cache."""
 
 
 def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray[np.float32]:
     """Independent standard normal numbers by the polar form of Box and Muller.
 
     One 64-bit word gives two: its halves are a uniform number in (0, 1] for the radius and one
-    for the angle. No branch depends on the numbers, so numpy computes them in vectors, more
-    than twice as fast as `Generator.standard_normal`. The largest is 6.8.
+    for the angle. No branch depends on the numbers, so they are computed in vectors, several
+    times as fast as by `Generator.standard_normal`. The largest is 6.8.
 
     Args:
         rng: gives ceil(rows * count / 2) words of 64 bits, whatever they are.
@@ -28,21 +31,26 @@ def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray
         Box and Muller, "A note on the generation of random normal deviates" (1958).
     """
     pairs = (rows * count + 1) // 2
+    words = np.asarray(rng.bit_generator.random_raw(pairs))
     normals = np.empty((2, pairs), np.float32)
-    for start in range(0, pairs, _PAIRS):
-        block = normals[:, start : start + _PAIRS]
-        words = np.asarray(rng.bit_generator.random_raw(block.shape[1]))
-        _box_muller(words, block)
+    _box_muller(words.view(np.uint32), normals)
     return normals.reshape(-1)[: rows * count].reshape(rows, count)
 
 
-def _box_muller(words: NDArray[np.uint64], normals: NDArray[np.float32]) -> None:
-    """Turn (n,) words into (2, n) normal numbers."""
-    halves = words.view(np.uint32).astype(np.float32)
-    radius = (halves[0::2] + np.float32(0.5)) * _UNIT
-    np.log(radius, out=radius)
-    radius *= np.float32(-2.0)
-    np.sqrt(radius, out=radius)
-    angle = halves[1::2] * (_UNIT * _TURN)
-    np.multiply(radius, np.cos(angle), out=normals[0])
-    np.multiply(radius, np.sin(angle), out=normals[1])
+@kernel
+def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> None:
+    """Turn (2 n,) halves of words into (2, n) normal numbers."""
+    count = normals.shape[1]
+    uniform, angle = np.empty(_PAIRS, np.float32), np.empty(_PAIRS)
+    for start in range(0, count, _PAIRS):
+        size = min(_PAIRS, count - start)
+        first, second = normals[0, start : start + size], normals[1, start : start + size]
+        own = halves[2 * start : 2 * (start + size)]
+        for i in range(size):
+            uniform[i] = (np.float32(own[2 * i]) + _HALF) * _UNIT
+            angle[i] = np.float64(own[2 * i + 1]) * _TO_ANGLE
+        logarithms(uniform[:size], first)
+        for i in range(size):
+            radius = np.sqrt(max(-_TWO * first[i], np.float32(0.0)))
+            c, s = cos_sin(angle[i])
+            first[i], second[i] = radius * c, radius * s

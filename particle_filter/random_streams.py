@@ -10,6 +10,7 @@ References:
 """
 
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.random.bit_generator import ISeedSequence
@@ -52,13 +53,12 @@ def generator(
     Raises:
         ValueError: an argument is negative or does not fit 64 bits.
     """
-    for name, value in (("seed", seed), ("entity", entity), ("step", step), ("part", part)):
-        if not 0 <= value < _WORD:
-            raise ValueError(f"{name} must be in 0 .. 2**64 - 1, not {value}")
-    key = np.array([seed, int(purpose)], dtype=np.uint64)
+    numbers = {"seed": seed, "entity": entity, "step": step, "part": part}
+    if min(numbers.values()) < 0 or max(numbers.values()) >= _WORD:
+        raise ValueError(f"numbers must be in 0 .. 2**64 - 1, not {numbers}")
     counter = np.array([0, entity, step, part], dtype=np.uint64)
     keyed = np.random.Philox(
-        _Key(key),  # type: ignore[arg-type] # any ISeedSequence will do
+        _key(seed, purpose),  # type: ignore[arg-type] # any ISeedSequence will do
         counter=counter,
     )
     return np.random.Generator(keyed)
@@ -80,3 +80,8 @@ class _Key(ISeedSequence):
         dtype: DTypeLike = np.uint64,  # noqa: ARG002
     ) -> NDArray[np.uint64]:
         return self._key
+
+
+@lru_cache
+def _key(seed: int, purpose: Purpose) -> _Key:
+    return _Key(np.array([seed, int(purpose)], dtype=np.uint64))

@@ -55,7 +55,7 @@ def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
     if jumps.dtype != np.uint8 or jumps.shape != expected:
         problem = f"jumps are {jumps.dtype} of {jumps.shape}, expected uint8 of {expected}"
         raise ValueError(problem)
-    return jumps
+    return read_only(jumps)
 
 
 def cast_rays_from_poses(

@@ -116,7 +116,7 @@ def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
     """The particles under `count` even positions, by weights that sum to one; `offset` is how far
     into its part each position lies, in [0, 1).
     """
-    return _pick(weights, np.arange(count, dtype=np.float64) + offset)
+    return _pick_evenly(weights, count, offset)
 
 
 def _sorted_uniforms(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -136,6 +136,14 @@ def _residual(weights: Weights, count: int, rng: np.random.Generator) -> Indices
         drawn = _pick(left / left.sum(), _sorted_uniforms(rest, rng) * rest)
         copies += np.bincount(drawn, minlength=len(weights))
     return np.repeat(np.arange(len(weights)), copies)
+
+
+@kernel
+def _pick_evenly(weights: Weights, count: int, offset: float) -> Indices:
+    positions = np.empty(count)
+    for i in range(count):
+        positions[i] = i + offset
+    return _pick(weights, positions)
 
 
 @kernel

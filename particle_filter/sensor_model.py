@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells, LogWeights, Points, Pose, Poses
+from particle_filter.kernel_arguments import ToCells, read_only, to_cells
 from particle_filter.pyramid import Pyramid
 from particle_filter.scan_points import points_in_robot
 from particle_filter.settings import SensorSettings
@@ -30,6 +31,14 @@ class Grid:
     """Side of a cell [m]."""
     map_from_grid: Pose
     """(3,) the outer corner of cell (0, 0), in the map's frame."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", read_only(self.cells))
+
+    @cached_property
+    def in_cells(self) -> ToCells:
+        """What carries a point of the map to cells of the grid."""
+        return to_cells(self.map_from_grid, self.cell_m)
 
 
 @dataclass(frozen=True, eq=False)

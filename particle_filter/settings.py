@@ -104,7 +104,7 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 50
     visibility_beam_stride: Annotated[
         int, described("each follows one beam of so many, the next particle the next one", gt=0)
-    ] = 2
+    ] = 5
     hidden_margin_m: Annotated[
         float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
     ] = 0.45

@@ -49,33 +49,31 @@ def hidden_log_likelihood(
     Returns:
         (N,) to subtract from `scan_log_likelihood`; never negative.
     """
-    sums = _hidden_codes(
+    return _hidden(
         plain(map_from_robot),
         plain(laser_in_robot),
         plain(hits_in_robot),
-        read_only(field.codes),
+        field.codes,
         read_only(jumps),
         field.in_cells,
-        margin_m / field.cell_m,
-        slack_rad,
+        (margin_m / field.cell_m, slack_rad, field.log_step),
         stride,
     )
-    return np.asarray(sums * (field.log_step * stride))
 
 
 @kernel
-def _hidden_codes(
+def _hidden(
     poses: Poses,
     laser: NDArray[np.float64],
     hits: Points,
     codes: NDArray[np.uint16],
     jumps: JumpField,
     in_cells: ToCells,
-    margin: float,
-    slack: float,
+    numbers: tuple[float, float, float],
     stride: int,
 ) -> NDArray[np.float64]:
-    c, s, x0, y0 = in_cells
+    """Numbers: `margin_m` in cells, `slack_rad` and the field's `log_step`."""
+    (c, s, x0, y0), (margin, slack, log_step) = in_cells, numbers
     rows, cols = jumps.shape[1], jumps.shape[2]
     sums, ahead = np.zeros(len(poses)), flat(jumps)
     # The ray itself must meet something, and so must one a little to either side of it.
@@ -98,13 +96,13 @@ def _hidden_codes(
             share = 1.0 - margin / sqrt(dx * dx + dy * dy)  # of the ray that must be clear
             if not (given > 0 and share > 0.0):
                 continue
-            if _hidden(ahead, (from_col, from_row), (dx, dy), share, turns):
-                sums[i] += given
+            if _always_meets(ahead, (from_col, from_row), (dx, dy), share, turns):
+                sums[i] += given * (log_step * stride)
     return sums
 
 
 @kernel
-def _hidden(
+def _always_meets(
     jumps: FlatJumps,
     start: tuple[float, float],
     way: tuple[float, float],

@@ -13,6 +13,7 @@ from particle_filter import cluster_filter, global_search
 from particle_filter.arrays import Pose
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import way
+from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
@@ -114,11 +115,11 @@ class Tracking:
             self._settings.seed, purpose=Purpose.TRACK, entity=self._cluster, step=scan.step
         )
         after = np.array(scan.odom_from_robot)
-        moved_m, turned_rad = way(self._odom_from_robot, after)
+        before_from_after = between(self._odom_from_robot, after)
+        moved_m, turned_rad = way(before_from_after)
         result = cluster_filter.advanced(
             self._cloud,
-            self._odom_from_robot,
-            after,
+            before_from_after,
             scan_beams(scan, self._model),
             self._model,
             self._settings.motion,

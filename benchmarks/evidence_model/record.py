@@ -18,7 +18,7 @@ from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.global_search import GlobalSearch
 from particle_filter.overlaps import merge_overlapping
-from particle_filter.poses import heading_distance
+from particle_filter.poses import between, heading_distance
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
@@ -133,6 +133,7 @@ class _Run:
     def step(self, step: int, before: Poses, after: Poses, beams: Beams) -> dict[str, Any]:
         """Every cluster moves and weighs; overlapping ones merge now and then."""
         settings, count = self._settings, len(self._clouds)
+        motion = between(before, after)
         evidence, fit, ess = (np.full(count, np.nan) for _ in range(3))
         means = np.full((count, 3), np.nan)
         for index, cloud in enumerate(self._clouds):
@@ -140,7 +141,7 @@ class _Run:
                 continue
             rng = generator(self._seed, purpose=Purpose.TRACK, entity=index, step=step)
             result = cluster_filter.advanced(
-                cloud, before, after, beams, self._model, settings.motion, settings.cluster, rng
+                cloud, motion, beams, self._model, settings.motion, settings.cluster, rng
             )
             self._clouds[index] = result.cloud
             evidence[index] = result.log_weight_sum - math.log(len(cloud.log_weights))

@@ -12,6 +12,7 @@ from particle_filter.cluster_filter import (
     weighed,
 )
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.poses import between
 from particle_filter.sensor_model import Beams
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import (
@@ -91,7 +92,7 @@ def test_a_step_follows_the_robot() -> None:
     model = model_of(plain_room())
     after = HERE + np.array([0.2, 0.05, 0.1])
     result = advanced(
-        cloud_round(HERE, 500), HERE, after, seen_from(after, plain_room()), model,
+        cloud_round(HERE, 500), between(HERE, after), seen_from(after, plain_room()), model,
         MotionSettings(), ClusterSettings(), np.random.default_rng(1),
     )  # fmt: skip
     mean, covariance = result.cloud.gaussian()

@@ -6,14 +6,16 @@ from hypothesis import strategies as st
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from particle_filter.ground import ground_log_penalty
+from particle_filter.sensor_model import Grid
 from tests.unit.particle_filter import naive
 
 CELLS = np.array([[FREE, OCCUPIED], [UNKNOWN, FREE], [FREE, FREE]], np.int8)
+GRID = Grid(CELLS, 1.0, np.zeros(3))
 
 
 def test_only_free_ground_is_free() -> None:
     poses = np.array([[x + 0.5, y + 0.5, 0.0] for y in range(-1, 4) for x in range(-1, 3)])
-    penalties = ground_log_penalty(poses, CELLS, 1.0, np.zeros(3), -2.0).reshape(5, 4)
+    penalties = ground_log_penalty(poses, GRID, -2.0).reshape(5, 4)
     free = np.zeros((5, 4), dtype=bool)
     free[1:4, 1:3] = CELLS == FREE
     np.testing.assert_array_equal(penalties, np.where(free, 0.0, -2.0))
@@ -22,13 +24,13 @@ def test_only_free_ground_is_free() -> None:
 def test_just_below_the_map_is_off_the_map() -> None:
     """Where int() would round towards zero and find cell 0."""
     poses = np.array([[-0.01, 0.5, 0.0], [0.5, -0.01, 0.0], [0.01, 0.01, 0.0]])
-    penalties = ground_log_penalty(poses, CELLS, 1.0, np.zeros(3), -2.0)
+    penalties = ground_log_penalty(poses, GRID, -2.0)
     assert penalties.tolist() == [-2.0, -2.0, 0.0]
 
 
 def test_poses_without_numbers_pay() -> None:
     poses = np.array([[np.nan, 0.5, 0.0], [0.5, np.inf, 0.0], [1e300, -1e300, 0.0]])
-    assert ground_log_penalty(poses, CELLS, 1.0, np.zeros(3), -2.0).tolist() == [-2.0] * 3
+    assert ground_log_penalty(poses, GRID, -2.0).tolist() == [-2.0] * 3
 
 
 @given(seed=st.integers(0, 2**32), turn=st.floats(-4, 4))
@@ -37,7 +39,8 @@ def test_the_kernel_agrees_with_the_naive_loop(seed: int, turn: float) -> None:
     cells = rng.integers(-1, 2, (7, 9)).astype(np.int8)
     cells.flags.writeable = False
     map_from_grid = np.array([*rng.uniform(-3, 3, 2), turn])
-    arguments = (rng.uniform(-6, 6, (40, 3)), cells, 0.5, map_from_grid, -1.5)
+    poses = rng.uniform(-6, 6, (40, 3))
     np.testing.assert_array_equal(
-        ground_log_penalty(*arguments), naive.ground_log_penalty(*arguments)
+        ground_log_penalty(poses, Grid(cells, 0.5, map_from_grid), -1.5),
+        naive.ground_log_penalty(poses, cells, 0.5, map_from_grid, -1.5),
     )

@@ -13,6 +13,7 @@ from particle_filter.ground import ground_log_penalty
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.motion import move
 from particle_filter.resampling import resample
+from particle_filter.sensor_model import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
 from particle_filter.source_clustering import cluster_by_source_point
 
@@ -29,9 +30,9 @@ def results() -> dict[str, NDArray[Any]]:
     after, differential = np.array([0.3, 0.1, 0.2]), MotionSettings(model="differential")
     return {
         "log_likelihood": log_likelihood,
-        "penalty": ground_log_penalty(poses, cells, 0.1, field.map_from_grid, -1.0),
-        "omnidirectional": move(poses, np.zeros(3), after, MotionSettings(), rng),
-        "differential": move(poses, np.zeros(3), after, differential, rng),
+        "penalty": ground_log_penalty(poses, Grid(cells, 0.1, field.map_from_grid), -1.0),
+        "omnidirectional": move(poses, after, MotionSettings(), rng),
+        "differential": move(poses, after, differential, rng),
         "drawn": resample(log_likelihood, 70, "systematic", rng),
         "labels": cluster_by_source_point(poses, log_likelihood, 0.5, 0.5, 100)[0],
     }

@@ -25,8 +25,7 @@ def after_a_drive(true_motion: Pose, settings: MotionSettings, told: Pose = FORW
     spread = np.random.default_rng(5).normal(0.0, [0.03, 0.03, 0.02], (1000, 3))
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
     cloud, rng = Cloud.even(BEFORE + spread), np.random.default_rng(6)
-    still = np.zeros(3)
-    return advanced(cloud, still, told, beams, MODEL, settings, ClusterSettings(), rng)
+    return advanced(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
 
 
 def error_m(result: Weighed, true_motion: Pose) -> float:

@@ -8,10 +8,11 @@ from msgspec.structs import replace
 
 from particle_filter.arrays import OCCUPIED
 from particle_filter.cluster_filter import Cloud, advanced, drawn_from, resampled, weighed
+from particle_filter.poses import between
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
-HERE = np.array([1.0, 3.0, 0.3])
+HERE, NO_WAY = np.array([1.0, 3.0, 0.3]), np.zeros(3)
 STILL = MotionSettings(
     turn_noise_per_turn=0.0,
     turn_noise_per_metre=0.0,
@@ -44,7 +45,7 @@ def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
     kept = ClusterSettings(resample_below_ess=0.01)
     beams = seen_from(HERE, plain_room())
     rng = np.random.default_rng(0)
-    result = advanced(cloud, HERE, HERE, beams, model, STILL, kept, rng)
+    result = advanced(cloud, NO_WAY, beams, model, STILL, kept, rng)
     by_hand = weighed(cloud, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
     np.testing.assert_allclose(result.cloud.log_weights, by_hand.cloud.log_weights)
@@ -72,7 +73,7 @@ def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> No
     for settings in (seen, blind):
         rng = np.random.default_rng(0)
         model = model_of(divided, settings)
-        result = advanced(cloud, HERE, HERE, beams, model, STILL, ClusterSettings(), rng)
+        result = advanced(cloud, NO_WAY, beams, model, STILL, ClusterSettings(), rng)
         evidence.append(result.log_weight_sum)
     model = model_of(divided, seen)
     hidden = float(model.hidden(cloud.map_from_robot, beams).mean())
@@ -100,7 +101,7 @@ def test_every_particle_has_its_own_noise() -> None:
     cloud = Cloud.even(np.tile(HERE, (200, 1)))
     rng = np.random.default_rng(0)
     motion = MotionSettings(slip_probability=0.0)
-    result = advanced(cloud, HERE, ahead, beams, model, motion, ClusterSettings(), rng)
+    result = advanced(cloud, between(HERE, ahead), beams, model, motion, ClusterSettings(), rng)
     assert len(np.unique(result.cloud.map_from_robot[:, 0])) == 200
 
 

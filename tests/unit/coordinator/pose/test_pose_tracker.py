@@ -175,7 +175,7 @@ def test_odometry_alone_makes_the_pose_as_uncertain_as_particles_without_scans_b
         turn = np.pi / 8 if 16 <= step < 24 else 0.0
         drive = 0.0 if turn else 0.25
         odometry = compose(before, np.array([drive, 0.0, turn]))
-        particles = move(particles, before, odometry, motion, rng)
+        particles = move(particles, between(before, odometry), motion, rng)
         x, y, heading = odometry.tolist()
         for now_ns in (0, 1):  # the same once more moves nothing
             tracker.odometry((step + 1) * SECOND + now_ns, (x, y, heading), now_ns=step * SECOND)
