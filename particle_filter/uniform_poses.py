@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import FREE, Poses
-from particle_filter.poses import compose
+from particle_filter.kernels import kernel
 from particle_filter.sensor_model import Grid
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -32,14 +32,31 @@ class UniformPoses:
 
     def draw(self, count: int, rng: np.random.Generator) -> Poses:
         """(count, 3) poses in the map: each stratum of the free cells gives one."""
-        strata = (np.arange(count) + rng.random(count)) / count
-        chosen = np.minimum((strata * len(self._rows)).astype(np.int64), len(self._rows) - 1)
-        in_grid = np.empty((count, 3))
-        in_grid[:, 0] = (self._cols[chosen] + rng.random(count)) * self._grid.cell_m
-        in_grid[:, 1] = (self._rows[chosen] + rng.random(count)) * self._grid.cell_m
-        turns = np.arange(count) * _GOLDEN + rng.random()
-        in_grid[:, 2] = 2.0 * math.pi * (turns - np.floor(turns)) - math.pi
-        return compose(self._grid.map_from_grid, in_grid)
+        x, y, heading = self._grid.map_from_grid.tolist()
+        numbers = self._grid.cell_m, x, y, heading, rng.random()
+        return _spread(self._rows, self._cols, rng.random((count, 3)), numbers)
+
+
+@kernel
+def _spread(
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    uniform: NDArray[np.float64],
+    numbers: tuple[float, ...],
+) -> Poses:
+    """Numbers: side of a cell, the grid's pose in the map, where headings begin in [0, 1)."""
+    cell_m, x, y, heading, begin = numbers
+    count, c, s = len(uniform), math.cos(heading), math.sin(heading)
+    poses = np.empty((count, 3))
+    for i in range(count):
+        chosen = min(int((i + uniform[i, 0]) / count * len(rows)), len(rows) - 1)
+        along = (cols[chosen] + uniform[i, 1]) * cell_m
+        across = (rows[chosen] + uniform[i, 2]) * cell_m
+        turns = i * _GOLDEN + begin + heading / (2.0 * math.pi)
+        poses[i, 0] = x + c * along - s * across
+        poses[i, 1] = y + s * along + c * across
+        poses[i, 2] = 2.0 * math.pi * (turns - math.floor(turns)) - math.pi
+    return poses
 
 
 def _spread_cells(

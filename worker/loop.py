@@ -40,7 +40,8 @@ from zenoh_link.wire import Asked, Publisher, Received, Unread, serve, subscribe
 
 KEPT_SCANS = 64
 KEPT_ANSWERS = 16
-POLL_S = 0.1
+POLL_S = 0.25
+"""Between two looks at whether to stop, where nothing comes."""
 SOON_S = 0.01
 KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""

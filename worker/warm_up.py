@@ -11,14 +11,14 @@ from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
-from protocol.work import Assignment, SearchJob, SearchReport, TrackJob
+from protocol.work import Assignment, ElsewhereJob, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
 
 _log = logging.getLogger(__name__)
 
 
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
-    """Run one small search and track its best place, so that every kernel has run once."""
+    """Run one small search, track its best place, and look elsewhere: every kernel runs once."""
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(
         seed=settings.seed,
@@ -41,9 +41,9 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
         report = job.advance(_scan(step, rng))
     assert isinstance(report, SearchReport)  # it came from a search job
     track = TrackJob(cluster=0, start=report.places[0].sample, exact=False)
-    running(Assignment(job_id="c", epoch=0, job=track), model, small, sender="warm-up").advance(
-        _scan(3, rng)
-    )
+    for one in (track, ElsewhereJob(first_step=3)):
+        job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
+        job.advance(_scan(3, rng))
     if kernels.cache_problems:
         _log.warning(
             "compiled kernels cannot be kept on disk: %s; every start compiles for some "
