@@ -48,6 +48,7 @@ def admission(
     settings: FilterSettings,
     *,
     holds_own: bool = False,
+    most: float = math.inf,
 ) -> Admission:
     """The places of a search that no cluster holds and that are probable enough.
 
@@ -63,6 +64,8 @@ def admission(
         log_weight: log of the weight of all that the search has found, beside the belief.
         settings: how near is near.
         holds_own: clusters are this search's own places, so it tells none from those beside them.
+        most: so much all who enter can hold together, however they weigh among themselves; with
+            that they have to be more probable than those whose places they take.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -82,7 +85,13 @@ def admission(
             if weight >= rules.least_probability:
                 fresh.append((place, weight))
     fresh.sort(key=lambda pair: -pair[1])
-    entering = [pair for pair, leaving in zip(fresh, room, strict=False) if pair[1] > leaving]
+    total = math.fsum(weight for _, weight in fresh)
+    got = min(1.0, most / total) if total > 0.0 else 1.0
+    entering = [
+        (place, weight)
+        for (place, weight), leaving in zip(fresh, room, strict=False)
+        if weight * got > leaving
+    ]
     explained += math.fsum(place.share for place, _ in entering)
     weighed = tuple(place.place(weight) for place, weight in entering)
     return Admission(weighed, min(explained, 1.0))

@@ -70,7 +70,7 @@ class Ensemble:
         self._begin: dict[str, Job] = {}
         self._events: list[JobEvent] = []
         self._means: dict[int, dict[str, PoseTuple]] = {}
-        """Where the clusters that reported were at the last steps."""
+        """Where the clusters were at the last steps; those without a report, by odometry."""
 
     @property
     def expected(self) -> tuple[str, ...]:
@@ -125,7 +125,7 @@ class Ensemble:
         self._evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
-        self._note_means(step, tracks.values())
+        self._note_means(step)
         if step % self.settings.belief.merge_every_steps == 0:
             self._events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
@@ -255,8 +255,8 @@ class Ensemble:
         self._search = None
         self._next_search_step = step + self.settings.belief.search_every_steps
 
-    def _note_means(self, step: int, reports: Iterable[TrackReport]) -> None:
-        self._means[step] = {report.job_id: report.mean for report in reports}
+    def _note_means(self, step: int) -> None:
+        self._means[step] = {cluster.job_id: cluster.mean for cluster in self.clusters.all()}
         while len(self._means) > KEPT_MEANS:
             del self._means[next(iter(self._means))]
 
@@ -278,7 +278,7 @@ class Ensemble:
             self._stop_search(step, "search over")
 
     def _can_tell_who_is_new(self, step: int) -> bool:
-        """Whether all clusters told where they were at this step; if not, the search goes on."""
+        """Whether it is known where all clusters were at this step; if not, the search goes on."""
         then = self._means.get(step, {})
         return all(job_id in then for job_id in self.clusters.job_ids)
 
@@ -310,8 +310,9 @@ class Ensemble:
         log_weight = since if told is None else told
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room(step, first_step)
-        found = admission(pool, held, room, log_weight, settings, holds_own=bool(own))
         before = self.clusters.elsewhere
+        most = math.inf if told is None else before + math.fsum(share for _, share in own)
+        found = admission(pool, held, room, log_weight, settings, holds_own=bool(own), most=most)
         self.clusters.explain(self._evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         if told is not None:

@@ -53,6 +53,14 @@ def entered(
 # --- beside clusters ----------------------------------------------------------------------------
 
 
+def test_nobody_is_put_out_by_places_that_share_next_to_nothing() -> None:
+    """However they weigh beside clusters that a search has brought and that are nothing now."""
+    found, room = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST)), (0.0, 1e-18, 0.9995)
+    for most, come in ((math.inf, 3), (3e-4, 2), (1e-20, 1)):
+        came = admission(found, HELD, room, 50.0, SETTINGS, holds_own=True, most=most)
+        assert len(came.entering) == come
+
+
 def test_a_place_weighs_its_share_of_what_the_whole_search_weighs() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.25, FARTHER))
     weights = entered(found, math.log(3.0))

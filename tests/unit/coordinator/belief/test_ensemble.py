@@ -139,19 +139,18 @@ def test_a_place_that_a_cluster_holds_does_not_enter_again() -> None:
     assert set(probabilities(outcome)) == {0, 1}
 
 
-def test_while_a_cluster_is_not_heard_of_nobody_enters_in_its_place() -> None:
-    """The workers died while the robot drove on: what the search finds looks new, and is not."""
-    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1, max_clusters=2)
+@pytest.mark.parametrize("heard_of", [(), ("c0",), ("c0", "c1")])
+def test_a_search_is_compared_with_where_odometry_says_that_clusters_are(
+    heard_of: tuple[str, ...],
+) -> None:
+    """The robot drove on while workers were late: what the search finds looks new, and is not."""
+    made = bootstrapped({NORTH: 0.6, SOUTH: 0.4}, search_every_steps=1)
     made.advance(1, [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)])
-    moved_north, moved_south = (0.0, 7.0, 0.0), (0.0, -3.0, 0.0)
-    found = {moved_north: 0.6, moved_south: 0.4}
-    reports: list[Report] = [searched(f"s1.{n}", 2, found) for n in range(2)]
-    outcome = made.advance(2, [tracked("c0", 2, 0.1, moved_north), *reports])
-    assert set(probabilities(outcome)) == {0, 1}
-    assert outcome.searching, "it goes on until it can be told who is new"
-    reports = [searched(f"s1.{n}", 3, found) for n in range(2)]
-    tracks = [tracked("c0", 3, 0.1, moved_north), tracked("c1", 3, 0.1, moved_south)]
-    outcome = made.advance(3, [*tracks, *reports])
+    moved: dict[str, PoseTuple] = {"c0": (2.0, 5.0, 0.0), "c1": (2.0, -5.0, 0.0)}
+    reports: list[Report] = [tracked(job, 2, 0.1, moved[job]) for job in heard_of]
+    found = {moved["c0"]: 0.6, moved["c1"]: 0.4}
+    reports += [searched(f"s1.{n}", 2, found) for n in range(2)]
+    outcome = made.advance(2, reports, np.array([2.0, 0.0, 0.0]))
     assert set(probabilities(outcome)) == {0, 1}
     assert not outcome.searching
 
@@ -290,6 +289,25 @@ def test_places_of_a_search_that_has_found_the_clusters_go_on_to_enter() -> None
     assert probabilities(outcome) == pytest.approx({c: p / total for c, p in expected.items()})
     assert outcome.searching
     assert [event for event in outcome.events if isinstance(event, Ended)] == []
+
+
+def test_a_probable_place_is_not_put_out_by_finds_of_a_search_whose_own_places_are_nothing() -> (
+    None
+):
+    """Among people: what a search had brought was ruled out long since, and it went on to find."""
+    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, max_clusters=2, merge_every_steps=100)
+    made.advance(1, [tracked("c0", 1, 0.5, NORTH)])
+    brought = {NORTH: 0.9, SOUTH: 0.1}
+    reports: list[Report] = [searched(f"s1.{n}", 2, brought) for n in range(2)]
+    outcome = made.advance(2, [tracked("c0", 2, 0.5, NORTH), *reports])
+    assert set(probabilities(outcome)) == {0, 1}
+    outcome = made.advance(3, [tracked("c0", 3, 0.5, NORTH), tracked("c1", 3, 1e-30, SOUTH)])
+    assert probabilities(outcome)[0] > 0.999
+    # Now it finds others, and next to nothing where its own was.
+    later = {EAST: 0.6, (5.0, 5.0, 0.0): 0.3, SOUTH: 1e-50}
+    tracks: list[Report] = [tracked("c0", 4, 0.5, NORTH), tracked("c1", 4, 0.5, SOUTH)]
+    outcome = made.advance(4, [*tracks, *(searched(f"s1.{n}", 4, later) for n in range(2))])
+    assert probabilities(outcome)[0] > 0.999
 
 
 def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:

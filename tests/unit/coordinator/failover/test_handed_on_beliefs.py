@@ -178,17 +178,17 @@ def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorMod
 
 
 def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
-    living = lived(model, steps=16)
+    living = lived(model, steps=17)
     old = living.coordinator
     assert old is not None
     living.revive()
     jobs = {name: living.jobs(name) for name in living.workers}
     woken = living.coordinator
     living.coordinator = old
-    living.drive(16)
+    living.drive(17)
     assert old.outranked_by is None, "no job began, so nobody has told it yet"
-    assert set(living.beliefs) == set(range(17))
-    assert {b.term for b in living.beliefs[16]} == {1}, "of a lower term than was heard before"
+    assert set(living.beliefs) == set(range(18))
+    assert {b.term for b in living.beliefs[17]} == {1}, "of a lower term than was heard before"
     living.kill_worker("w0")  # it gives the jobs to others, who refuse
     assert old.outranked_by == 2
     assert old.handle(TimePassed(), 10**12) == []
