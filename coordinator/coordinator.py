@@ -33,6 +33,10 @@ from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer
 
 
+STEPS_AT_ONCE = 4
+"""More that are due wait for the next event: orders, answers and beliefs go out in between."""
+
+
 class Coordinator:
     """All that the coordinator process decides."""
 
@@ -222,7 +226,10 @@ class Coordinator:
         instructions = self._take_over.proceed(now_ns)
         if not self.begun:
             return instructions
-        while ready := self._state.ready(now_ns):
+        for _ in range(STEPS_AT_ONCE):
+            ready = self._state.ready(now_ns)
+            if ready is None:
+                break
             self._state.apply(ready, now_ns)
             instructions += self._answers.publication(now_ns)
         orders = self._state.placement.orders(

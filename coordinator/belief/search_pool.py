@@ -103,15 +103,19 @@ class SearchPool:
             del self._reports[min(self._reports)]
 
     def pooled(self) -> Pool | None:
-        """The newest step that every shard has reported; None before there is one."""
+        """The newest step that every shard has reported; None if it was pooled before, or none is.
+
+        A search that lags behind the clusters reports less often than they take steps, and to
+        pool thousands of places takes longer than such a step.
+        """
         shards = self._settings.shards
         complete = [step for step, reports in self._reports.items() if len(reports) == shards]
         if not complete:
             return None
         step = max(complete)
-        for older in [kept for kept in self._reports if kept < step]:
-            del self._reports[older]
         reports = self._reports[step]
+        for known in [kept for kept in self._reports if kept <= step]:
+            del self._reports[known]
         return _pool(step, [reports[job] for job in self.job_ids], self._settings)
 
     def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:

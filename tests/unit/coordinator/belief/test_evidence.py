@@ -90,6 +90,11 @@ def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
     newest = pool.pooled()
     assert newest is not None
     assert newest.step == 5
+    assert pool.pooled() is None, "once is enough"
+    pool.add(searched("s0.1", 6, {NORTH: 1.0}))
+    newest = pool.pooled()
+    assert newest is not None
+    assert newest.step == 6
 
 
 def test_a_search_that_takes_too_long_ends() -> None:
