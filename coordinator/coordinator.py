@@ -32,7 +32,6 @@ from protocol.step_reset_detector import StepResetDetector
 from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer
 
-
 STEPS_AT_ONCE = 4
 """More that are due wait for the next event: orders, answers and beliefs go out in between."""
 

@@ -39,10 +39,6 @@ from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Place, Report, TrackJob
 
-PATIENCE = 4
-"""So many deadlines a step waits while most reports are missing: not a worker is slow then, but the
-machine, and steps that are decided without reports let the next ones come too fast."""
-
 
 class CoordinatorState:
     """The parts of a coordinator's knowledge, and what moves between them."""
@@ -159,11 +155,8 @@ class CoordinatorState:
         if self.collector.oldest_scan is None:
             return None
         expected = self.placement.waited_for(self.ensemble.expected)
-        jobs = self.placement.jobs
-        patience = PATIENCE if jobs.are_worked_on() else 1
-        return self.collector.ready(
-            expected, jobs.placed_ns, now_ns, self.ensemble.unhurried, patience
-        )
+        placed_ns, unhurried = self.placement.jobs.placed_ns, self.ensemble.unhurried
+        return self.collector.ready(expected, placed_ns, now_ns, unhurried)
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""

@@ -142,7 +142,6 @@ class StepCollector:
         placed_ns: Callable[[str], int],
         now_ns: int,
         unhurried: Container[str] = (),
-        patience: int = 1,
     ) -> ReadyStep | None:
         """The next step, if it is complete or its deadline has passed.
 
@@ -151,7 +150,6 @@ class StepCollector:
             placed_ns: when a job was given to its worker; a fresh one is waited for longer.
             now_ns: by the same clock as `on_scan`.
             unhurried: those of the jobs that may tell a step later.
-            patience: so many deadlines it waits while most of the reports are missing.
         """
         step = min((s for s, opened in self._open.items() if opened.scan), default=None)
         if step is None:
@@ -160,12 +158,13 @@ class StepCollector:
         follows = self.before is None or step == self.before + 1
         if not follows and now_ns < opened.arrived_ns + FETCH_NS:
             return None
-        jobs = list(expected)
-        if self._is_late_for_searches(opened, now_ns):
-            jobs = [job_id for job_id in jobs if job_id not in unhurried]
-        missing = [job_id for job_id in jobs if job_id not in opened.reports]
-        deadlines = patience if 2 * len(missing) > len(jobs) else 1
-        if missing and now_ns < self._deadline(opened, missing, placed_ns, deadlines):
+        missing = [
+            job_id
+            for job_id in expected
+            if job_id not in opened.reports
+            and not (job_id in unhurried and self._is_late_for_searches(opened, now_ns))
+        ]
+        if missing and now_ns < self._deadline(opened, missing, placed_ns):
             return None
         return self._close(step)
 
@@ -187,15 +186,11 @@ class StepCollector:
         return not paced and now_ns >= opened.arrived_ns + wait_ns
 
     def _deadline(
-        self,
-        opened: OpenStep,
-        missing: list[str],
-        placed_ns: Callable[[str], int],
-        deadlines: int,
+        self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
     ) -> int:
         paced = opened.scan is not None and opened.scan.paced
         settings = self._settings
-        wait_s = settings.paced_deadline_s if paced else deadlines * settings.step_deadline_s
+        wait_s = settings.paced_deadline_s if paced else settings.step_deadline_s
         newest = max(placed_ns(job_id) for job_id in missing)
         return max(opened.arrived_ns + int(wait_s * 1e9), newest + HAND_OVER_NS if newest else 0)
 

@@ -98,12 +98,7 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     """When the coordinator stops waiting, and who carries on after it."""
 
     step_deadline_s: Annotated[
-        float,
-        described(
-            "a step waits so long after its scan for a few workers, four times as long for most",
-            "s",
-            gt=0,
-        ),
+        float, described("a step is applied at the latest so long after its scan", "s", gt=0)
     ] = 0.5
     paced_deadline_s: Annotated[
         float, described("the same when the bridge waits for the workers", "s", gt=0)

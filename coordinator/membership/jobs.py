@@ -101,10 +101,6 @@ class Jobs:
             if isinstance(job.job, TrackJob) and job.worker is not None
         }
 
-    def are_worked_on(self) -> bool:
-        """Whether any job has a worker."""
-        return any(job.worker for job in self._jobs.values())
-
     def searching(self) -> set[str | None]:
         """Workers with a shard of a search."""
         return {job.worker for job in self._jobs.values() if isinstance(job.job, SearchJob)}

@@ -311,7 +311,7 @@ def test_kept_places_begin_where_odometry_has_brought_them() -> None:
 
 
 def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
-    story = tracking_story(CoordinatorSettings(step_deadline_s=0.2))
+    story = tracking_story()
     for step in range(5, 12):
         event = ScanArrived(scan(step, x_m=0.2 * (step - 4)))
         story.follow(story.coordinator.handle(event, step * SECOND))

@@ -131,16 +131,3 @@ def test_a_paced_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> 
     patient.on_scan(scan(0), 0)
     assert patient.ready(["s1.0"], never_placed, 199_999_999, ["s1.0"]) is None
     assert patient.ready(["s1.0"], never_placed, 200_000_000, ["s1.0"]) is not None
-
-
-def test_where_most_reports_are_missing_a_step_has_more_time() -> None:
-    made = collector()
-    made.on_scan(scan(0), 0)
-    made.on_report(tracked("c0", 0, 1.0, HERE))
-    jobs = ["c0", "c1", "c2"]
-    assert made.ready(jobs, never_placed, 4 * DEADLINE_NS - 1, patience=4) is None
-    made.on_report(tracked("c1", 0, 1.0, HERE))
-    assert made.ready(jobs, never_placed, DEADLINE_NS - 1, patience=4) is None
-    assert made.ready(jobs, never_placed, DEADLINE_NS, patience=4) is not None
-    made.on_scan(scan(1), 0)
-    assert made.ready(jobs, never_placed, 4 * DEADLINE_NS, patience=4) is not None
