@@ -6,7 +6,7 @@ from types import MappingProxyType
 import msgspec
 import pytest
 
-from coordinator.coordinator import Coordinator
+from coordinator.coordinator import STEPS_AT_ONCE, Coordinator
 from coordinator.events import (
     CommandArrived,
     LinkBack,
@@ -321,6 +321,18 @@ def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
     assert pose.scan_age_s == 8.0
     covariance = story.beliefs[-1].hypotheses[0].covariance
     assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]
+
+
+def test_where_many_steps_are_due_what_was_decided_goes_out_in_between() -> None:
+    story = tracking_story()
+    for step in range(5, 5 + 2 * STEPS_AT_ONCE + 1):
+        story.follow(story.coordinator.handle(ScanArrived(scan(step)), 5 * SECOND))
+    told = []
+    for _ in range(4):
+        before = len(story.beliefs)
+        story.follow(story.coordinator.handle(TimePassed(), 60 * SECOND))
+        told.append(len(story.beliefs) - before)
+    assert told == [STEPS_AT_ONCE, STEPS_AT_ONCE, 1, 0]
 
 
 def commanded(coordinator: Coordinator, command: SetPose | Relocalize, now_ns: int = 0) -> str:
