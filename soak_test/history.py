@@ -5,7 +5,7 @@ What is heard on the wire is a sample; what coordinators were told and decided i
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from itertools import pairwise
@@ -31,16 +31,22 @@ class Rule:
     beliefs: list[tuple[int, Belief]] = field(default_factory=list)
     """With the time by the wall clock."""
 
-    def last_before(self, at_ns: int) -> Belief | None:
-        """The last belief before somebody else began."""
-        earlier = [belief for told_ns, belief in self.beliefs if told_ns < at_ns]
+    def last_before(self, at_ns: int, heard: int) -> Belief | None:
+        """The last belief before somebody else began, of those up to the last that was heard."""
+        earlier = [b for told_ns, b in self.beliefs if told_ns < at_ns and b.step <= heard]
         return earlier[-1] if earlier else None
 
 
 class History:
-    """Told all that happened, coordinator by coordinator; says which laws it kept."""
+    """Told all that happened, coordinator by coordinator; says which laws it kept.
 
-    def __init__(self) -> None:
+    Args:
+        heard: by term the last step whose belief anybody has heard. What a coordinator decides
+            that is cut off, until it notices, binds nobody.
+    """
+
+    def __init__(self, heard: Mapping[int, int]) -> None:
+        self._heard = heard
         self._rules: list[Rule] = []
         self._beliefs = self._repeated = 0
         self._other: list[Break] = []
@@ -69,7 +75,7 @@ class History:
         terms = f"{len(self._rules)} terms"
         return [
             _verdict("one coordinator rules at a time", terms, alone),
-            _verdict("a coordinator begins with what was decided before", terms, goes_on),
+            _verdict("a coordinator begins with all that was told before", terms, goes_on),
             _verdict(
                 "told the same once more, a coordinator decides the same",
                 f"{self._repeated:,} of {self._beliefs:,} recorded beliefs",
@@ -99,7 +105,7 @@ class History:
         """
         breaks = []
         for earlier, later in pairwise([rule for rule in self._rules if rule.beliefs]):
-            last = earlier.last_before(later.begun_ns)
+            last = earlier.last_before(later.begun_ns, self._heard.get(earlier.term, -1))
             if last is None or not _has_places(last):
                 continue
             told = [belief for _, belief in later.beliefs]
@@ -114,15 +120,15 @@ class History:
         return breaks
 
 
-def history_verdicts(folders: Iterable[Path]) -> list[Verdict]:
+def history_verdicts(recordings: Mapping[Path, Mapping[int, int]]) -> list[Verdict]:
     """On all recordings of a run, one of each robot: the first that kept not all laws, or the last.
 
     Args:
-        folders: of the robots' recordings.
+        recordings: the robots' folders, and what was heard of each: see `History`.
     """
     verdicts: list[Verdict] = []
-    for folder in folders:
-        history = History()
+    for folder, heard in recordings.items():
+        history = History(heard)
         try:
             for at_ns, happening in replayed(folder, version("clustermcl")):
                 history.on(at_ns, happening)

@@ -93,6 +93,11 @@ class Soak:
         """Dead processes that were not reaped for some seconds."""
         return sorted(self._resources.zombies)
 
+    @property
+    def heard(self) -> dict[str, dict[int, int]]:
+        """Of each robot, by term the last step whose belief was heard."""
+        return {name: checks.heard for name, checks in self._checks.items()}
+
     def result(self, of_the_end: Sequence[Verdict]) -> SoakResult:
         """Everything, with what could be told only when all had ended."""
         together = over_all(self._verdicts)

@@ -76,6 +76,8 @@ class RobotChecks:
         """The newest good message of each key."""
         self.status: Status | None = None
         self.belief: Belief | None = None
+        self.heard: dict[int, int] = {}
+        """By term the last step whose belief came before any of a later term."""
         self._stamps: dict[int, int] = {}
         self._foreign: list[Break] = []
         self.judging = False
@@ -154,6 +156,8 @@ class RobotChecks:
 
     def _belief(self, at_ns: int, belief: Belief) -> None:
         self.belief = belief
+        if belief.term >= max(self.heard, default=0):
+            self.heard[belief.term] = belief.step
         self.clusters.on_belief(at_ns, belief)
         self._judge(self._true_poses.on_belief(at_ns, belief))
         if not self.judging:

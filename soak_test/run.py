@@ -49,7 +49,7 @@ def run_soak(
         )
     with temporary_folder() as folder, temporary_files_in(folder) as left:
         robots = robots_settings(_kept_in(folder, settings), options.robots)
-        recordings = [Path(robots[0].recorder.folder) / quote(one.robot.name) for one in robots]
+        flights = Path(robots[0].recorder.folder)
         fleet = Fleet(
             robots, folder, world=options.world, rate_hz=options.rate_hz,
             coordinators=options.coordinators, cables=options.chaos,
@@ -73,7 +73,7 @@ def run_soak(
                 left_files(left),
                 stop_s,
             ),
-            *history_verdicts(recordings),
+            *history_verdicts({flights / quote(name): told for name, told in soak.heard.items()}),
         ]
     return soak.result(verdicts)
 

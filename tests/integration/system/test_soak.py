@@ -24,7 +24,7 @@ WHATEVER_THE_LOAD = {
     "in the end no process, zombie or file is left",
     "no belief is sure of a wrong place",
     "no process ends unless it is killed",
-    "a coordinator begins with what was decided before",
+    "a coordinator begins with all that was told before",
     "no step is believed twice",
     "one coordinator rules at a time",
     "probabilities sum to 1",

@@ -1,3 +1,5 @@
+from collections.abc import Mapping
+
 from msgspec.structs import replace
 
 from coordinator.recorder.replay import Believed, CoordinatorActs, Happening
@@ -15,8 +17,10 @@ def said(
     return Believed(replace(belief(step, *places, stamp_s=step), term=term), same)
 
 
-def kept(*happened: tuple[float, Happening]) -> list[bool | None]:
-    history = History()
+def kept(
+    *happened: tuple[float, Happening], heard: Mapping[int, int] | None = None
+) -> list[bool | None]:
+    history = History(heard or dict.fromkeys(range(10), 99))
     for at_s, happening in happened:
         history.on(int(at_s * SECOND), happening)
     return [verdict.kept for verdict in history.verdicts()]
@@ -51,6 +55,14 @@ def test_a_decision_that_is_forgotten_is_noticed() -> None:
     assert kept(*before, anew, killed_at_once, (4.0, said(3, 6)))[GOES_ON] is False
     again = (3.0, CoordinatorActs("c", 5, 1))
     assert kept(*before, again, (3.0, said(1, 5)))[GOES_ON] is False
+
+
+def test_what_nobody_has_heard_binds_nobody() -> None:
+    """A coordinator was cut off and decided on until it noticed."""
+    before = [(0.0, FIRST), (1.0, said(1, 1)), (2.0, said(2, 1)), (2.5, said(3, 1))]
+    after = [(3.0, CoordinatorActs("c", 5, 2)), (3.0, said(2, 5)), (4.0, said(3, 5))]
+    assert kept(*before, *after, heard={1: 2})[GOES_ON] is True
+    assert kept(*before, *after, heard={1: 3})[GOES_ON] is False
 
 
 def test_one_that_begins_before_any_worker_is_there_may_be_told_later() -> None:
