@@ -6,7 +6,6 @@ import pytest
 
 from evaluation.in_process import outcomes
 from evaluation.judge import pose_error
-from particle_filter.sensor_models import computed_model
 from process_runtime.settings import BridgeSettings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple
@@ -14,6 +13,7 @@ from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from soak_test.rooms import copies_in_all_rooms, eight_rooms
+from worker.map_model import sensor_model
 
 SEED, STEPS = 2, 390
 """A search that ends at step 383 finds three wrong places, turned by half a turn."""
@@ -34,7 +34,7 @@ def test_a_search_drives_no_true_room_out() -> None:
             truths[scan.step] = truth
             yield scan
 
-    model = computed_model(world.map, settings.sensor)
+    model = sensor_model(world.map, settings.sensor, cache_folder=None)
     searches = 0
     for scan, outcome in outcomes(scans(), model, settings):
         searches += any(event.is_search for event in outcome.events)
