@@ -295,16 +295,17 @@ def test_a_probable_place_is_not_put_out_by_finds_of_a_search_whose_own_places_a
     None
 ):
     """Among people: what a search had brought was ruled out long since, and it went on to find."""
-    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, max_clusters=2, merge_every_steps=100)
+    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, max_clusters=2, grace_steps=1)
     made.advance(1, [tracked("c0", 1, 0.5, NORTH)])
-    brought = {NORTH: 0.9, SOUTH: 0.1}
+    far = (5.0, 5.0, 0.0)
+    brought = {NORTH: 0.5, SOUTH: 0.2, EAST: 0.15, far: 0.15}
     reports: list[Report] = [searched(f"s1.{n}", 2, brought) for n in range(2)]
     outcome = made.advance(2, [tracked("c0", 2, 0.5, NORTH), *reports])
     assert set(probabilities(outcome)) == {0, 1}
     outcome = made.advance(3, [tracked("c0", 3, 0.5, NORTH), tracked("c1", 3, 1e-30, SOUTH)])
     assert probabilities(outcome)[0] > 0.999
     # Now it finds others, and next to nothing where its own was.
-    later = {EAST: 0.6, (5.0, 5.0, 0.0): 0.3, SOUTH: 1e-50}
+    later = {EAST: 0.6, far: 0.3, SOUTH: 1e-50}
     tracks: list[Report] = [tracked("c0", 4, 0.5, NORTH), tracked("c1", 4, 0.5, SOUTH)]
     outcome = made.advance(4, [*tracks, *(searched(f"s1.{n}", 4, later) for n in range(2))])
     assert probabilities(outcome)[0] > 0.999
