@@ -23,7 +23,7 @@ from coordinator.state_checks import (
 from coordinator.step_collector import StepCollectorState
 from protocol.work import Checkpoint
 
-STATE_VERSION = 3
+STATE_VERSION = 4
 
 
 class ImpossibleStateError(ValueError):
@@ -42,7 +42,10 @@ class CheckpointState(msgspec.Struct, frozen=True):
     missing: tuple[str, ...]
     """Jobs that did not report the last applied step in time."""
     age_s: float
-    """Of the newest data when this was written; -1: none."""
+    """Of the applied scan when this was written, by a live robot's stamps, else of the newest data;
+    -1: none."""
+    age_known: bool
+    """Whether who wrote it has heard data itself; else nobody knows how old it is."""
     steps_applied: int
     reports_missing: int
     counters: dict[str, int]
@@ -100,11 +103,43 @@ def _problem(state: CheckpointState) -> str | None:
     )
 
 
+def arrival(checkpoint: Checkpoint, heard_ns: int) -> tuple[int, int] | None:
+    """The stamp of the applied scan, and when it arrived, by the clock of `heard_ns` [ns].
+
+    None where the state tells of no live robot's scan, or cannot be read.
+    """
+    try:
+        state = _AGES.decode(checkpoint.state)
+    except (msgspec.DecodeError, msgspec.ValidationError, RecursionError):
+        return None
+    applied = state.collector.applied
+    is_told = state.version == STATE_VERSION and state.age_known and not age_problem(state.age_s)
+    if not is_told or applied is None or not applied.live:
+        return None
+    return applied.stamp_ns, heard_ns - int(state.age_s * 1e9)
+
+
 class _Version(msgspec.Struct, frozen=True):
     version: int
+
+
+class _Applied(msgspec.Struct, frozen=True):
+    stamp_ns: int
+    live: bool
+
+
+class _Collector(msgspec.Struct, frozen=True):
+    applied: _Applied | None
+
+
+class _Age(_Version, frozen=True):
+    collector: _Collector
+    age_s: float
+    age_known: bool
 
 
 # Made once, before there are threads: msgspec learns a type when it is first decoded, and crashes
 # where another thread, as the flight recorder's, decodes it meanwhile.
 _VERSIONS = msgspec.msgpack.Decoder(_Version)
+_AGES = msgspec.msgpack.Decoder(_Age)
 _STATES = msgspec.msgpack.Decoder(CheckpointState)

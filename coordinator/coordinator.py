@@ -50,6 +50,7 @@ class Coordinator:
         bridge: BridgeSettings = BridgeSettings(),  # noqa: B008 - frozen
         term: int = 0,
         known: Checkpoint | None = None,
+        usual_delay_ns: int | None = None,
         last_poses: Mapping[str, LastPose] = MappingProxyType({}),
     ) -> None:
         """Know nothing yet.
@@ -63,11 +64,14 @@ class Coordinator:
             bridge: the bridge's, for its gate.
             term: see `Term`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
+            usual_delay_ns: see `PoseTracker.begin`; None: nobody knows, or the robot is not live.
             last_poses: where the robot was at the end of an earlier life, by the map's digest.
         """
         self._sender = sender
         self._term = Term(term, known)
         self._state = CoordinatorState(sender, filter_settings, settings, bridge)
+        if usual_delay_ns is not None:
+            self._state.pose.begin(usual_delay_ns, now_ns)
         self._answers = Answers(sender, version, self._state, self._term, now_ns)
         self._take_over = TakeOver(
             self._state,

@@ -9,6 +9,7 @@ from urllib.parse import quote
 
 import zenoh
 
+from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.trust import Trust
 from coordinator.key_file import read_key
 from coordinator.last_pose_files import default_state_folder, read_all
@@ -24,7 +25,6 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
 from protocol import keys
 from protocol.errors import AlreadyRunningError
-from protocol.work import Checkpoint
 from zenoh_link.metrics import metrics_served
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
@@ -70,7 +70,7 @@ def run_coordinator(invocation: Invocation) -> None:
             open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
             metrics_served(settings.metrics, session),
         ):
-            known: Checkpoint | None = None
+            known = NewestCheckpoint()
             if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
                 if not may_wait:
                     raise AlreadyRunningError(
@@ -92,7 +92,7 @@ def run_coordinator(invocation: Invocation) -> None:
 def lead(
     invocation: Invocation,
     session: zenoh.Session,
-    known: Checkpoint | None,
+    known: NewestCheckpoint,
     trust: Trust,
     causes: CauseCounter,
 ) -> None:
@@ -108,7 +108,8 @@ def lead(
         version=version("clustermcl"),
         now_ns=time.monotonic_ns(),
         term=time.time_ns() // 1_000,
-        known=known,
+        known=known.checkpoint,
+        usual_delay_ns=known.usual_delay_ns,
         last_poses=read_all(folder, robot) if folder else {},
     )
     coordinator = started.coordinator()

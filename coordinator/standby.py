@@ -6,6 +6,7 @@ import time
 import zenoh
 
 from coordinator.failover.failure_detector import FailureDetector
+from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.trust import Trust
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -27,8 +28,8 @@ class StandbyLoop:
         self._session, self._trust = session, trust
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
-        self.newest: Checkpoint | None = None
-        """The newest checkpoint heard."""
+        self.newest = NewestCheckpoint()
+        """Of those heard."""
 
     def run(self, stop: StopFlag) -> bool:
         """Wait; True when it is time to take over, False when told to stop."""
@@ -60,6 +61,5 @@ class StandbyLoop:
             return
         if not self._trust.believes(checkpoint):
             return
-        if self.newest is None or checkpoint.rank >= self.newest.rank:
-            self.newest = checkpoint
+        if self.newest.hear(checkpoint, now_ns):
             self._detector.sign_of_life(now_ns)

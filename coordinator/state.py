@@ -258,11 +258,16 @@ class CoordinatorState:
             collector=self.collector.state(),
             commands=self.commands.state(),
             missing=self.outcome.missing if self.outcome else (),
-            age_s=self.pose.age_s(now_ns),
+            age_s=self._applied_age_s(now_ns),
+            age_known=self.pose.age_known,
             steps_applied=self.steps_applied,
             reports_missing=self.reports_missing,
             counters=dict(self.counters),
         )
+
+    def _applied_age_s(self, now_ns: int) -> float:
+        applied = self.collector.applied
+        return self.pose.age_of_s(applied.stamp_ns, now_ns) if applied else -1.0
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
         """Carry on from another's state.

@@ -34,6 +34,11 @@ class Part:
     """Unique: ``robot-1/worker-3``."""
     process: psutil.Process
 
+    @property
+    def own_name(self) -> str:
+        """Within its robot: ``worker-3``."""
+        return self.name.rpartition("/")[2]
+
 
 class Fleet:
     """Starts the processes, restarts those that die, ends them.

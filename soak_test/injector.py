@@ -144,7 +144,7 @@ class Injector:
         how = self._cuts.cut(pids, share)
         until_ns = now_ns + int(fault.lasts_s * 1e9)
         self._later.append((until_ns, partial(self._cuts.mend, pids)))
-        names = " ".join(_short_name(victim) for victim in victims)
+        names = " ".join(victim.own_name for victim in victims)
         return [DoneFault(fault.kind, now_ns, until_ns, robot, names, how)]
 
     def _candidates(self, role: str, robot: str) -> list[Part]:
@@ -153,7 +153,7 @@ class Injector:
         found = [part for part in self._parts() if part.role == role and part.robot == owner]
         if role == COORDINATOR:
             acting = self._robots[robot].acting()
-            found = [part for part in found if _short_name(part) == acting]
+            found = [part for part in found if part.own_name == acting]
         return sorted(found, key=lambda part: part.name)
 
     def _share(self, fault: Fault) -> float:
@@ -164,7 +164,7 @@ class Injector:
         candidates = self._candidates(role, robot)
         if role == WORKER:
             busy = set(self._robots[robot].trackers(now_ns))
-            candidates = [part for part in candidates if _short_name(part) in busy]
+            candidates = [part for part in candidates if part.own_name in busy]
         return candidates[int(self._share(fault) * len(candidates))] if candidates else None
 
     def _freeze(self, process: psutil.Process, fault: Fault, now_ns: int) -> bool:
@@ -212,9 +212,4 @@ class Injector:
 
 def _done(fault: Fault, victim: Part, now_ns: int) -> DoneFault:
     until_ns = now_ns + int(fault.lasts_s * 1e9)
-    target = _short_name(victim)
-    return DoneFault(fault.kind, now_ns, until_ns, victim.robot, target)
-
-
-def _short_name(part: Part) -> str:
-    return part.name.rpartition("/")[2]
+    return DoneFault(fault.kind, now_ns, until_ns, victim.robot, victim.own_name)

@@ -12,7 +12,7 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import ClusterMclError
 from soak_test.availability import DoneFault
-from soak_test.fleet import Fleet
+from soak_test.fleet import Fleet, Part
 from soak_test.injector import Injector, RobotSide
 from soak_test.listener import Listener
 from soak_test.options import SoakOptions
@@ -200,10 +200,14 @@ class Soak:
 
     def _sample(self) -> None:
         parts = self._fleet.parts()
-        self._resources.sample((part.name, part.process) for part in parts)
+        self._resources.sample((part.name, part.process, self._acts(part)) for part in parts)
         everybody = self._fleet.processes()
         self._resources.look_for_zombies(everybody)
         self.known.update(everybody)
+
+    def _acts(self, part: Part) -> bool:
+        checks = self._checks.get(part.robot)
+        return checks is not None and part.own_name == checks.acting()
 
     def _show(self) -> None:
         elapsed_s = (time.time_ns() - self._start_ns) / 1e9

@@ -117,11 +117,12 @@ def as_object(result: SoakResult) -> JsonObject:
             name: [
                 {
                     "pid": pid,
+                    "acts": acts,
                     "at_s": [time_s - result.start_ns / 1e9 for time_s in life.times_s],
                     "memory_mb": life.memory_mb,
                     "files": life.files,
                 }
-                for (pid, _), life in lives.items()
+                for (pid, _, acts), life in lives.items()
             ]
             for name, lives in resources.lives.items()
         },

@@ -11,7 +11,7 @@ from soak_test.slope import Slope, robust_slope
 from soak_test.verdict import Verdict
 
 WARM_UP_S = 60.0
-"""Of each process: caches fill, histories grow to their bound."""
+"""Of each life: caches fill, histories grow to their bound."""
 LEAST_SPAN_S = 600.0
 """In all, after the warm-ups; what grows over shorter times need not grow for ever."""
 MEMORY_TARGET_MB_PER_H = 1.0
@@ -23,9 +23,9 @@ _SURE = 2.0
 
 @dataclass
 class Life:
-    """One process from its first sample to its last."""
+    """One process as long as it does one thing: to stand by is another life than to act."""
 
-    created_s: float
+    begun_s: float
     times_s: list[float] = field(default_factory=list)
     memory_mb: list[float] = field(default_factory=list)
     files: list[float] = field(default_factory=list)
@@ -35,14 +35,19 @@ class Resources:
     """Samples of all processes by the name of what they do; successors share the name."""
 
     def __init__(self) -> None:
-        self.lives: dict[str, dict[tuple[int, float], Life]] = {}
+        self.lives: dict[str, dict[tuple[int, float, bool], Life]] = {}
+        """By name; of each by process id, when it was made, and whether it acts."""
         self.zombies: set[str] = set()
         """Dead processes that two samples in a row have seen."""
         self._dead: set[psutil.Process] = set()
 
-    def sample(self, processes: Iterable[tuple[str, psutil.Process]]) -> None:
-        """Look at each process; one that ends meanwhile is left out."""
-        for name, process in processes:
+    def sample(self, processes: Iterable[tuple[str, psutil.Process, bool]]) -> None:
+        """Look at each process; one that ends meanwhile is left out.
+
+        Args:
+            processes: by name; with whether it is the coordinator that acts.
+        """
+        for name, process, acts in processes:
             try:
                 with process.oneshot():
                     created_s = process.create_time()
@@ -53,8 +58,11 @@ class Resources:
             except (psutil.NoSuchProcess, psutil.AccessDenied):
                 continue
             lives = self.lives.setdefault(name, {})
-            life = lives.setdefault((process.pid, created_s), Life(created_s))
-            life.times_s.append(time.time())
+            now_s = time.time()
+            is_first = (process.pid, created_s, not acts) not in lives
+            begun_s = created_s if is_first else now_s
+            life = lives.setdefault((process.pid, created_s, acts), Life(begun_s))
+            life.times_s.append(now_s)
             life.memory_mb.append(memory_mb)
             life.files.append(float(files))
 
@@ -69,7 +77,7 @@ class Resources:
         kept = []
         for life in self.lives[name].values():
             times_s = np.array(life.times_s)
-            warm = times_s >= life.created_s + WARM_UP_S
+            warm = times_s >= life.begun_s + WARM_UP_S
             if warm.any():
                 kept.append((times_s[warm], np.array(values(life))[warm]))
         if sum(float(np.ptp(times_s)) for times_s, _ in kept) < LEAST_SPAN_S:

@@ -30,5 +30,10 @@ class Lateness:
         self._least_ns = min(self._least_ns, delay_ns)
         return delay_ns - self._usual_ns()
 
+    @property
+    def usual_ns(self) -> int | None:
+        """From a stamp to its arrival in time, by both clocks; None: nothing has come so far."""
+        return None if self._begun_ns is None else self._usual_ns()
+
     def _usual_ns(self) -> int:
         return min(self._least_ns, self._least_before_ns)

@@ -91,7 +91,7 @@ class PoseTracker:
         if live != self.live:
             self._lateness = Lateness() if live else None
         if fetched and not self._has_heard:
-            self._heard_of(stamp_ns, odom_from_robot, now_ns - self._stale_ns)
+            self._heard_of(stamp_ns, odom_from_robot, now_ns - self._stale_ns, now_ns)
         elif self._by_scan or stamp_ns > self._stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
             self._by_scan = True
@@ -114,6 +114,11 @@ class PoseTracker:
         self._since_step.begin_at(odom_from_robot)
         self._since_step.on_odometry(self._odom_now)
 
+    def begin(self, usual_delay_ns: int, now_ns: int) -> None:
+        """A live robot's data reached others so long after its stamps [ns], by both clocks."""
+        self._lateness = Lateness()
+        self._lateness.of(now_ns - usual_delay_ns, now_ns)
+
     def resume(
         self,
         stamp_ns: int,
@@ -123,27 +128,57 @@ class PoseTracker:
         *,
         live: bool = False,
     ) -> None:
-        """Another coordinator has heard this, and nobody knows how long ago: it is stale."""
+        """Another coordinator has heard this.
+
+        Where neither `begin` nor own data tells when, it is stale.
+        """
         if live and not self.live:
             self._lateness = Lateness()
-        stale_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
+        unless_known_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
         if self._arrived_ns is None:
-            self._heard_of(stamp_ns, odom_from_robot, stale_ns)
-        self._scan_ns = stale_ns
+            self._heard_of(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
+        due_ns = self._due_ns(stamp_ns, now_ns)
+        self._scan_ns = unless_known_ns if due_ns is None else due_ns
         self._blind.begin_at(odom_from_robot)
         self._blind.on_odometry(self._odom_now)
 
-    def _heard_of(self, stamp_ns: int, odom_from_robot: PoseTuple, stale_ns: int) -> None:
+    def _heard_of(
+        self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int
+    ) -> None:
         """Others tell of data; what they told before is not forgotten for what is older."""
-        if self._arrived_ns is None or stamp_ns > self._stamp_ns:
-            self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
-            self._since_step.on_odometry(odom_from_robot)
-            self._blind.on_odometry(odom_from_robot)
-        self._arrived_ns = stale_ns if self._arrived_ns is None else self._arrived_ns
+        if self._arrived_ns is not None and stamp_ns <= self._stamp_ns:
+            return
+        self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+        self._since_step.on_odometry(odom_from_robot)
+        self._blind.on_odometry(odom_from_robot)
+        due_ns = self._due_ns(stamp_ns, now_ns)
+        if due_ns is not None:
+            self._arrived_ns = due_ns
+        elif self._arrived_ns is None:
+            self._arrived_ns = unless_known_ns
+
+    def _due_ns(self, stamp_ns: int, now_ns: int) -> int | None:
+        """When others must have heard what has this stamp; None: nobody knows."""
+        usual_ns = self._lateness.usual_ns if self._lateness else None
+        return None if usual_ns is None else min(stamp_ns + usual_ns, now_ns)
+
+    @property
+    def age_known(self) -> bool:
+        """Whether data has come to this coordinator itself."""
+        return self._has_heard
 
     def age_s(self, now_ns: int) -> float:
         """Since the newest data arrived, or would have in time [s]; -1 before any did."""
         return _since_s(self._arrived_ns, now_ns)
+
+    def age_of_s(self, stamp_ns: int, now_ns: int) -> float:
+        """Since what has this stamp arrived, or would have in time [s].
+
+        Of what is no live robot's nobody knows: as old as the newest. -1 before any data did.
+        """
+        if self._arrived_ns is None or not self.live:
+            return self.age_s(now_ns)
+        return _since_s(self._taken_ns(stamp_ns, now_ns), now_ns)
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
         """The pose as it is now; a gap in the data makes it stale or blind, never fresh."""

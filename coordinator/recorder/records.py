@@ -53,6 +53,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     now_ns: int
     term: int
     known: Checkpoint | None
+    usual_delay_ns: int | None = None
     last_poses: dict[str, LastPose]
     bridge: BridgeSettings = BridgeSettings()
 

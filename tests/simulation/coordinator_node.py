@@ -4,6 +4,7 @@ What happens between the parts is what `coordinator.process`, `coordinator.loop`
 `coordinator.standby` do with Zenoh.
 """
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from msgspec.structs import replace
 from coordinator import events
 from coordinator.coordinator import Coordinator
 from coordinator.failover.failure_detector import FailureDetector
+from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
@@ -51,7 +53,8 @@ class CoordinatorNode(Node):
         self.coordinator: Coordinator | None = None
         self._life: Life | None = None
         self._detector: FailureDetector | None = None
-        self._newest: Checkpoint | None = None
+        self._newest = NewestCheckpoint()
+        self._promptest_s = math.inf
 
     @property
     def laws(self) -> Laws:
@@ -70,7 +73,8 @@ class CoordinatorNode(Node):
 
     def start(self) -> None:
         """Look whether somebody coordinates."""
-        self.coordinator = self._detector = self._newest = None
+        self.coordinator = self._detector = None
+        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
         if not self.linked:
             self.later(TICK_S, self.start)
         elif any(token.startswith(ALIVE) for token in self._simulation.network.tokens):
@@ -78,9 +82,9 @@ class CoordinatorNode(Node):
             self._simulation.network.watch(self)
             self.later(TICK_S, self._tick)
         else:
-            self._lead(None)
+            self._lead()
 
-    def _lead(self, known: Checkpoint | None) -> None:
+    def _lead(self) -> None:
         self._detector = None
         self.session += 1
         started = Started(
@@ -90,11 +94,12 @@ class CoordinatorNode(Node):
             version="test",
             now_ns=self.now_ns,
             term=self._now_us(),
-            known=known,
+            known=self._newest.checkpoint,
+            usual_delay_ns=self._newest.usual_delay_ns,
             last_poses={},
         )
         self.coordinator = started.coordinator()
-        self._life = self.laws.life(self.name, started, self.coordinator)
+        self._life = self.laws.life(self.name, started, self.coordinator, self._promptest_s)
         self._membership, self._fencing = Membership(), SelfFencing(self.now_ns)
         self._simulation.network.watch(self)
         self.later(TICK_S, self._tick)
@@ -102,7 +107,7 @@ class CoordinatorNode(Node):
     def _tick(self) -> None:
         if self._detector is not None:
             if self._detector.is_over(self.now_ns):
-                self._lead(self._newest)
+                self._lead()
                 return
         else:
             self._turn(lambda now_ns: self._handle(events.TimePassed(), now_ns))
@@ -156,9 +161,9 @@ class CoordinatorNode(Node):
         if not self.trust.believes(checkpoint):
             return
         if self._detector is not None:
-            if self._newest is None or checkpoint.rank >= self._newest.rank:
-                self._newest = checkpoint
+            if self._newest.hear(checkpoint, self.now_ns):
                 self._detector.sign_of_life(self.now_ns)
+                self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
         else:
             self.tell(events.CheckpointHeard(checkpoint))
 

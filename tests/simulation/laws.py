@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, field
 
 from coordinator import events
-from coordinator.checkpoint import state_in
+from coordinator.checkpoint import arrival, state_in
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.recorder.records import Started, started_without_bulk, without_bulk
@@ -168,9 +168,12 @@ class Laws:
         self.began_again = 0
         """Orders by which a later coordinator gave a cluster that had been given before."""
 
-    def life(self, name: str, started: Started, coordinator: Coordinator) -> Life:
-        """A coordinator begins to ask around."""
-        life = Life(self, name, started)
+    def life(
+        self, name: str, started: Started, coordinator: Coordinator, promptest_s: float
+    ) -> Life:
+        """A coordinator begins to ask around; others' data has come to it so late at least."""
+        is_live = started.usual_delay_ns is not None
+        life = Life(self, name, started, promptest_s=promptest_s, is_live=is_live)
         life.watch(coordinator._state)
         self.lives.append(life)
         return life
@@ -233,11 +236,19 @@ class Laws:
             return
         age_s = self.age_s(pose.stamp_ns)
         demand(
-            age_s - life.unknown_s[pose.stamp_ns] - TOLERANCE_S
+            age_s - life.unknown_s.get(pose.stamp_ns, life.promptest_s) - TOLERANCE_S
             <= pose.age_s
             <= age_s + TOLERANCE_S,
             f"the pose's age is true: {pose.age_s:.3f} s told, {age_s:.3f} s it was",
         )
+
+    def unknown_s(self, checkpoint: Checkpoint) -> float:
+        """How much older its scan is than it says, for who hears it now; infinite: says nothing."""
+        arrived = arrival(checkpoint, self.clock.now_ns)
+        if arrived is None:
+            return math.inf
+        stamp_ns, arrived_ns = arrived
+        return (arrived_ns - self.taken_ns[stamp_ns]) / SECOND
 
     def age_s(self, stamp_ns: int) -> float:
         """How long ago a scan or an odometry pose was taken."""

@@ -260,3 +260,23 @@ def test_a_scan_that_was_fetched_is_of_nobody_knows_when() -> None:
     assert tracker.answer(1 * SECOND, workers=1).stamp_ns == 2 * SECOND, "but it is the newest"
     tracker.odometry(9 * SECOND, (0.1, 0.0, 0.0), 1 * SECOND)
     assert tracker.answer(1 * SECOND, workers=1).freshness == "fresh"
+
+
+def test_who_takes_over_knows_how_late_the_last_scan_is_where_the_usual_delay_was_heard() -> None:
+    tracker = new_tracker()
+    tracker.begin(usual_delay_ns=-99 * SECOND, now_ns=3 * SECOND)
+    tracker.resume(100 * SECOND, (0.0, 0.0, 0.0), 0.0, now_ns=int(3.3 * SECOND), live=True)
+    answer = tracker.answer(int(3.3 * SECOND), workers=1)
+    assert answer.age_s == answer.scan_age_s == pytest.approx(2.3)
+    assert answer.freshness == "stale"
+    tracker.odometry(102 * SECOND, (0.5, 0.0, 0.0), now_ns=int(3.3 * SECOND))
+    assert tracker.age_s(int(3.3 * SECOND)) == pytest.approx(0.3), "held up by the network"
+
+
+def test_the_age_of_a_scan_is_counted_from_its_own_stamp() -> None:
+    tracker = new_tracker()
+    tracker.scan(1 * SECOND, (0.0, 0.0, 0.0), now_ns=SECOND, live=True)
+    tracker.odometry(3 * SECOND, (0.5, 0.0, 0.0), now_ns=3 * SECOND)
+    assert tracker.age_of_s(1 * SECOND, now_ns=4 * SECOND) == 3.0
+    assert tracker.age_s(4 * SECOND) == 1.0
+    assert new_tracker().age_of_s(1 * SECOND, now_ns=4 * SECOND) == -1.0
