@@ -79,6 +79,19 @@ def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
         assert search.left_out_gap == pytest.approx(gap, abs=1.0)
 
 
+def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where() -> None:
+    cells, rng = plain_room(), np.random.default_rng(0)
+    settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
+    search, seen = GlobalSearch(model_of(cells), settings, shard=0), seen_from(START, cells)
+    for _ in range(8):  # the robot stands, so no further scan tells where it is
+        before = search.log_evidence
+        per_beam = search.advance(START, START, seen, rng)
+    model = model_of(cells)
+    best = model.settings.scan_likelihood_exponent * seen.count * per_beam
+    assert search.log_evidence - before == pytest.approx(best, abs=1.0)
+    assert abs(best) > 3.0, "else nothing would be as near"
+
+
 def test_a_scan_without_a_return_tells_nothing_and_is_waited_out() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     search = GlobalSearch(model_of(cells), SETTINGS, shard=0)

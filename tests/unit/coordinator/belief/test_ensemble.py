@@ -54,6 +54,17 @@ def test_places_of_the_first_search_become_clusters_by_their_share_of_points() -
     assert list(outcome.begin) == ["c0", "c1", "c2"]
 
 
+def test_probable_places_get_more_of_the_particles_that_all_share() -> None:
+    made = ensemble(particles=4_000)
+    made.begin_at(0)
+    places = {NORTH: 0.7, SOUTH: 0.25, EAST: 0.05}
+    outcome = made.advance(0, [searched(f"s0.{n}", 0, places) for n in range(2)])
+    jobs = [job for job in outcome.begin.values() if isinstance(job, TrackJob)]
+    rules = made.settings.cluster
+    assert (rules.min_particles, rules.particles) == (500, 2_000), "all three kinds are here"
+    assert [job.particles for job in jobs] == [2_000, 1_000, 500]
+
+
 def test_shards_count_by_their_evidence() -> None:
     made = ensemble()
     made.begin_at(0)
