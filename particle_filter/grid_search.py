@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
@@ -176,7 +177,7 @@ class GridSearch:
         for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
             parts.append(level.sums(offsets, part))
             yield from self._meter.spend(len(parts[-1]) * len(offsets))
-        return np.concatenate(parts)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _search(self, heading: int, runs: Runs) -> Iterator[None]:
         offsets = self._offsets(heading)
@@ -309,19 +310,16 @@ def _runs(free: NDArray[np.bool_]) -> Runs:
 def _parts(runs: Runs, tiles: int) -> list[Runs]:
     """Runs in turn, of about so many tiles together."""
     part = np.cumsum(runs[:, 2]) // max(tiles, 1)
-    return np.split(runs, np.flatnonzero(np.diff(part)) + 1)
+    if len(part) == 0 or part[-1] == 0:
+        return [runs]
+    borders = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(runs)]
+    return [runs[first:last] for first, last in pairwise(borders)]
 
 
 @kernel
 def _finer(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int) -> Runs:
     """The tiles of the next level in those that are good enough."""
-    good, start = np.empty(len(sums), np.bool_), 0
-    for run in range(len(runs)):
-        row, first, count = runs[run]
-        for i in range(count):
-            good[start + i] = sums[start + i] >= least and free[row, first + i]
-        start += count
-    coarse = _joined_runs(runs, good)
+    coarse = _joined_runs(runs, _free_and_good(runs, sums, free, least))
     finer = np.empty((2 * len(coarse), 3), np.int64)
     for i in range(len(coarse)):
         row, first, count = coarse[i]
@@ -330,6 +328,22 @@ def _finer(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least:
             finer[2 * i + down, 1] = 2 * first
             finer[2 * i + down, 2] = 2 * count
     return finer
+
+
+@kernel
+def _free_and_good(
+    runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
+) -> NDArray[np.bool_]:
+    good, start, needed = np.empty(len(sums), np.bool_), np.uint64(0), np.uint16(least)
+    flat = free.reshape(-1)
+    for run in range(len(runs)):
+        row, first, count = runs[run]
+        # No branch, not negative, and told so: the loop is compiled to vector instructions.
+        begin, number = np.uint64(row * free.shape[1] + first), np.uint64(count)
+        for i in range(number):
+            good[start + i] = (sums[start + i] >= needed) & flat[begin + i]
+        start += number
+    return good
 
 
 @kernel
@@ -355,14 +369,15 @@ def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
 @kernel
 def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
     """The highest sum of a free leaf."""
-    best, start = 0, 0
+    best, nothing, start = np.uint16(0), np.uint16(0), np.uint64(0)
+    flat = free.reshape(-1)
     for run in range(len(runs)):
         row, first, count = runs[run]
-        for i in range(count):
-            if sums[start + i] > best and free[row, first + i]:
-                best = int(sums[start + i])
-        start += count
-    return best
+        begin, number = np.uint64(row * free.shape[1] + first), np.uint64(count)
+        for i in range(number):
+            best = max(best, sums[start + i] if flat[begin + i] else nothing)
+        start += number
+    return int(best)
 
 
 @kernel
@@ -370,14 +385,16 @@ def _good(
     runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The free leaves that are good enough, numbered row by row, and their sums."""
-    leaves, kept = np.empty(len(sums), np.int64), np.empty(len(sums), np.int64)
+    good = _free_and_good(runs, sums, free, least)
+    count_good = np.count_nonzero(good)
+    leaves, kept = np.empty(count_good, np.int64), np.empty(count_good, np.int64)
     found, start = 0, 0
     for run in range(len(runs)):
         row, first, count = runs[run]
         for i in range(count):
-            if sums[start + i] >= least and free[row, first + i]:
+            if good[start + i]:
                 leaves[found] = row * free.shape[1] + first + i
                 kept[found] = sums[start + i]
                 found += 1
         start += count
-    return leaves[:found].copy(), kept[:found].copy()
+    return leaves, kept

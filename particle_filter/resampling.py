@@ -93,23 +93,30 @@ def thinning(
         return np.arange(len(log_weights)), log_weights
     weights = normalised_weights(log_weights)
     yield
-    most = np.argpartition(-weights, count)[:count]
+    is_heavy = _heavy(weights, count)
+    heavy, rest = np.flatnonzero(is_heavy), np.where(is_heavy, 0.0, weights)
+    others, weight = count - len(heavy), rest.sum()
     yield
-    most = np.sort(most)  # the heaviest, in a set order
-    most = most[np.argsort(-weights[most], kind="stable")]
+    drawn = systematic(rest / weight, others, rng.random())
     yield
-    lighter = np.maximum(1.0 - np.cumsum(weights[most]) + weights[most], weights[most])
-    even = lighter / (count - np.arange(count))  # weight of the rest, if it begins there
-    heavy = int(np.argmax(weights[most] <= even))
-    rest = weights.copy()
-    rest[most[:heavy]] = 0.0
-    drawn = systematic(rest / rest.sum(), count - heavy, rng.random())
-    yield
-    log_even = float(log_weights[most[0]]) + np.log(rest.sum() / (count - heavy) / weights[most[0]])
-    chosen = np.concatenate([most[:heavy], drawn])
-    after = np.concatenate([log_weights[most[:heavy]], np.full(count - heavy, log_even)])
+    best = int(np.argmax(weights))
+    log_even = float(log_weights[best]) + np.log(weight / others / weights[best])
+    chosen = np.concatenate([heavy, drawn])
+    after = np.concatenate([log_weights[heavy], np.full(others, log_even)])
     in_order = np.argsort(chosen, kind="stable")
     return chosen[in_order], after[in_order]
+
+
+def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
+    """Which weigh more than each of the others will, when `count` are left; fewer than `count`."""
+    is_heavy, known, even = np.zeros(len(weights), bool), 0, 1.0 / count
+    while True:  # without the heavy ones the others' even share is less, and more are heavy
+        is_heavier = weights > even
+        found = int(np.count_nonzero(is_heavier))
+        rest = float(weights[~is_heavier].sum())
+        if found in (known, count) or rest == 0.0:
+            return is_heavy
+        is_heavy, known, even = is_heavier, found, rest / (count - found)
 
 
 def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:

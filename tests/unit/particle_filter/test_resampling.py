@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
 from particle_filter.log_weights import normalised_weights
-from particle_filter.resampling import Scheme, _pick, resample, thinned
+from particle_filter.resampling import Scheme, _heavy, _pick, resample, thinned
 from tests.unit.particle_filter import naive
 
 every_scheme = pytest.mark.parametrize("scheme", get_args(Scheme))
@@ -157,6 +157,32 @@ def test_thinning_is_right_on_average_for_every_particle() -> None:
         total[chosen] += np.exp(after)
     # The lightest is drawn 500 times or so of 4,000: six standard deviations are a quarter.
     np.testing.assert_allclose(total / 4000, np.exp(log_weights), rtol=0.25)
+
+
+@given(
+    arrays(np.float64, st.integers(5, 60), elements=st.floats(0.0, 1.0)),
+    st.integers(1, 4),
+    st.floats(0.1, 8.0),
+)
+def test_heavy_are_those_above_the_even_share_of_the_rest_as_sorting_finds_them(
+    weights: NDArray[np.float64], count: int, power: float
+) -> None:
+    weights = weights**power + 1e-6
+    weights /= weights.sum()
+    falling = np.sort(weights)[::-1]
+    even = [falling[first:].sum() / (count - first) for first in range(count)]
+    first = next((first for first in range(count) if falling[first] <= even[first]), count - 1)
+    found = np.count_nonzero(_heavy(weights, count))
+    if not np.isclose(falling[:count], even, rtol=1e-12).any():  # or it is both
+        assert found == first
+
+
+def test_what_weighs_nothing_is_not_drawn() -> None:
+    log_weights = np.array([0.0, -np.inf, -1.0, -np.inf, -2.0, -np.inf])
+    chosen, after = thinned(log_weights, 4, np.random.default_rng(0))
+    heavy = np.isfinite(log_weights[chosen])
+    assert set(chosen[heavy].tolist()) <= {0, 2, 4}
+    assert np.logaddexp.reduce(after) == pytest.approx(np.logaddexp.reduce(log_weights))
 
 
 def test_where_there_are_no_more_nothing_is_thinned() -> None:
