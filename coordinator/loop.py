@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import msgspec
 import zenoh
@@ -44,6 +44,7 @@ from protocol.health import Health
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
+from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import (
@@ -77,7 +78,9 @@ class CoordinatorLoop:
         recorder: FlightRecorder,
         trust: Trust,
         causes: CauseCounter,
+        is_anybody_there: Callable[[], bool],
     ) -> None:
+        self._is_anybody_there, self._deaf = is_anybody_there, DeafLink()
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
         self._recorder, self._trust = recorder, trust
         self._inbox: Events = Inbox(
@@ -92,7 +95,7 @@ class CoordinatorLoop:
         self._memory = AfterLargeMessages()
 
     def run(self, stop: StopFlag) -> None:
-        """Coordinate until told to stop, or until another coordinator acts."""
+        """Coordinate until told to stop, until another coordinator acts, or until deaf."""
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
         subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
         subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
@@ -113,18 +116,25 @@ class CoordinatorLoop:
         token = self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE)
         with self._keeper.running(), token:
             _log.info("coordinator ready")
-            while not (stop.is_set() or self._coordinator.outranked_by):
+            while not (stop.is_set() or self._coordinator.outranked_by or self._is_deaf()):
                 self._turn()
 
     def _turn(self) -> None:
         """Take what arrived first and do what comes of it."""
         event = self._inbox.get(TICK_S)
         now_ns = time.monotonic_ns()
+        self._deaf.on_event(event, now_ns)
         self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns), now_ns)
         self._carry_out(self._change(self._membership.due(now_ns), now_ns), now_ns)
         if event is None:
             self._memory.turn(now_ns / 1e9)
+
+    def _is_deaf(self) -> bool:
+        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_anybody_there()
+        if is_deaf:
+            _log.warning(DEAF)
+        return is_deaf
 
     def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
         try:

@@ -3,6 +3,7 @@
 import argparse
 import logging
 import time
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import quote
@@ -25,6 +26,7 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
 from protocol import keys
 from protocol.errors import AlreadyRunningError
+from zenoh_link.deaf_link import is_there
 from zenoh_link.metrics import metrics_served
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
@@ -80,9 +82,15 @@ def run_coordinator(invocation: Invocation) -> None:
                         advice="stop it, start this one with --standby, "
                         "or choose another robot.name",
                     )
-                standby = StandbyLoop(session, settings.coordinator.take_over_after_s, trust)
+                sees = partial(is_there, settings.zenoh, settings.robot, stop)
+                standby = StandbyLoop(
+                    session,
+                    settings.coordinator.take_over_after_s,
+                    trust,
+                    partial(sees, keys.COORDINATOR_ALIVE),
+                )
                 if not standby.run(stop):
-                    return
+                    continue
                 known = standby.newest
                 _log.warning("the coordinator is dead: taking over")
             lead(invocation, session, known, trust, causes)
@@ -116,7 +124,11 @@ def lead(
     keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
     recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
     with recorder.running():
-        loop = CoordinatorLoop(coordinator, session, keeper, recorder, trust, causes)
+        sees = partial(is_there, settings.zenoh, settings.robot, invocation.stop)
+        is_anybody_there = partial(sees, keys.ALL_WORKERS_ALIVE)
+        loop = CoordinatorLoop(
+            coordinator, session, keeper, recorder, trust, causes, is_anybody_there
+        )
         loop.run(invocation.stop)
     if coordinator.outranked_by is not None:
         _log.warning(

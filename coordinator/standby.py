@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 
 import zenoh
 
@@ -13,6 +14,7 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from protocol.work import Checkpoint
+from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Link, Received, Token, subscribe, watch, watch_link
 
@@ -24,15 +26,30 @@ _log = logging.getLogger(__name__)
 class StandbyLoop:
     """Listens for signs of life; the newest checkpoint heard is where it would carry on."""
 
-    def __init__(self, session: zenoh.Session, take_over_after_s: float, trust: Trust) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        take_over_after_s: float,
+        trust: Trust,
+        is_another_there: Callable[[], bool],
+    ) -> None:
+        """Know nothing yet.
+
+        Args:
+            session: of this process.
+            take_over_after_s: see `FailureDetector`.
+            trust: which checkpoints are believed.
+            is_another_there: whether somebody who hears well sees a coordinator.
+        """
         self._session, self._trust = session, trust
+        self._is_another_there, self._deaf = is_another_there, DeafLink()
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
         self.newest = NewestCheckpoint()
         """Of those heard."""
 
     def run(self, stop: StopFlag) -> bool:
-        """Wait; True when it is time to take over, False when told to stop."""
+        """Wait; True when it is time to take over, False when told to stop or deaf."""
         subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint")
         watch_link(self._session, self._inbox)
         watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
@@ -40,6 +57,7 @@ class StandbyLoop:
         while not stop.is_set():
             event = self._inbox.get(TICK_S)
             now_ns = time.monotonic_ns()
+            self._deaf.on_event(event, now_ns)
             match event:
                 case Received(payload=payload):
                     self._on_checkpoint(payload, now_ns)
@@ -50,7 +68,10 @@ class StandbyLoop:
                 case Link(up=up):
                     self._detector.link(up, now_ns)
             if event is None and self._detector.is_over(now_ns):
-                return True
+                is_deaf = self._deaf.is_armed and self._is_another_there()
+                if is_deaf:
+                    _log.warning(DEAF)
+                return not is_deaf
         return False
 
     def _on_checkpoint(self, payload: bytes, now_ns: int) -> None:

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 
 import msgspec
 import zenoh
@@ -31,6 +32,7 @@ from sensor_bridge.reading import Reading, Source
 from sensor_bridge.standing_robot import StandingRobot
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
+from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import (
@@ -45,6 +47,7 @@ from zenoh_link.wire import (
     serve,
     subscribe,
     watch,
+    watch_link,
 )
 
 POLL_S = 0.1
@@ -69,11 +72,13 @@ class BridgeLoop:
         settings: BridgeSettings,
         grid_map: GridMap | None,
         source: Source | None,
-        extension: Extension | None = None,
+        extension: Extension,
+        is_coordinator_there: Callable[[], bool],
     ) -> None:
+        self._is_coordinator_there, self._deaf = is_coordinator_there, DeafLink()
         self._session, self._settings, self._source = session, settings, source
         self._live = source is None
-        self._extension = extension or Extension()
+        self._extension = extension
         self._name = name
         self._map: MapMessage | None = to_message(grid_map, name) if grid_map else None
         self._ask_map_at_s = 0.0
@@ -95,7 +100,8 @@ class BridgeLoop:
         self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
 
     def run(self, stop: StopFlag) -> None:
-        """Serve until told to stop; a recording's end does not end it."""
+        """Serve until told to stop or until deaf; a recording's end does not end it."""
+        watch_link(self._session, self._inbox)
         serve(self._session, keys.MAP, self._inbox)
         serve(self._session, keys.SCAN_HISTORY, self._inbox)
         serve(self._session, keys.UPDATE, self._inbox)
@@ -108,11 +114,17 @@ class BridgeLoop:
             subscribe(self._session, keys.LASER_READING, self._inbox, "laser")
             subscribe(self._session, keys.MAP_READING, self._inbox, "map")
         with self._session.liveliness().declare_token(keys.BRIDGE_ALIVE):
-            while not stop.is_set():
+            while not (stop.is_set() or self._is_deaf()):
                 self._handle(self._inbox.get(self._send_due()))
                 if self._map is None:
                     self._ask_for_map()
                 self._health.publish_if_due(self._health_key)
+
+    def _is_deaf(self) -> bool:
+        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
+        if is_deaf:
+            _log.warning(DEAF)
+        return is_deaf
 
     # --- readings
 
@@ -248,6 +260,7 @@ class BridgeLoop:
     # --- what arrives
 
     def _handle(self, event: Event | None) -> None:
+        self._deaf.on_event(event, time.monotonic_ns())
         try:
             match event:
                 case Asked():

@@ -3,6 +3,7 @@
 import argparse
 import logging
 from collections.abc import Callable
+from functools import partial
 from typing import assert_never
 
 import zenoh
@@ -18,6 +19,7 @@ from sensor_bridge.extension import Extension
 from sensor_bridge.loop import BridgeLoop
 from sensor_bridge.reading import Reading, Source
 from sensor_bridge.recording import open_recording, steps_of
+from zenoh_link.deaf_link import is_there
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
 
@@ -117,16 +119,26 @@ def serve_robot(
     Raises:
         AlreadyRunningError: the robot has a bridge.
     """
-    settings = invocation.settings
-    with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
-        if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
-            raise AlreadyRunningError(
-                what="a sensor bridge",
-                robot=settings.robot.name,
-                endpoint=settings.zenoh.router,
-                advice="stop it, or choose another robot.name",
+    settings, stop = invocation.settings, invocation.stop
+    sees = partial(is_there, settings.zenoh, settings.robot, stop)
+    # What a robot of its own lives through, another session would break off.
+    is_coordinator_there = partial(sees, keys.COORDINATOR_ALIVE) if source is None else _no
+    while not stop.is_set():
+        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+            if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
+                raise AlreadyRunningError(
+                    what="a sensor bridge",
+                    robot=settings.robot.name,
+                    endpoint=settings.zenoh.router,
+                    advice="stop it, or choose another robot.name",
+                )
+            loop = BridgeLoop(
+                *(invocation.process, session, settings.bridge, grid_map, source),
+                extend(session),
+                is_coordinator_there,
             )
-        loop = BridgeLoop(
-            invocation.process, session, settings.bridge, grid_map, source, extend(session)
-        )
-        loop.run(invocation.stop)
+            loop.run(stop)
+
+
+def _no() -> bool:
+    return False

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -34,9 +35,18 @@ from worker.events import (
 from worker.instructions import FetchMap, FetchScans
 from worker.outgoing import ANSWERS, Built, Fetched, Outgoing, WorkerInbox
 from worker.worker import Worker
+from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Asked, Publisher, Received, Unread, serve, subscribe
+from zenoh_link.wire import (
+    Asked,
+    Publisher,
+    Received,
+    Unread,
+    serve,
+    subscribe,
+    watch_link,
+)
 
 KEPT_SCANS = 64
 KEPT_ANSWERS = 16
@@ -58,8 +68,14 @@ class WorkerLoop:
     """One worker's life between its first connection and its stop."""
 
     def __init__(
-        self, name: str, session: zenoh.Session, cache_folder: Path, incarnation: int
+        self,
+        name: str,
+        session: zenoh.Session,
+        cache_folder: Path,
+        incarnation: int,
+        is_coordinator_there: Callable[[], bool],
     ) -> None:
+        self._is_coordinator_there, self._deaf = is_coordinator_there, DeafLink()
         self._name, self._session = name, session
         self._worker = Worker(name, incarnation)
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
@@ -72,8 +88,9 @@ class WorkerLoop:
         )
 
     def run(self, stop: StopFlag) -> None:
-        """Serve until told to stop."""
+        """Serve until told to stop, or until deaf: who is there gives its clusters to others."""
         subscribe(self._session, keys.SCAN, self._inbox, "scan")
+        watch_link(self._session, self._inbox)
         checkpoints = Unread(
             self._session, keys.CHECKPOINT, self._inbox, "checkpoint", KEPT_CHECKPOINTS
         )
@@ -81,9 +98,10 @@ class WorkerLoop:
         serve(self._session, keys.worker_state(self._name), self._inbox)
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             unread_scans = 0
-            while not stop.is_set():
+            while not (stop.is_set() or self._is_deaf()):
                 wait_s = SOON_S if self._outgoing.asks_again else POLL_S
                 event = self._inbox.get(0.0 if self._worker.searches else wait_s)
+                self._deaf.on_event(event, time.monotonic_ns())
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
                     unread_scans += 1
@@ -91,6 +109,7 @@ class WorkerLoop:
                         continue
                 unread_scans = 0
                 for payload in checkpoints.drain():
+                    self._deaf.on_event(payload, time.monotonic_ns())
                     self._on_checkpoint(payload)
                 match event:
                     case Asked():
@@ -107,6 +126,12 @@ class WorkerLoop:
                     self._memory.turn(time.monotonic())
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
+
+    def _is_deaf(self) -> bool:
+        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
+        if is_deaf:
+            _log.warning("%s: %s", self._name, DEAF)
+        return is_deaf
 
     def _tell(self, event: Event) -> None:
         self._outgoing.carry_out(self._worker.handle(event))

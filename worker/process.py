@@ -2,6 +2,7 @@
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked
 from process_runtime.scheduling import work_without_preempting
 from process_runtime.stop import StopFlag
+from protocol import keys
 from worker.loop import WorkerLoop
 from worker.map_model import default_cache_folder
 from worker.warm_up import compile_kernels
+from zenoh_link.deaf_link import is_there
 from zenoh_link.session import open_session
 
 
@@ -44,9 +47,13 @@ def run_workers(invocation: Invocation) -> None:
     def child(index: int, stop: StopFlag) -> None:
         name = f"{prefix}-{index}"
         start_trace(settings.log.trace_folder, name)
-        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
-            work_without_preempting()
-            WorkerLoop(name, session, cache, incarnation=time.time_ns()).run(stop)
+        is_coordinator_there = partial(
+            is_there, settings.zenoh, settings.robot, stop, keys.COORDINATOR_ALIVE
+        )
+        while not stop.is_set():
+            with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
+                work_without_preempting()
+                WorkerLoop(name, session, cache, time.time_ns(), is_coordinator_there).run(stop)
 
     run_forked(
         invocation.arguments.count or settings.worker.count, child, invocation.stop, name=prefix

@@ -60,6 +60,7 @@ def rights_of(role: str, worker: str = "*") -> Rights:
             serves=(keys.worker_order(worker), keys.worker_state(worker)),
             asks=(keys.MAP, keys.SCAN_HISTORY),
             announces=(keys.worker_alive(worker),),
+            watches=(keys.COORDINATOR_ALIVE,),
         )
     return _ROLES[role]
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias, TypeVar
 
 import zenoh
-from zenoh import handlers
+from zenoh import QueryTarget, handlers
 
 from process_runtime.latency_trace import mark
 from protocol.codec import decode, encode
@@ -224,7 +224,7 @@ def ask(
     timeout_s: float,
     message: Message | None = None,
 ) -> M:
-    """Ask whoever serves `key` and take the first answer.
+    """Ask all who serve `key` and take the first answer: one of them may hear nothing.
 
     Raises:
         UnreachableError: nobody answered in time, or the one who did refused.
@@ -232,7 +232,7 @@ def ask(
     """
     payload = encode(message) if message is not None else None
     problem = f"nobody answers on {key!r}"
-    for reply in session.get(key, payload=payload, timeout=timeout_s):
+    for reply in session.get(key, payload=payload, target=QueryTarget.ALL, timeout=timeout_s):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), answer)
         if reply.err is not None:
@@ -274,5 +274,6 @@ def ask_later(
         selector,
         handlers.Callback(on_reply, lambda: None if answered else on_failure(refused)),
         payload=encode(message) if message is not None else None,
+        target=QueryTarget.ALL,
         timeout=timeout_s,
     )

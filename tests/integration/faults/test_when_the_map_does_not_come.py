@@ -105,7 +105,7 @@ class Coordinator:
 def working(session: zenoh.Session, folder: Path) -> Iterator[None]:
     """A worker's loop in a thread of its own."""
     stop = StopFlag()
-    loop = WorkerLoop(NAME, session, folder, incarnation=1)
+    loop = WorkerLoop(NAME, session, folder, 1, is_coordinator_there=lambda: False)
     thread = threading.Thread(target=loop.run, args=(stop,))
     thread.start()
     try:

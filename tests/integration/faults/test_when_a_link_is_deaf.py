@@ -1,0 +1,164 @@
+"""A link that came back and carries nothing this way: Zenoh failed to declare all anew over it.
+
+Here processes come back to a router at which nobody is, while the others are at another one.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from coordinator.failover.trust import Trust
+from coordinator.standby import StandbyLoop
+from process_runtime.settings import RobotSettings, ZenohSettings
+from process_runtime.stop import StopFlag
+from process_runtime.supervisor import python_module
+from protocol import keys
+from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.processes import RunningProcess
+from tests.integration.routers import open_router
+from tests.integration.waiting import wait_until
+from zenoh_link.deaf_link import DEAF
+from zenoh_link.session import open_session
+from zenoh_link.wire import is_alive
+
+LOOK_S = 2.0
+
+
+class Detour:
+    """What processes take for their router; it can be led to another one, which breaks links."""
+
+    def __init__(self, folder: Path, start_process: StartProcess) -> None:
+        self._folder, self._start_process = folder, start_process
+        self.settings = ZenohSettings(router=f"unixsock-stream/{folder}/far.sock")
+        self._process: RunningProcess | None = None
+
+    def leads_to(self, router: str) -> None:
+        """Later links go there; those that are there stay."""
+        link, made = self._folder / "to.sock", self._folder / "made"
+        made.symlink_to(self._folder / f"{router}.sock")
+        made.replace(link)
+
+    def start(self) -> None:
+        """Break all links, if there are any, and carry new ones."""
+        if self._process is not None:
+            self._process.kill()
+        far, control = self._folder / "far.sock", self._folder / "control.sock"
+        for socket in (far, control):
+            socket.unlink(missing_ok=True)
+        arguments = ("--listen", far, "--router", self._folder / "to.sock", "--control", control)
+        self._process = self._start_process(
+            python_module("soak_test.cables", *(str(argument) for argument in arguments))
+        )
+
+
+@pytest.fixture
+def detour(short_folder: str, start_process: StartProcess) -> Detour:
+    made = Detour(Path(short_folder), start_process)
+    made.leads_to("here")
+    made.start()
+    return made
+
+
+def session_at(short_folder: str, router: str) -> Iterator[zenoh.Session]:
+    settings = ZenohSettings(router=f"unixsock-stream/{short_folder}/{router}.sock")
+    with (
+        open_router(settings),
+        open_session(settings, RobotSettings(), StopFlag(), wait_s=20.0) as session,
+    ):
+        yield session
+
+
+@pytest.fixture
+def here(short_folder: str) -> Iterator[zenoh.Session]:
+    """A session at the router of all others."""
+    yield from session_at(short_folder, "here")
+
+
+@pytest.fixture
+def nowhere(short_folder: str) -> Iterator[zenoh.Session]:
+    """A session at the router where nobody is."""
+    yield from session_at(short_folder, "nowhere")
+
+
+def comes_back(
+    tokens: list[str], detour: Detour, here: zenoh.Session, nowhere: zenoh.Session
+) -> None:
+    """Lead the processes with these tokens astray, and wait until they are back."""
+
+    def are_at(session: zenoh.Session) -> bool:
+        return all(is_alive(session, token, LOOK_S) for token in tokens)
+
+    wait_until(lambda: are_at(here), 60.0)
+    detour.leads_to("nowhere")
+    detour.start()
+    wait_until(lambda: are_at(nowhere), 60.0)
+    detour.leads_to("here")
+    assert not any(is_alive(here, token, LOOK_S) for token in tokens)
+    wait_until(lambda: are_at(here), 60.0)
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments", "token", "other"),
+    [
+        ("worker", ("--name", "w", "--count", "1"), "worker/w-0/alive", keys.COORDINATOR_ALIVE),
+        (
+            "sensor_bridge",
+            ("--source", "zenoh", "--map", "zenoh"),
+            keys.BRIDGE_ALIVE,
+            keys.COORDINATOR_ALIVE,
+        ),
+        ("coordinator", (), keys.COORDINATOR_ALIVE, "worker/other/alive"),
+    ],
+)
+def test_a_process_that_hears_nothing_where_others_are_opens_another_session(
+    module: str,
+    arguments: tuple[str, ...],
+    token: str,
+    other: str,
+    detour: Detour,
+    here: zenoh.Session,
+    nowhere: zenoh.Session,
+    start_process: StartProcess,
+) -> None:
+    router = ("--set", f"zenoh.router={detour.settings.router}")
+    process = start_process(python_module(module, *arguments, *router))
+    wait_until(lambda: is_alive(here, token, LOOK_S), 60.0)
+    with here.liveliness().declare_token(other):
+        comes_back([token], detour, here, nowhere)
+    assert process.is_running()
+    assert DEAF in process.err
+
+
+@pytest.mark.parametrize("is_another_there", [True, False])
+def test_one_that_stands_by_and_hears_nothing_takes_over_only_where_nobody_is(
+    is_another_there: bool,
+    start_router: Callable[[], RunningProcess],
+    open_client: OpenClient,
+) -> None:
+    router = start_router()
+    looked, over = list[float](), list[bool]()
+    trust = Trust(None, "robot", time.time_ns, lambda _: None)
+
+    def look() -> bool:
+        looked.append(time.monotonic())
+        return is_another_there
+
+    loop, stop = StandbyLoop(open_client(), 1.0, trust, look), StopFlag()
+    thread = threading.Thread(target=lambda: over.append(loop.run(stop)))
+    thread.start()
+    try:
+        time.sleep(0.3)
+        router.send_signal(signal.SIGKILL)
+        router.wait()
+        start_router()
+        wait_until(lambda: over, 60.0)
+    finally:
+        stop.set()
+        thread.join(10.0)
+    assert over == [not is_another_there]
+    assert len(looked) == 1
