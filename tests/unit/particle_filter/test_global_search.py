@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from particle_filter.arrays import UNKNOWN
-from particle_filter.global_search import GlobalSearch
+from particle_filter.global_search import GlobalSearch, _Kept
 from particle_filter.poses import heading_distance
+from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from tests.unit.particle_filter.rooms import (
     beam_model_of,
@@ -118,3 +119,45 @@ def test_a_map_without_a_free_cell_is_refused() -> None:
     cells[10, 10] = 1
     with pytest.raises(ValueError, match="no free cell"):
         GlobalSearch(model_of(cells), SETTINGS, shard=0)
+
+
+class Corrected:
+    """A model that takes back what it is told, wherever it looks."""
+
+    def __init__(self, cells: np.ndarray, correction: float) -> None:
+        self._model, self._correction = model_of(cells), correction
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._model, name)
+
+    def correction(self, poses: np.ndarray, weights: np.ndarray, _beams: Beams) -> float:
+        assert len(poses) == len(weights)
+        assert float(weights.sum()) == pytest.approx(1.0), "of one place"
+        return self._correction
+
+
+def test_what_was_given_for_looks_through_walls_is_taken_back() -> None:
+    told = []
+    for correction in (0.0, 2.0):
+        model: SensorModel = Corrected(plain_room(), correction)  # type: ignore[assignment] # a twin
+        search = GlobalSearch(model, SETTINGS, shard=0)
+        search.advance(None, START, seen_from(START, plain_room()), np.random.default_rng(0))
+        told.append(search.log_evidence)
+    # Places with less than a hundredth are not looked at.
+    assert told[1] - told[0] == pytest.approx(-2.0, abs=0.1)
+
+
+def test_heavy_poses_are_split_within_what_they_stand_for_and_light_ones_stay() -> None:
+    search = searched(plain_room(), 1, seed=0)
+    poses = np.array([[1.0, 2.0, 0.3], [2.0, 1.0, -0.3], [3.0, 2.0, 1.0]])
+    log_weights, sizes = np.log([0.979, 0.01, 0.011]), np.array([1.0, 1.0, 0.5])
+    search._wanted = 50
+    kept, parent = search._split(_Kept(poses, log_weights, sizes), np.random.default_rng(0))
+    assert np.bincount(parent).tolist() == [49, 1, 1]
+    np.testing.assert_array_equal(kept.poses[-2:], poses[-2:])
+    apart = np.abs(kept.poses[:49] - poses[0])
+    assert (apart <= search._space.cell / 2).all()
+    assert (apart.max(axis=0) > 0.4 * search._space.cell).all()
+    weights = np.bincount(parent, np.exp(kept.log_weights))
+    np.testing.assert_allclose(weights, [0.979, 0.01, 0.011])
+    np.testing.assert_allclose(kept.sizes, [*[49 ** (-1 / 3)] * 49, 1.0, 0.5])

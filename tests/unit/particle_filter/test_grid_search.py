@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from particle_filter.grid_search import GridSearch, Leaves, SearchSpace
+from particle_filter.grid_search import (
+    _LARGEST_GAP,
+    GridSearch,
+    Leaves,
+    SearchSpace,
+    _best,
+    _good,
+    _joined_runs,
+)
 from particle_filter.likelihood_field import scan_log_likelihood
 from particle_filter.settings import SearchSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
@@ -116,3 +124,36 @@ def test_a_region_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
     assert np.all((poses[:, 1] >= 2.5) & (poses[:, 1] <= 3.5))
     assert len(leaves) == pytest.approx(25, abs=10)
     assert leaves_in(((90.0, 90.0), (91.0, 91.0))).leaf_count == space_of().leaf_count
+
+
+RUNS = np.array([[0, 1, 2], [2, 0, 3]])
+SUMS = np.array([5, 9, 7, 300, 8], np.uint16)
+FREE = np.array([[1, 1, 1, 1], [0, 0, 0, 0], [1, 0, 1, 0]], bool)
+
+
+def test_the_best_and_the_good_are_looked_for_among_free_leaves_of_all_runs() -> None:
+    assert _best(RUNS, SUMS, FREE) == 9
+    leaves, kept = _good(RUNS, SUMS, FREE, 7)
+    assert leaves.tolist() == [0 * 4 + 2, 2 * 4 + 0, 2 * 4 + 2]
+    assert kept.tolist() == [9, 7, 8]
+
+
+def test_good_tiles_with_small_gaps_between_them_are_one_run() -> None:
+    good = np.zeros(400, bool)
+    good[[3, 5, 5 + _LARGEST_GAP, 6 + 2 * _LARGEST_GAP, 350, 399]] = True
+    runs = np.array([[7, 10, 380], [8, 0, 20]])
+    expected = [
+        [7, 13, 3 + _LARGEST_GAP],
+        [7, 16 + 2 * _LARGEST_GAP, 1],
+        [7, 360, 1],
+        [8, 19, 1],
+    ]
+    assert _joined_runs(runs, good).tolist() == expected
+
+
+def test_a_circle_is_as_wide_as_it_says() -> None:
+    near = SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, 1, near=(4.0, 2.0, 1.5))
+    leaves = np.flatnonzero(near.free[-1])
+    poses = near.poses(leaves, np.zeros(len(leaves), np.int64))
+    far = np.hypot(poses[:, 0] - 4.0, poses[:, 1] - 2.0)
+    assert 1.3 < far.max() <= 1.5

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from particle_filter.cluster_filter import Cloud, resampled
-from particle_filter.kld_sampling import sufficient_particles
+from particle_filter.kld_sampling import BIN_M, BIN_RAD, sufficient_particles
 from particle_filter.settings import ClusterSettings
 
 
@@ -39,3 +39,11 @@ def test_a_draw_takes_as_many_where_the_number_adapts_and_else_keeps_it() -> Non
     assert len(fixed.log_weights) == 2000
     assert 50 <= len(adapted.log_weights) < 2000
     assert np.exp(adapted.log_weights).sum() == len(adapted.log_weights)
+
+
+def test_bins_count_that_are_apart_in_anything() -> None:
+    bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
+    poses = (bins + 0.5) * np.array([BIN_M, BIN_M, BIN_RAD])
+    k = 7 * 5 * 3 - 1
+    expected = k / 0.1 * (1 - 2 / (9 * k) + (2 / (9 * k)) ** 0.5 * 2.326) ** 3
+    assert sufficient_particles(poses, 0.05, 1, 10**6) == int(np.ceil(expected))

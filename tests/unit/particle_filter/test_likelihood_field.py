@@ -1,5 +1,6 @@
 """The likelihood field against its naive twin, and laws of symmetry."""
 
+import math
 from math import log
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells, LogWeights, Points, Pose, Poses
-from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.likelihood_field import LikelihoodField, code_scale, scan_log_likelihood
 from particle_filter.poses import compose
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter import naive
@@ -233,3 +234,11 @@ def test_a_field_made_in_strips_is_that_of_the_whole_map() -> None:
     expected = [[naive.log_likelihood_at(d, sensor) for d in row] for row in distance_m[::7]]
     built = LikelihoodField.build(cells, 0.1, ORIGIN, sensor)
     np.testing.assert_allclose(decoded(built)[::7], expected, atol=tolerance(1, built) + 1e-5)
+
+
+def test_codes_begin_at_the_likelihood_of_the_farthest_beam() -> None:
+    near = SensorSettings(max_obstacle_distance_m=2.0 * SENSOR.hit_sigma_m)
+    sigma = near.hit_sigma_m
+    hit = near.hit_weight * math.exp(-2.0) / (math.sqrt(2.0 * math.pi) * sigma)
+    floor, _ = code_scale(near)
+    assert floor == pytest.approx(math.log(near.random_weight / near.max_range_m + hit))

@@ -155,3 +155,13 @@ def test_a_laser_that_sees_nothing_leaves_the_other_as_it_is(name: SensorModelNa
     np.testing.assert_array_equal(
         sensor.log_likelihood(TRUTH[None], merged), sensor.log_likelihood(TRUTH[None], first)
     )
+
+
+def test_each_laser_has_a_beam_however_few_are_scored_and_no_more() -> None:
+    merged = model_of(plain_room(), SensorSettings(max_beams=1)).beams(both(plain_room())[2])
+    assert [len(laser.ranges) for laser in merged.lasers] == [1, 1]
+
+
+def test_a_grid_can_not_be_changed() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        Grid(plain_room(), CELL_M, NO_OFFSET).cells[0, 0] = 0

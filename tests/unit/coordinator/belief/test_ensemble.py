@@ -4,13 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from coordinator.belief.ensemble import Ensemble
+from coordinator.belief.ensemble import ELSEWHERE, Ensemble
 from coordinator.belief.outcome import Outcome
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.job_events import Began, Ended
 from protocol.message import PoseTuple
-from protocol.work import Report, SearchJob, TrackJob
-from tests.unit.coordinator.reports import literal_bayes, place, searched, tracked
+from protocol.work import ElsewhereJob, Report, SearchJob, TrackJob
+from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, searched, tracked
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
@@ -328,3 +328,26 @@ def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:
     outcome = made.advance(7, [searched(f"s0.{n}", 3, {NORTH: 1.0}) for n in range(2)])
     assert outcome.hypotheses == ()
     assert outcome.searching
+
+
+@pytest.mark.parametrize(("fit", "times"), [(1.0, 1), (1e-6, 4)])
+def test_a_search_beside_a_robot_that_is_held_does_not_take_long(fit: float, times: int) -> None:
+    """It looks around; one that may have to find a robot that was lost has more patience."""
+    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, kidnapping_probability=0.001)
+    first_step = made.advance(1, [tracked("c0", 1, 1.0, NORTH)]).step + 1
+    scattered = {(3.0 * number, 9.0, 0.0): 0.1 for number in range(10)}
+    most = times * made.settings.search.max_steps
+    for steps in range(1, most + 1):
+        step = first_step + steps - 1
+        clusters = [tracked(c.job_id, step, fit, c.mean) for c in made.clusters.all()]
+        nowhere = elsewhere(step, math.log(1e-3))
+        found = [searched(f"s1.{shard}", step, scattered) for shard in range(2)]
+        outcome = made.advance(step, [*clusters, nowhere, *found])
+        ended = {event.cause for event in outcome.events if event.job_id == "s1.0"}
+        assert ended == ({"search over"} if steps == most else set()), steps
+
+
+def test_where_a_robot_is_put_elsewhere_is_looked_at_from_the_next_step_on() -> None:
+    made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
+    outcome = made.go_on_from([place(1.0, SOUTH, 7)], 7, "new map")
+    assert outcome.begin[ELSEWHERE] == ElsewhereJob(first_step=8)
