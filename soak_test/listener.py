@@ -14,6 +14,7 @@ from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from soak_test.pose_checks import Question
 from soak_test.robot import TRUTH_KEY
+from zenoh_link.wire import AS_THEY_COME
 
 ASK_TIMEOUT_S = 1.0
 _WAITING = 20_000
@@ -84,7 +85,12 @@ class Listener:
             if not answers:
                 self._arrived.append(Question(asked_ns, time.time_ns(), None))
 
-        self._session.get(keys.POSE, handlers.Callback(on_reply, on_done), timeout=ASK_TIMEOUT_S)
+        self._session.get(
+            keys.POSE,
+            handlers.Callback(on_reply, on_done),
+            consolidation=AS_THEY_COME,
+            timeout=ASK_TIMEOUT_S,
+        )
 
     def ask_status(self) -> None:
         """Ask for the coordinator's counters without waiting."""
@@ -97,7 +103,10 @@ class Listener:
                 self._arrived.append(StatusHeard(time.time_ns(), status))
 
         self._session.get(
-            keys.STATUS, handlers.Callback(on_reply, lambda: None), timeout=ASK_TIMEOUT_S
+            keys.STATUS,
+            handlers.Callback(on_reply, lambda: None),
+            consolidation=AS_THEY_COME,
+            timeout=ASK_TIMEOUT_S,
         )
 
     def say(self, key: str, payload: bytes) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias, TypeVar
 
 import zenoh
-from zenoh import QueryTarget, handlers
+from zenoh import handlers
 
 from process_runtime.latency_trace import mark
 from protocol.codec import decode, encode
@@ -22,6 +22,10 @@ from zenoh_link.inbox import Inbox
 ENCODING = "application/msgpack"
 
 M = TypeVar("M")
+
+
+AS_THEY_COME = zenoh.ConsolidationMode.NONE
+"""Answers; else the first one is held back until all who serve have answered."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,10 @@ class Unread:
 
 
 def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
-    """Put queries on `key` into the inbox; one that finds it full is refused at once."""
+    """Put queries on `key` into the inbox; one that finds it full is refused at once.
+
+    Never declared complete: of several that are, a router asks one, and that one may hear nothing.
+    """
 
     def on_query(query: zenoh.Query) -> None:
         name, payload = str(query.key_expr), b""
@@ -184,7 +191,7 @@ def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
         if not inbox.put(asked):
             asked.refuse("too busy; ask again")
 
-    session.declare_queryable(key, on_query, complete=True)
+    session.declare_queryable(key, on_query)
 
 
 def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
@@ -224,7 +231,7 @@ def ask(
     timeout_s: float,
     message: Message | None = None,
 ) -> M:
-    """Ask all who serve `key` and take the first answer: one of them may hear nothing.
+    """Ask whoever serves `key` and take the first answer.
 
     Raises:
         UnreachableError: nobody answered in time, or the one who did refused.
@@ -232,7 +239,7 @@ def ask(
     """
     payload = encode(message) if message is not None else None
     problem = f"nobody answers on {key!r}"
-    for reply in session.get(key, payload=payload, target=QueryTarget.ALL, timeout=timeout_s):
+    for reply in session.get(key, payload=payload, consolidation=AS_THEY_COME, timeout=timeout_s):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), answer)
         if reply.err is not None:
@@ -274,6 +281,6 @@ def ask_later(
         selector,
         handlers.Callback(on_reply, lambda: None if answered else on_failure(refused)),
         payload=encode(message) if message is not None else None,
-        target=QueryTarget.ALL,
+        consolidation=AS_THEY_COME,
         timeout=timeout_s,
     )

@@ -11,6 +11,7 @@ import zenoh
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag, StoppedError
 from protocol import keys
+from protocol.answers import CommandDone
 from protocol.errors import UnreachableError
 from protocol.limits import max_bytes_on
 from tests.integration.conftest import OpenClient, StartProcess
@@ -20,7 +21,7 @@ from tests.integration.waiting import wait_until
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.threads import VARIABLE
-from zenoh_link.wire import Events, Link, Unread, watch_link
+from zenoh_link.wire import Asked, Event, Events, Link, Unread, ask, serve, watch_link
 
 CLIENT = Path(__file__).parent / "programs" / "client.py"
 
@@ -193,3 +194,29 @@ def test_a_child_started_later_does_not_have_our_count_of_threads(
     assert child.wait() == 0
     assert "PATH" in child.out
     assert VARIABLE not in child.out
+
+
+@pytest.mark.usefixtures("router")
+@pytest.mark.parametrize("deaf_first", [True, False])
+def test_one_that_serves_and_never_answers_keeps_no_answer_of_another_back(
+    open_client: OpenClient, deaf_first: bool
+) -> None:
+    answers, unread = Inbox[Event]({}), Inbox[Event]({})
+    deaf, speaks, asks = open_client(), open_client(), open_client()
+    for session in (deaf, speaks) if deaf_first else (speaks, deaf):
+        serve(session, keys.UPDATE, answers if session is speaks else unread)
+    stop = threading.Event()
+
+    def answer() -> None:
+        while not stop.is_set():
+            if isinstance(asked := answers.get(0.05), Asked):
+                asked.answer(CommandDone(sender="speaks"))
+
+    thread = threading.Thread(target=answer)
+    thread.start()
+    try:
+        for _ in range(5):
+            assert ask(asks, keys.UPDATE, CommandDone, timeout_s=20.0).sender == "speaks"
+    finally:
+        stop.set()
+        thread.join(10.0)
