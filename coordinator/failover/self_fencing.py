@@ -8,8 +8,9 @@ from coordinator.instructions import FetchScans, Instruction
 
 PAUSE_NS = 1_000_000_000
 """So long between two turns of the loop, and the process was stopped."""
-LISTEN_NS = 600_000_000
-"""Longer than between two signs of life of a coordinator."""
+LISTEN_NS = 1_200_000_000
+"""Who has just been given up hears in this time of who takes over: that one asks the workers for
+up to half a second, and then gives a sign of life at least twice a second."""
 
 
 class SelfFencing:
