@@ -93,7 +93,8 @@ class CoordinatorNode(Node):
             settings=COORDINATOR,
             version="test",
             now_ns=self.now_ns,
-            term=self._now_us(),
+            # Simulated processes start at round times, real ones never at the same microsecond.
+            term=self._now_us() + 1_009 * self.session + int(self.name[-1]),
             known=self._newest.checkpoint,
             usual_delay_ns=self._newest.usual_delay_ns,
             last_poses={},
