@@ -34,6 +34,7 @@ from worker.events import (
 )
 from worker.instructions import FetchMap, FetchScans
 from worker.outgoing import ANSWERS, Built, Fetched, Outgoing, WorkerInbox
+from worker.search_pause import SearchPause
 from worker.worker import Worker
 from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
@@ -53,6 +54,8 @@ KEPT_ANSWERS = 16
 POLL_S = 0.25
 """Between two looks at whether to stop, where nothing comes."""
 SOON_S = 0.01
+PAUSE_S = 0.004
+"""Between two looks at whether a step is decided, while searches pause for it."""
 KEPT_CHECKPOINTS = 4
 """Between two looks: some of each of two coordinators of which one takes over."""
 SCANS_TO_A_LOOK = 2
@@ -77,7 +80,7 @@ class WorkerLoop:
     ) -> None:
         self._is_coordinator_there, self._deaf = is_coordinator_there, DeafLink()
         self._name, self._session = name, session
-        self._worker = Worker(name, incarnation)
+        self._worker, self._pause = Worker(name, incarnation), SearchPause()
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
         self._causes = CauseCounter()
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
@@ -99,8 +102,7 @@ class WorkerLoop:
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             unread_scans = 0
             while not (stop.is_set() or self._is_deaf()):
-                wait_s = SOON_S if self._outgoing.asks_again else POLL_S
-                event = self._inbox.get(0.0 if self._worker.searches else wait_s)
+                event = self._inbox.get(self._wait_s())
                 self._deaf.on_event(event, time.monotonic_ns())
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
@@ -120,7 +122,7 @@ class WorkerLoop:
                         self._tell(_what_was_built(event))
                     case MapFailed() | HistoryFailed():
                         self._tell(event)
-                if self._worker.searches:
+                if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
                     self._tell(TimeToSearch())
                 if event is None:
                     self._memory.turn(time.monotonic())
@@ -132,6 +134,11 @@ class WorkerLoop:
         if is_deaf:
             _log.warning("%s: %s", self._name, DEAF)
         return is_deaf
+
+    def _wait_s(self) -> float:
+        if self._worker.searches:
+            return min(self._pause.left_ns(time.monotonic_ns()) / 1e9, PAUSE_S)
+        return SOON_S if self._outgoing.asks_again else POLL_S
 
     def _tell(self, event: Event) -> None:
         self._outgoing.carry_out(self._worker.handle(event))
@@ -150,6 +157,7 @@ class WorkerLoop:
         mark("decoded", scan)
         self._health.happened("scans")
         dropped = self._inbox.dropped().get("scan", 0)
+        self._pause.scanned(scan.step, taken_ns)
         instructions = self._worker.handle(ScanArrived(scan, dropped))
         mark("computed", scan)
         self._outgoing.carry_out(instructions)
@@ -160,6 +168,7 @@ class WorkerLoop:
         except MalformedMessageError as error:
             self._warn(error)
             return
+        self._pause.believed(checkpoint.step, founded=checkpoint.founded)
         self._tell(CheckpointHeard(checkpoint, payload))
 
     def _on_query(self, asked: Asked) -> None:
