@@ -122,10 +122,11 @@ class StateRecovery:
         self._heard.append(checkpoint)
 
     def answered(self, worker: str, told: Told) -> None:
-        """A worker has answered."""
+        """A worker has answered; one that has started anew meanwhile knows less than before."""
         self._asked_ns.pop(worker, None)
         self._told[worker] = msgspec.structs.replace(told, checkpoint=None, earlier=())
-        self._kept[worker] = told.checkpoints
+        known = chain(told.checkpoints, self._kept.get(worker, ()))
+        self._kept[worker] = tuple(best_first(known)[: MAX_EARLIER + 1])
 
     def forget_checkpoints(self) -> None:
         """This coordinator has begun, from one of them or from none: they are of no use."""

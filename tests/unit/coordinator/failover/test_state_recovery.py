@@ -46,3 +46,12 @@ def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> 
     assert is_over_after(recovery, SILENT_NS)
     recovery.answered("w2", NOTHING)
     assert is_over_after(recovery, UNKNOWN_NS)
+
+
+def test_what_a_worker_has_told_counts_also_when_it_has_started_anew_and_knows_nothing() -> None:
+    recovery, older = asked("w1"), replace(KNOWN, step=2, serial=0)
+    recovery.answered("w1", replace(NOTHING, checkpoint=KNOWN))
+    recovery.ask_all_again()
+    recovery.answered("w1", NOTHING)
+    recovery.answered("w1", replace(NOTHING, checkpoint=older))
+    assert recovery.checkpoints == [KNOWN, older]
