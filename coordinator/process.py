@@ -10,11 +10,11 @@ from urllib.parse import quote
 
 import zenoh
 
-from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.trust import Trust
 from coordinator.key_file import read_key
 from coordinator.last_pose_files import default_state_folder, read_all
 from coordinator.loop import CoordinatorLoop
+from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started

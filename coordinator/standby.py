@@ -7,8 +7,8 @@ from collections.abc import Callable
 import zenoh
 
 from coordinator.failover.failure_detector import FailureDetector
-from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.trust import Trust
+from coordinator.newest_checkpoint import NewestCheckpoint
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode

@@ -13,7 +13,6 @@ from msgspec.structs import replace
 from coordinator import events
 from coordinator.coordinator import Coordinator
 from coordinator.failover.failure_detector import FailureDetector
-from coordinator.failover.newest_checkpoint import NewestCheckpoint
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
@@ -26,6 +25,7 @@ from coordinator.instructions import (
     SendOrder,
 )
 from coordinator.membership.membership import Membership
+from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.recorder.records import Started
 from protocol.codec import encode
 from protocol.steps import OdometryReading, Scan

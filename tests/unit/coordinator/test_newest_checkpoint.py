@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.failover.newest_checkpoint import NewestCheckpoint
+from coordinator.newest_checkpoint import NewestCheckpoint
 from protocol.work import Checkpoint
 from tests.unit.coordinator.living import Living, symmetric_room
 
