@@ -1,6 +1,6 @@
 """How uncertain a pose becomes by odometry alone: the motion models as Gaussians, no particles."""
 
-from math import cos, sin
+from math import cos, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Pose
 from particle_filter.motion_noise import along_across_turn, turn_drive_turn
 from particle_filter.settings import MotionSettings
+
+_ANY_HEADING_RAD2 = pi**2 / 3.0
+"""Variance of a heading that nobody knows; a larger one would swing things without a bound."""
 
 
 def motion_covariance(before_from_after: Pose, settings: MotionSettings) -> NDArray[np.float64]:
@@ -49,7 +52,7 @@ def composed_covariance(
     """How uncertain `compose(a_from_b, b_from_c)` is, where the two err independently.
 
     G S G^T + H Q H^T: an uncertain heading of b swings c about it, and what is uncertain in the
-    frame of b is turned into that of a.
+    frame of b is turned into that of a. A heading can be no less certain than any at all.
 
     Args:
         a_from_b: (3,) mean.
@@ -66,5 +69,6 @@ def composed_covariance(
     c, s = cos(a_from_b[2]), sin(a_from_b[2])
     x, y, _ = b_from_c.tolist()
     swung = np.array([[1.0, 0.0, -s * x - c * y], [0.0, 1.0, c * x - s * y], [0.0, 0.0, 1.0]])
+    swung[:, 2] *= sqrt(_ANY_HEADING_RAD2 / max(float(of_a_from_b[2, 2]), _ANY_HEADING_RAD2))
     turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return np.asarray(swung @ of_a_from_b @ swung.T + turned @ of_b_from_c @ turned.T)
