@@ -259,7 +259,7 @@ class GlobalSearch:
         log_weights += likelihood - np.logaddexp.reduce(log_weights)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
-        yield from self._settle(kept, beams)
+        yield from self._settle(kept, beams, share)
         return per_beam
 
     @property
@@ -302,8 +302,11 @@ class GlobalSearch:
         chosen, log_weights = yield from thinning(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept, beams: Beams) -> Slices[None]:
-        """After a scan: find the places, and take back what was given for looks through walls."""
+    def _settle(self, kept: _Kept, beams: Beams, share: float = 1.0) -> Slices[None]:
+        """After a scan: find the places, and take back what was given for looks through walls.
+
+        Among the poses it counts by the same share as the scan that gave it.
+        """
         yield
         labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
         yield
@@ -315,9 +318,11 @@ class GlobalSearch:
             own = weights[members] / shares[label]
             taken_back[label] = self._model.correction(kept.poses[members], own, beams)
             yield from self._meter.spend(_CORRECTION_WORK)
-        self._kept = replace(kept, log_weights=kept.log_weights - taken_back[labels])
+        self.log_evidence = float(np.logaddexp.reduce(kept.log_weights - taken_back[labels]))
+        log_weights = kept.log_weights - share * taken_back[labels]
+        log_weights += self.log_evidence - np.logaddexp.reduce(log_weights)
+        self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels
-        self.log_evidence = float(np.logaddexp.reduce(self._kept.log_weights))
         places = int(np.count_nonzero(shares >= self._rules.min_place_share))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
 

@@ -147,6 +147,41 @@ def test_what_was_given_for_looks_through_walls_is_taken_back() -> None:
     assert told[1] - told[0] == pytest.approx(-2.0, abs=0.1)
 
 
+class CorrectedFarSide(Corrected):
+    """Only on the side of the room where the robot is not."""
+
+    def correction(self, poses: np.ndarray, weights: np.ndarray, beams: Beams) -> float:
+        taken_back = super().correction(poses, weights, beams)
+        return taken_back if float(weights @ poses[:, 0]) > 3.0 else 0.0
+
+
+def standing(correction: float) -> tuple[list[float], list[float]]:
+    """The share of the far side, and the evidence, after each of six scans."""
+    model: SensorModel = CorrectedFarSide(symmetric_room(), correction)  # type: ignore[assignment] # a twin
+    settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
+    search, rng = GlobalSearch(model, settings, shard=0), np.random.default_rng(0)
+    seen, far_side, told = seen_from(START, symmetric_room()), [], []
+    before = None
+    for _ in range(6):
+        search.advance(before, START, seen, rng)
+        places = search.places(np.random.default_rng(0))
+        far_side.append(sum(place.share for place in places if place.mean[0] > 3.0))
+        told.append(search.log_evidence)
+        before = START
+    return far_side, told
+
+
+def test_what_is_taken_back_tells_no_more_of_where_than_the_scan_that_gave_it() -> None:
+    """The robot stands: no scan after the first is a new view, so its places stay as they are."""
+    _, as_given = standing(0.0)
+    far_side, told = standing(2.0)
+    assert far_side[0] == pytest.approx(math.exp(-2.0) / (1.0 + math.exp(-2.0)), abs=0.03)
+    np.testing.assert_allclose(far_side, far_side[0], atol=0.02)
+    # All scans are as likely as they are: what is taken back of them lacks in full.
+    lost = math.log1p(far_side[0] * math.expm1(-2.0))
+    np.testing.assert_allclose(np.diff(told) - np.diff(as_given), lost, atol=0.08)
+
+
 def test_heavy_poses_are_split_within_what_they_stand_for_and_light_ones_stay() -> None:
     search = searched(plain_room(), 1, seed=0)
     poses = np.array([[1.0, 2.0, 0.3], [2.0, 1.0, -0.3], [3.0, 2.0, 1.0]])
