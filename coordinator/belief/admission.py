@@ -38,6 +38,8 @@ class Admission:
     """Most probable first, each with its weight beside the belief as its share."""
     explained: float
     """Share of the search that is where clusters are, or enters."""
+    asking: int
+    """Places that are probable enough to enter, whether there is room or not."""
 
 
 def admission(
@@ -79,7 +81,7 @@ def admission(
         if here:
             explained += place.share
         elif place.share > 0.0:
-            weight = math.exp(min(log_weight + math.log(place.share), MOST_LOG))
+            weight = place.share * math.exp(min(log_weight, MOST_LOG))
             if place.share >= rules.newcomer_min_share and not beside:
                 weight = max(weight, rules.newcomer_probability)
             if weight >= rules.least_probability:
@@ -94,7 +96,7 @@ def admission(
     ]
     explained += math.fsum(place.share for place, _ in entering)
     weighed = tuple(place.place(weight) for place, weight in entering)
-    return Admission(weighed, min(explained, 1.0))
+    return Admission(weighed, min(explained, 1.0), len(fresh))
 
 
 def log_weight_of_held(

@@ -103,6 +103,12 @@ def test_nobody_more_probable_leaves_for_a_newcomer() -> None:
     assert set(entered(found, 0.0, ())) == set()
 
 
+def test_it_is_told_how_many_ask_to_enter_whether_there_is_room_or_not() -> None:
+    found = pool((0.5, FAR), (0.3, FARTHER), (0.1, HELD[0]), (0.05, LEAST))
+    for room in ((), (0.0, 0.9)):
+        assert admission(found, HELD, room, 0.0, SETTINGS).asking == 3
+
+
 def test_places_that_are_too_improbable_do_not_enter() -> None:
     found = pool((0.09, FAR), (0.05, FARTHER))
     assert set(entered(found, 0.0, least_probability=0.06)) == {FAR}
@@ -115,8 +121,9 @@ def test_what_enters_or_is_held_is_explained() -> None:
 
 
 def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
-    weights = entered(pool((1.0, FAR)), 1e6)
-    assert weights == pytest.approx({FAR: math.exp(MOST_LOG)})
+    most = math.exp(MOST_LOG)
+    weights = entered(pool((0.75, FAR), (0.25, FARTHER)), 1e6)
+    assert weights == pytest.approx({FAR: 0.75 * most, FARTHER: 0.25 * most}), "as they share"
 
 
 # --- first places -------------------------------------------------------------------------------
