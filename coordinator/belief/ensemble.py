@@ -112,6 +112,7 @@ class Ensemble:
             before_from_after: (3,) how the robot moved since the step before, by odometry; it
                 carries clusters without a report. None: it is not known.
         """
+        was_lost = self._lost
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.unhurried)  # nobody misses them
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -131,8 +132,14 @@ class Ensemble:
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
-        if self._search is None and (self._lost or step >= self._next_search_step):
+        if self._lost and self._evidence.began_elsewhere <= self.settings.belief.lost_probability:
+            # It has seen scans from before the robot was lifted, and kept where that was.
+            self._stop_search(step, "search stopped")
+        starts = self._search is None and (self._lost or step >= self._next_search_step)
+        if starts:
             self._start_search(step + 1)
+        if starts and not was_lost:
+            self.clusters.protect_alternatives(step + 1 + self.settings.belief.grace_steps)
         return self._outcome(step, missing)
 
     def postpone_search(self, step: int) -> None:
@@ -245,7 +252,6 @@ class Ensemble:
                 corners=corners,
             )
         self.searches += 1
-        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         self._search = search
         self._evidence = SearchEvidence(self.clusters.log_elsewhere)
 
@@ -269,12 +275,14 @@ class Ensemble:
         fresh = self._search.pooled()
         if fresh is None or not self._can_tell_who_is_new(fresh.step):
             return
+        all_in = True
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            self._admit_newcomers(fresh, self._search.first_step, step)
+            all_in = self._admit_newcomers(fresh, self._search.first_step, step)
         most = self.settings.belief.max_clusters
-        if self._search.finished(fresh, most, patient=not self._is_held_from_before):
+        over = self._search.finished(fresh, most, patient=not self._is_held_from_before)
+        if over and all_in:
             self._stop_search(step, "search over")
 
     def _can_tell_who_is_new(self, step: int) -> bool:
@@ -296,11 +304,14 @@ class Ensemble:
         self.clusters.explain(self._evidence.newly_explained(explained))
         self._admit(entering, step)
 
-    def _admit_newcomers(self, pool: Pool, first_step: int, step: int) -> None:
+    def _admit_newcomers(self, pool: Pool, first_step: int, step: int) -> bool:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
         The scans since the search began tell what it is worth; once places of its own are
         clusters, they do, and share what they have with those it finds later.
+
+        Returns:
+            False if some have to wait for the end of other clusters' grace.
         """
         then, settings = self._means[pool.step], self.settings
         clusters = self.clusters.all()
@@ -321,6 +332,7 @@ class Ensemble:
         self._admit(entering, step, first_step, step + settings.belief.grace_steps)
         if entering and not own:
             self.clusters.lift_alternatives(step, first_step)
+        return found.asking <= len(room) or len(room) == settings.belief.max_clusters
 
     def _admit(
         self,

@@ -330,11 +330,12 @@ def test_a_search_cannot_tell_of_a_step_before_it_began() -> None:
     assert outcome.searching
 
 
-@pytest.mark.parametrize(("fit", "times"), [(1.0, 1), (1e-6, 4)])
+@pytest.mark.parametrize(("fit", "times"), [(1.0, 1), (1e-9, 4)])
 def test_a_search_beside_a_robot_that_is_held_does_not_take_long(fit: float, times: int) -> None:
     """It looks around; one that may have to find a robot that was lost has more patience."""
     made = bootstrapped({NORTH: 1.0}, search_every_steps=1, kidnapping_probability=0.001)
-    first_step = made.advance(1, [tracked("c0", 1, 1.0, NORTH)]).step + 1
+    first = [tracked("c0", 1, fit, NORTH), elsewhere(1, math.log(1e-3))]
+    first_step = made.advance(1, first).step + 1
     scattered = {(3.0 * number, 9.0, 0.0): 0.1 for number in range(10)}
     most = times * made.settings.search.max_steps
     for steps in range(1, most + 1):
@@ -345,6 +346,54 @@ def test_a_search_beside_a_robot_that_is_held_does_not_take_long(fit: float, tim
         outcome = made.advance(step, [*clusters, nowhere, *found])
         ended = {event.cause for event in outcome.events if event.job_id == "s1.0"}
         assert ended == ({"search over"} if steps == most else set()), steps
+
+
+def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Outcome:
+    """Nothing is at the clusters any more; the search finds a place in the east."""
+    clusters = [tracked(c.job_id, step, 1e-9, c.mean) for c in made.clusters.all()]
+    place = {EAST: 1.0}
+    reports = [searched(f"s{search}.{n}", step, place, log_evidence=evidence) for n in range(2)]
+    return made.advance(step, [*clusters, elsewhere(step, math.log(1e-3)), *reports])
+
+
+def test_a_search_from_before_the_robot_was_lifted_begins_anew() -> None:
+    """What it has kept is where the robot was."""
+    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, kidnapping_probability=0.001)
+    held = [tracked("c0", 1, 1.0, NORTH), elsewhere(1, math.log(1e-3))]
+    assert "s1.0" in made.advance(1, held).begin
+    outcome = lifted(made, 2, search=9)
+    assert outcome.elsewhere_probability > 0.5
+    assert list(outcome.events) == [Ended(f"s1.{n}", "search stopped") for n in range(2)]
+    assert outcome.begin["s2.0"] == SearchJob(search=2, shard=0, first_step=3)
+    assert not lifted(made, 3, search=9).events, "one that began when it was lost goes on"
+
+
+def test_a_search_waits_until_there_is_room_for_its_places() -> None:
+    """A full set of places that the robot may well be at is kept for a grace, and no longer."""
+    made = bootstrapped(
+        {NORTH: 0.5, SOUTH: 0.5}, max_clusters=2, grace_steps=10, kidnapping_probability=0.001
+    )
+    assert lifted(made, 1, search=9).begin.keys() == {"s1.0", "s1.1"}
+    for step in range(2, 12):
+        assert not lifted(made, step, search=1).events
+    outcome = lifted(made, 12, search=1)
+    assert outcome.hypotheses[0].mean == EAST
+    assert Ended("s1.0", "search over") in outcome.events
+
+
+def test_a_lost_robots_old_places_are_kept_for_one_grace_however_many_searches_begin() -> None:
+    made = bootstrapped(
+        {NORTH: 0.5, SOUTH: 0.5},
+        grace_steps=10,
+        kidnapping_probability=0.001,
+        least_probability=1e-6,
+        newcomer_probability=0.0,
+    )
+    lifted(made, 1, search=9)
+    for step in range(2, 5):
+        outcome = lifted(made, step, search=step - 1, evidence=-99.0)
+        assert f"s{step}.0" in outcome.begin, "what it has found is worth nothing; another begins"
+    assert [cluster.protected_until for cluster in made.clusters.all()] == [12, 12]
 
 
 def test_where_a_robot_is_put_elsewhere_is_looked_at_from_the_next_step_on() -> None:

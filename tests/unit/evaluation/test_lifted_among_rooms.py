@@ -1,0 +1,56 @@
+"""A robot that is lifted into another of eight rooms exactly alike, with as many clusters."""
+
+from collections.abc import Iterator
+from math import hypot
+from pathlib import Path
+
+import pytest
+
+from evaluation.in_process import outcomes
+from particle_filter.settings import BeliefSettings
+from process_runtime.settings import BridgeSettings, Settings
+from protocol.answers import Hypothesis
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from soak_test.rooms import PLACES, copies_in_all_rooms, eight_rooms
+from worker.map_model import sensor_model
+
+SETTINGS = Settings(
+    belief=BeliefSettings(max_clusters=PLACES),
+    bridge=BridgeSettings(gate_distance_m=0.0, gate_turn_rad=0.0),
+)
+"""Every scan is a step, so that a step tells little."""
+FOUND_WITHIN = 40
+
+
+@pytest.mark.parametrize(("seed", "lifted_at"), [(0, 150), (1, 167), (11, 337)])
+def test_it_is_found_in_all_of_them_and_sure_of_none(
+    seed: int, lifted_at: int, tmp_path: Path
+) -> None:
+    """Kidnapped in the middle of a periodic search (11), and at once after one (0, 1)."""
+    world = eight_rooms()
+    source = SimulatedSource(
+        Simulation(world, seed), steps=lifted_at + FOUND_WITHIN, kidnap_at=lifted_at
+    )
+    truths: list[PoseTuple] = []
+
+    def scans() -> Iterator[Scan]:
+        for scan, map_from_robot in simulated_steps(source, SETTINGS.bridge, world.map.digest):
+            truths.append(map_from_robot)
+            yield scan
+
+    model = sensor_model(world.map, SETTINGS.sensor, tmp_path)
+    for _, outcome in outcomes(scans(), model, SETTINGS):
+        sure = max((place.probability for place in outcome.hypotheses), default=0.0)
+        assert sure < 0.5, f"update {len(truths)}"
+    rooms = copies_in_all_rooms(truths[-1])
+    shares = [_probability_at(room, outcome.hypotheses) for room in rooms]
+    assert min(shares) > 0.05, shares
+    assert sum(shares) > 0.9, shares
+
+
+def _probability_at(map_from_robot: PoseTuple, places: tuple[Hypothesis, ...]) -> float:
+    x, y, _ = map_from_robot
+    return sum(p.probability for p in places if hypot(p.mean[0] - x, p.mean[1] - y) < 0.5)
