@@ -132,9 +132,6 @@ class Ensemble:
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
-        if self._lost and self._evidence.began_elsewhere <= self.settings.belief.lost_probability:
-            # It has seen scans from before the robot was lifted, and kept where that was.
-            self._stop_search(step, "search stopped")
         starts = self._search is None and (self._lost or step >= self._next_search_step)
         if starts:
             self._start_search(step + 1)
@@ -274,6 +271,11 @@ class Ensemble:
                 self._search.add(report)
         fresh = self._search.pooled()
         if fresh is None or not self._can_tell_who_is_new(fresh.step):
+            return
+        weight = math.exp(min(self._evidence.log_weight(fresh.step, fresh.log_evidence), 0.0))
+        if self._lost and weight < self.settings.belief.least_probability:
+            # It has seen scans from before the robot was lifted, and kept where that was.
+            self._stop_search(step, "search stopped")
             return
         all_in = True
         if not len(self.clusters):

@@ -30,11 +30,6 @@ class SearchEvidence:
         self._total = 0.0
         self._explained = 0.0
 
-    @property
-    def began_elsewhere(self) -> float:
-        """The probability that the robot was at no cluster when the search began."""
-        return math.exp(self._log_elsewhere)
-
     def gather(self, step: int, log_likelihood: float) -> None:
         """A step's scan was that likely before it was known where the robot is."""
         self._total += log_likelihood

@@ -356,16 +356,23 @@ def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Ou
     return made.advance(step, [*clusters, elsewhere(step, math.log(1e-3)), *reports])
 
 
-def test_a_search_from_before_the_robot_was_lifted_begins_anew() -> None:
-    """What it has kept is where the robot was."""
-    made = bootstrapped({NORTH: 1.0}, search_every_steps=1, kidnapping_probability=0.001)
-    held = [tracked("c0", 1, 1.0, NORTH), elsewhere(1, math.log(1e-3))]
-    assert "s1.0" in made.advance(1, held).begin
-    outcome = lifted(made, 2, search=9)
-    assert outcome.elsewhere_probability > 0.5
-    assert list(outcome.events) == [Ended(f"s1.{n}", "search stopped") for n in range(2)]
-    assert outcome.begin["s2.0"] == SearchJob(search=2, shard=0, first_step=3)
-    assert not lifted(made, 3, search=9).events, "one that began when it was lost goes on"
+@pytest.mark.parametrize(("evidence", "goes_on"), [(-2.0, True), (-30.0, False)])
+def test_a_search_from_before_the_robot_was_lifted_begins_anew(
+    evidence: float, goes_on: bool
+) -> None:
+    """What it has kept is where the robot was: it fits worse than anywhere does on average."""
+    made = bootstrapped(
+        {NORTH: 1.0},
+        search_every_steps=1,
+        kidnapping_probability=0.001,
+        least_probability=1e-4,
+        newcomer_probability=0.0,
+    )
+    made.advance(1, [tracked("c0", 1, 1e-9, NORTH), elsewhere(1, math.log(1e-3))])
+    outcome = lifted(made, 2, search=1, evidence=evidence)
+    assert (Ended("s1.0", "search stopped") in outcome.events) == (not goes_on)
+    anew = SearchJob(search=2, shard=0, first_step=3)
+    assert outcome.begin.get("s2.0") == (None if goes_on else anew)
 
 
 def test_a_search_waits_until_there_is_room_for_its_places() -> None:
