@@ -259,7 +259,7 @@ class GlobalSearch:
         log_weights += likelihood - np.logaddexp.reduce(log_weights)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
-        yield from self._settle(kept, beams, share)
+        yield from self._settle(kept, beams, seen)
         return per_beam
 
     @property
@@ -302,10 +302,11 @@ class GlobalSearch:
         chosen, log_weights = yield from thinning(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept, beams: Beams, share: float = 1.0) -> Slices[None]:
+    def _settle(self, kept: _Kept, beams: Beams, seen: float = 1.0) -> Slices[None]:
         """After a scan: find the places, and take back what was given for looks through walls.
 
-        Among the poses it counts by the same share as the scan that gave it.
+        Among the poses it counts as far as the scan is a new view, however badly all fit: people
+        and furniture open no walls.
         """
         yield
         labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
@@ -319,7 +320,7 @@ class GlobalSearch:
             taken_back[label] = self._model.correction(kept.poses[members], own, beams)
             yield from self._meter.spend(_CORRECTION_WORK)
         self.log_evidence = float(np.logaddexp.reduce(kept.log_weights - taken_back[labels]))
-        log_weights = kept.log_weights - share * taken_back[labels]
+        log_weights = kept.log_weights - seen * taken_back[labels]
         log_weights += self.log_evidence - np.logaddexp.reduce(log_weights)
         self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels

@@ -112,7 +112,6 @@ class Ensemble:
             before_from_after: (3,) how the robot moved since the step before, by odometry; it
                 carries clusters without a report. None: it is not known.
         """
-        was_lost = self._lost
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.unhurried)  # nobody misses them
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -132,11 +131,8 @@ class Ensemble:
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
-        starts = self._search is None and (self._lost or step >= self._next_search_step)
-        if starts:
+        if self._search is None and (self._lost or step >= self._next_search_step):
             self._start_search(step + 1)
-        if starts and not was_lost:
-            self.clusters.protect_alternatives(step + 1 + self.settings.belief.grace_steps)
         return self._outcome(step, missing)
 
     def postpone_search(self, step: int) -> None:
@@ -249,6 +245,7 @@ class Ensemble:
                 corners=corners,
             )
         self.searches += 1
+        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         self._search = search
         self._evidence = SearchEvidence(self.clusters.log_elsewhere)
 

@@ -388,21 +388,6 @@ def test_a_search_waits_until_there_is_room_for_its_places() -> None:
     assert Ended("s1.0", "search over") in outcome.events
 
 
-def test_a_lost_robots_old_places_are_kept_for_one_grace_however_many_searches_begin() -> None:
-    made = bootstrapped(
-        {NORTH: 0.5, SOUTH: 0.5},
-        grace_steps=10,
-        kidnapping_probability=0.001,
-        least_probability=1e-6,
-        newcomer_probability=0.0,
-    )
-    lifted(made, 1, search=9)
-    for step in range(2, 5):
-        outcome = lifted(made, step, search=step - 1, evidence=-99.0)
-        assert f"s{step}.0" in outcome.begin, "what it has found is worth nothing; another begins"
-    assert [cluster.protected_until for cluster in made.clusters.all()] == [12, 12]
-
-
 def test_where_a_robot_is_put_elsewhere_is_looked_at_from_the_next_step_on() -> None:
     made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
     outcome = made.go_on_from([place(1.0, SOUTH, 7)], 7, "new map")
