@@ -7,24 +7,28 @@ nothing but memory. Where several machines meet, the official ``zenohd`` does th
 
 import argparse
 import logging
+import os
 from pathlib import Path
 
 import zenoh
 
-from process_runtime.main import Invocation, process_main
+from process_runtime.main import EXIT_BUG, Invocation, process_main
 from process_runtime.memory import give_back_freed_memory
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
 from zenoh_link.threads import ROUTER, receiving_threads
+from zenoh_link.way_in import WayIn
 
 _log = logging.getLogger(__name__)
 
-TIDY_EVERY_S = 30.0
+LOOK_EVERY_S = 10.0
+_PATIENCE = 0.8
+"""Of the time between two looks."""
 _IN_USE = ("Address already in use", "Unable to acquire lock")
 
 
 def run_router(invocation: Invocation) -> None:
-    """Route until the process is told to stop.
+    """Route until the process is told to stop, or nobody gets in any more.
 
     Raises:
         InputFileError: the ``--config`` file is missing or not a Zenoh configuration.
@@ -36,10 +40,15 @@ def run_router(invocation: Invocation) -> None:
     else:
         config = _read(file)
         endpoints = config.get_json("listen/endpoints")
+    every_s: float = invocation.arguments.look_every
+    way_in = WayIn(config, _PATIENCE * every_s)
     with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
-        while not invocation.stop.wait(TIDY_EVERY_S):
+        while not invocation.stop.wait(every_s):
             give_back_freed_memory()
+            if way_in.is_shut():
+                _log.error("nobody gets in any more: Zenoh has locked up; ending, to be restarted")
+                os._exit(EXIT_BUG)  # to close the session would wait for ever
 
 
 def main() -> None:
@@ -55,6 +64,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="Zenoh configuration (JSON5) used as it is, instead of the settings' endpoint",
+    )
+    parser.add_argument(
+        "--look-every",
+        type=float,
+        default=LOOK_EVERY_S,
+        metavar="S",
+        help="look so often whether clients still get in; the router ends after three failed looks "
+        f"(default: {LOOK_EVERY_S:g})",
     )
 
 

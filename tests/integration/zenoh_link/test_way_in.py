@@ -1,0 +1,84 @@
+"""A router that lets nobody in any more ends, to be started again."""
+
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import pytest
+
+from process_runtime.settings import ZenohSettings
+from process_runtime.supervisor import python_module
+from tests.integration.conftest import StartProcess
+from tests.integration.processes import RunningProcess
+from tests.integration.waiting import wait_until
+from zenoh_link.configuration import as_json5, as_zenoh, router_configuration
+from zenoh_link.way_in import LEAST_LOOKS, WayIn, client_of
+
+EVERY_S = 0.5
+
+
+@pytest.fixture
+def narrow_router(
+    zenoh_settings: ZenohSettings, tmp_path: Path, start_process: StartProcess
+) -> RunningProcess:
+    """One that has patience with a single link that is not open yet: easily blocked for good."""
+    configuration = router_configuration(zenoh_settings)
+    configuration["transport"]["unicast"] = {"accept_pending": 1, "accept_timeout": 600_000}
+    file = tmp_path / "router.json5"
+    file.write_text(as_json5(configuration))
+    words = ("--config", str(file), "--look-every", str(EVERY_S), "--set", "log.level=debug")
+    process = start_process(python_module("zenoh_link.router", *words))
+    process.wait_for("router listens at")
+    return process
+
+
+@pytest.fixture
+def silence() -> Iterator[ExitStack]:
+    with ExitStack() as silence:
+        yield silence
+
+
+def test_a_router_that_lets_nobody_in_any_more_ends(
+    narrow_router: RunningProcess, zenoh_settings: ZenohSettings, silence: ExitStack
+) -> None:
+    narrow_router.wait_for("clients get in")
+
+    def block() -> bool:
+        one = silence.enter_context(socket.socket(socket.AF_UNIX))
+        with suppress(ConnectionRefusedError):  # it has just ended
+            one.connect(zenoh_settings.router.partition("/")[2])
+        return not narrow_router.is_running()
+
+    wait_until(block)
+    assert narrow_router.wait() == 1
+    assert "nobody gets in any more" in narrow_router.err
+
+
+def test_only_who_was_let_in_before_is_shut_out(
+    narrow_router: RunningProcess, zenoh_settings: ZenohSettings
+) -> None:
+    """One that cannot visit, for it has not the right certificate, knows nothing."""
+    assert narrow_router.is_running()
+    router = as_zenoh(router_configuration(zenoh_settings))
+    good, never = WayIn(router, patience_s=10.0), WayIn(router, patience_s=0.1)
+    never._client["connect"]["endpoints"] = ["unixsock-stream//no/such/router"]
+    for _ in range(2 * LEAST_LOOKS):
+        for one in (good, never):
+            assert not one.is_shut()
+            one.finish_look()
+
+
+@pytest.mark.parametrize(
+    ("listens", "looks"),
+    [
+        ("tcp/0.0.0.0:7447", "tcp/127.0.0.1:7447"),
+        ("tcp/[::]:7447", "tcp/[::1]:7447"),
+        ("tcp/10.1.2.3:7447#iface=eth0", "tcp/10.1.2.3:7447"),
+        ("unixsock-stream//tmp/a", "unixsock-stream//tmp/a"),
+    ],
+)
+def test_it_looks_where_the_router_listens(listens: str, looks: str) -> None:
+    configuration = router_configuration(ZenohSettings(router="tcp/localhost:1"))
+    configuration["listen"]["endpoints"] = [listens]
+    assert client_of(as_zenoh(configuration), 1.0)["connect"]["endpoints"] == [looks]
