@@ -44,7 +44,7 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
     """
     check_endpoint(settings.router)
-    transport = _transport()
+    transport = transport_configuration()
     if settings.router.startswith("tls/"):
         transport["link"]["tls"] = {"verify_name_on_connect": True, **_tls(settings, "connect")}
     return {
@@ -73,7 +73,7 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
     """
     check_endpoint(settings.router)
-    transport = _transport()
+    transport = transport_configuration()
     if settings.router.startswith("tls/"):
         if not settings.tls_certificate:
             raise SettingsError(
@@ -163,7 +163,8 @@ def check_endpoint(endpoint: str) -> None:
         )
 
 
-def _transport() -> Configuration:
+def transport_configuration() -> Configuration:
+    """What links of clients and of the router have in common."""
     return {
         "shared_memory": {"enabled": False},
         "link": {

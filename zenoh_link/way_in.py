@@ -11,7 +11,7 @@ import threading
 
 import zenoh
 
-from zenoh_link.configuration import Configuration, as_zenoh
+from zenoh_link.configuration import Configuration, as_zenoh, transport_configuration
 
 _log = logging.getLogger(__name__)
 
@@ -76,12 +76,13 @@ def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
     endpoint, _, _ = endpoints[0].partition("#")
     for anywhere, here in _ANYWHERE.items():
         endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
-    tls = json.loads(router.get_json("transport/link/tls"))
+    transport = transport_configuration()
+    transport["link"]["tls"] = _as_client(json.loads(router.get_json("transport/link/tls")))
     return {
         "mode": "client",
         "connect": {"endpoints": [endpoint], "timeout_ms": int(patience_s * 1000)},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
-        "transport": {"link": {"tls": _as_client(tls)}},
+        "transport": transport,
     }
 
 

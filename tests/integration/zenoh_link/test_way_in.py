@@ -81,4 +81,6 @@ def test_only_who_was_let_in_before_is_shut_out(
 def test_it_looks_where_the_router_listens(listens: str, looks: str) -> None:
     configuration = router_configuration(ZenohSettings(router="tcp/localhost:1"))
     configuration["listen"]["endpoints"] = [listens]
-    assert client_of(as_zenoh(configuration), 1.0)["connect"]["endpoints"] == [looks]
+    client = client_of(as_zenoh(configuration), 1.0)
+    assert client["connect"]["endpoints"] == [looks]
+    assert client["transport"]["shared_memory"] == {"enabled": False}, "it would be left behind"
