@@ -67,12 +67,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--look-every",
-        type=float,
+        type=_seconds,
         default=LOOK_EVERY_S,
         metavar="S",
         help="look so often whether clients still get in; the router ends after three failed looks "
         f"(default: {LOOK_EVERY_S:g})",
     )
+
+
+def _seconds(words: str) -> float:
+    seconds = float(words)
+    if not 0.1 <= seconds <= 3600.0:
+        raise argparse.ArgumentTypeError(f"{words}: between 0.1 and 3600 s")
+    return seconds
 
 
 def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:

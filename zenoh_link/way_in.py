@@ -72,15 +72,18 @@ def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
     """
     endpoints = json.loads(router.get_json("listen/endpoints"))
     if isinstance(endpoints, dict):  # by mode
-        endpoints = endpoints["router"]
-    endpoint, _, _ = endpoints[0].partition("#")
+        endpoints = endpoints.get("router")
+    endpoint, _, _ = (endpoints or [""])[0].partition("#")
     for anywhere, here in _ANYWHERE.items():
         endpoint = endpoint.replace(f"/{anywhere}:", f"/{here}:")
     transport = transport_configuration()
     transport["link"]["tls"] = _as_client(json.loads(router.get_json("transport/link/tls")))
     return {
         "mode": "client",
-        "connect": {"endpoints": [endpoint], "timeout_ms": int(patience_s * 1000)},
+        "connect": {
+            "endpoints": [endpoint] if endpoint else [],
+            "timeout_ms": int(patience_s * 1000),
+        },
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": transport,
     }

@@ -6,6 +6,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import pytest
+import zenoh
 
 from process_runtime.settings import ZenohSettings
 from process_runtime.supervisor import python_module
@@ -67,6 +68,26 @@ def test_only_who_was_let_in_before_is_shut_out(
         for one in (good, never):
             assert not one.is_shut()
             one.finish_look()
+
+
+@pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
+def test_a_router_that_listens_nowhere_never_looks_well(listens: str, tmp_path: Path) -> None:
+    file = tmp_path / "router.json5"
+    file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
+    way_in = WayIn(zenoh.Config.from_file(str(file)), patience_s=0.1)
+    for _ in range(2 * LEAST_LOOKS):
+        assert not way_in.is_shut()
+        way_in.finish_look()
+
+
+@pytest.mark.parametrize("every", ["0", "-1", "nan", "often"])
+def test_a_time_between_looks_that_is_none_is_refused(
+    every: str, start_process: StartProcess
+) -> None:
+    process = start_process(python_module("zenoh_link.router", "--look-every", every))
+    assert process.wait() == 2
+    assert "--look-every" in process.err
+    assert "Traceback" not in process.err
 
 
 @pytest.mark.parametrize(
