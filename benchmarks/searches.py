@@ -31,6 +31,7 @@ from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from protocol.work import Assignment, SearchJob, SearchReport
 from robot_simulator.simulation import Simulation
@@ -100,7 +101,7 @@ def search(place: Place, seed: int) -> Result:
         took_s.append(time.process_time() - start_s)
         if pooled is None:
             continue
-        ranks = place.ranks([found.mean for found in pooled.places], truth)
+        ranks = place.ranks([pose_tuple(mean) for mean in pooled.mean], truth)
         if len(took_s) == 1:
             first_ranks = ranks
         if pool.finished(pooled, most):

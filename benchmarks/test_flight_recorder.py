@@ -31,8 +31,9 @@ from coordinator.recorder.ring import Ring, files_in
 from coordinator.recorder.snapshot import freeze
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
+from protocol.found_places import FoundPlaces
 from protocol.steps import OdometryReading, Scan
-from protocol.work import OrderAnswer, Place, SearchReport, TrackReport
+from protocol.work import OrderAnswer, SearchReport, TrackReport
 
 CLUSTERS, WORKERS = 10, 12
 SNAPSHOT_EVERY = 10
@@ -148,12 +149,11 @@ class Run:
         )  # fmt: skip
 
     def _found(self) -> SearchReport:
-        places = tuple(
-            Place(
-                share=1.0 / CLUSTERS, mean=(10.0 * number, 0.0, 0.0), covariance=COVARIANCE,
-                sample=PARTICLES,
-            )
-            for number in range(CLUSTERS)
+        poses = PARTICLES.map_from_robot.array()
+        places = FoundPlaces.of(
+            (0.0, 0.0, 0.0), np.full(CLUSTERS, 1.0 / CLUSTERS),
+            [(10.0 * number, 0.0, 0.0) for number in range(CLUSTERS)],
+            [COVARIANCE] * CLUSTERS, [poses] * CLUSTERS,
         )  # fmt: skip
         return SearchReport(
             sender="worker-0", job_id="s0.0", epoch=self._epochs["s0.0"], step=0, log_evidence=0.0,

@@ -1,9 +1,7 @@
 """Clusters that have come to the same place: which of them are one (section 4 of the paper)."""
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
@@ -13,8 +11,8 @@ _BLOCK = 64
 
 
 def is_near(
-    poses: Sequence[Sequence[float]],
-    others: Sequence[Sequence[float]],
+    poses: ArrayLike,
+    others: ArrayLike,
     distance_m: float,
     heading_rad: float,
 ) -> NDArray[np.bool_]:

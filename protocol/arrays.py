@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from protocol.errors import MalformedMessageError
 
-WireType = Literal["int8", "float32", "float64"]
+WireType = Literal["int8", "int32", "float32", "float64"]
 
 _LITTLE = {name: np.dtype(name).newbyteorder("<") for name in get_args(WireType)}
 

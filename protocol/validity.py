@@ -13,12 +13,12 @@ import numpy as np
 
 from protocol.answers import Drive, Kidnap, Relocalize, SetPose, Update
 from protocol.errors import MalformedMessageError
+from protocol.found_places import found_places_problem
 from protocol.health import Health
 from protocol.job_events import Ended, JobEvents, NumberedEvent
 from protocol.message import MAX_POSE_M, Circle, Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.reading_checks import laser_problem, odometry_problem, pose_problem, stamp_problem
-from protocol.sound_places import are_sound
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
     Assignment,
@@ -137,11 +137,8 @@ def _(message: SearchReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_evidence", message.log_evidence)
         or finite_problem("left_out_gap", message.left_out_gap)
-        or (
-            None
-            if are_sound(message.places, MAX_STEP)
-            else first_problem(_place_problem(place) for place in message.places)
-        )
+        or pose_problem(message.places.odom_from_robot)
+        or found_places_problem(message.places)
     )
 
 

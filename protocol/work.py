@@ -7,6 +7,7 @@ from typing import TypeAlias
 import msgspec
 
 from protocol.arrays import ArrayBlob
+from protocol.found_places import FoundPlaces
 from protocol.message import Circle, Corners, Covariance, Message, PoseTuple
 
 
@@ -136,7 +137,7 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One place where the robot may be, with particles from which it can be tracked.
 
-    Found by a search shard or a whole search, part of a cluster that has fallen apart, or given.
+    Found by a whole search, part of a cluster that has fallen apart, or given.
     """
 
     share: float
@@ -144,7 +145,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     mean: PoseTuple
     covariance: Covariance
     sample: Particles
-    """Particles drawn from it for the hand-over; one of a place too improbable to be taken over."""
+    """Particles drawn from it for the hand-over."""
 
 
 class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
@@ -174,7 +175,7 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     """Two or more where the cluster has fallen apart, most probable first."""
 
 
-class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
+class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     """What one search shard holds possible after one step. Sent like a track report."""
 
     job_id: str
@@ -187,8 +188,7 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/1"):
     left_out_gap: float
     """Poses that the search has left out were worse than its best by so much at least [nat]."""
     log_likelihood_per_beam: float
-    places: tuple[Place, ...]
-    """Most probable first."""
+    places: FoundPlaces
 
 
 class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):

@@ -19,6 +19,7 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices, finished
 from protocol.arrays import ArrayBlob
+from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
 from protocol.work import (
@@ -226,7 +227,13 @@ class Searching:
             particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
             log_likelihood_per_beam=per_beam,
-            places=tuple(_place(place, scan) for place in found),
+            places=FoundPlaces.of(
+                scan.odom_from_robot,
+                [place.share for place in found],
+                [place.mean for place in found],
+                [place.covariance for place in found],
+                [place.sample for place in found],
+            ),
         )
 
 

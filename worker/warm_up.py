@@ -11,7 +11,7 @@ from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
-from protocol.work import Assignment, ElsewhereJob, SearchJob, SearchReport, TrackJob
+from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
 from worker.jobs import running
 
 _log = logging.getLogger(__name__)
@@ -40,7 +40,14 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     for step in range(3):
         report = job.advance(_scan(step, rng))
     assert isinstance(report, SearchReport)  # it came from a search job
-    track = TrackJob(cluster=0, start=report.places[0].sample, exact=False)
+    found = report.places.particles.array()
+    sample = Particles(
+        step=2,
+        odom_from_robot=report.places.odom_from_robot,
+        map_from_robot=report.places.particles,
+        log_weights=ArrayBlob.of(np.zeros(len(found)), "float32"),
+    )
+    track = TrackJob(cluster=0, start=sample, exact=False)
     for one in (track, ElsewhereJob(first_step=3)):
         job = running(Assignment(job_id="c", epoch=0, job=one), model, small, sender="warm-up")
         job.advance(_scan(3, rng))

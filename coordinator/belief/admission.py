@@ -9,7 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from coordinator.belief.search_pool import Pool, PooledPlace
+import numpy as np
+
+from coordinator.belief.search_pool import Pool
 from particle_filter.overlaps import is_near
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from protocol.message import PoseTuple
@@ -22,8 +24,8 @@ def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
     Returns:
         Most probable first; what their shares lack of one is elsewhere.
     """
-    probable = [place for place in pool.places if place.share >= rules.least_probability]
-    return [place.place(place.share) for place in probable[: rules.max_clusters]]
+    first = enumerate(pool.share[: rules.max_clusters])
+    return [pool.place(index, share) for index, share in first if share >= rules.least_probability]
 
 
 MOST_LOG = 100.0
@@ -72,31 +74,25 @@ def admission(
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
     reach_rad = search.source_heading_rad if holds_own else rules.merge_heading_rad
-    fresh = list[tuple[PooledPlace, float]]()
-    explained = 0.0
-    means = [place.mean for place in pool.places]
-    is_held = is_near(means, held, reach_m, reach_rad)
-    is_beside = is_near(means, held, search.source_radius_m, search.source_heading_rad)
-    for place, here, beside in zip(pool.places, is_held, is_beside, strict=True):
-        if here:
-            explained += place.share
-        elif place.share > 0.0:
-            weight = place.share * math.exp(min(log_weight, MOST_LOG))
-            if place.share >= rules.newcomer_min_share and not beside:
-                weight = max(weight, rules.newcomer_probability)
-            if weight >= rules.least_probability:
-                fresh.append((place, weight))
-    fresh.sort(key=lambda pair: -pair[1])
-    total = math.fsum(weight for _, weight in fresh)
+    is_held = is_near(pool.mean, held, reach_m, reach_rad)
+    is_beside = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
+    share = np.array(pool.share)
+    explained = sum(share[is_held].tolist(), start=0.0)
+    weight = share * math.exp(min(log_weight, MOST_LOG))
+    is_tried = (share >= rules.newcomer_min_share) & ~is_beside
+    weight[is_tried] = np.maximum(weight[is_tried], rules.newcomer_probability)
+    asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
+    asking = asking[np.argsort(-weight[asking], kind="stable")]
+    total = math.fsum(weight[asking])
     got = min(1.0, most / total) if total > 0.0 else 1.0
     entering = [
-        (place, weight)
-        for (place, weight), leaving in zip(fresh, room, strict=False)
-        if weight * got > leaving
+        index
+        for index, leaving in zip(asking.tolist(), room, strict=False)
+        if weight[index] * got > leaving
     ]
-    explained += math.fsum(place.share for place, _ in entering)
-    weighed = tuple(place.place(weight) for place, weight in entering)
-    return Admission(weighed, min(explained, 1.0), len(fresh))
+    explained += math.fsum(pool.share[index] for index in entering)
+    weighed = tuple(pool.place(index, float(weight[index])) for index in entering)
+    return Admission(weighed, min(explained, 1.0), len(asking))
 
 
 def log_weight_of_held(
@@ -112,12 +108,9 @@ def log_weight_of_held(
         rules: how near is near.
     """
     reach = (rules.source_radius_m, rules.source_heading_rad)
-    means = [place.mean for place in pool.places]
-    is_found = is_near([mean for mean, _ in held], means, *reach)
+    is_found = is_near([mean for mean, _ in held], pool.mean, *reach)
     near = [one for one, found in zip(held, is_found, strict=True) if found]
-    is_of_near = is_near(means, [mean for mean, _ in near], *reach)
-    share = math.fsum(
-        place.share for place, of_near in zip(pool.places, is_of_near, strict=True) if of_near
-    )
+    is_of_near = is_near(pool.mean, [mean for mean, _ in near], *reach)
+    share = math.fsum(np.array(pool.share)[is_of_near])
     probability = math.fsum(probability for _, probability in near)
     return math.log(probability / share) if probability > 0.0 and share > 0.0 else None

@@ -1,17 +1,22 @@
 """One global search as the coordinator sees it: its shards' places, pooled."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import msgspec
 import numpy as np
-from msgspec.structs import replace
+from numpy.typing import NDArray
 
 from coordinator.belief.search_evidence import SearchEvidenceState
+from particle_filter.arrays import Poses
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
+from protocol.found_places import FoundPlaces
 from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
@@ -33,46 +38,60 @@ class SearchState(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class PooledPlace:
-    """A place as one or several shards have found it."""
+class Views:
+    """V places as shards have found them, side by side, the most probable first."""
 
-    share: float
-    """Of all that the search has found."""
-    views: tuple[Place, ...]
-    """One of each shard, the most probable first; each with its part of the share."""
-
-    @property
-    def mean(self) -> PoseTuple:
-        """Where it is: x [m], y [m], heading [rad]."""
-        return self.views[0].mean
-
-    def place(self, share: float) -> Place:
-        """The place to be tracked, of so much weight: samples side by side, weighed by share."""
-        best = self.views[0]
-        poses = [view.sample.map_from_robot.array() for view in self.views]
-        log_weights = []
-        for view in self.views:
-            own = view.sample.log_weights.array().astype(np.float64)
-            log_weights.append(own - np.logaddexp.reduce(own) + math.log(view.share))
-        sample = Particles(
-            step=best.sample.step,
-            odom_from_robot=best.sample.odom_from_robot,
-            map_from_robot=ArrayBlob.of(np.concatenate(poses), "float64"),
-            log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
-        )
-        return Place(share=share, mean=best.mean, covariance=best.covariance, sample=sample)
+    odom_from_robot: PoseTuple
+    share: NDArray[np.float64]
+    """(V,) of all that the search has found."""
+    mean: Poses
+    """(V, 3)."""
+    covariance: NDArray[np.float64]
+    """(V, 9)."""
+    begin: NDArray[np.int64]
+    """(V,) the first of its particles."""
+    count: NDArray[np.int64]
+    """(V,) how many it has."""
+    particles: NDArray[np.float32]
+    """(S, 3) of all views."""
 
 
 @dataclass(frozen=True)
 class Pool:
-    """All places of a search after one step, most probable first."""
+    """All P places of a search after one step, most probable first."""
 
     step: int
-    places: tuple[PooledPlace, ...]
+    share: tuple[float, ...]
+    """Of all that the search has found, for each place."""
+    rows: tuple[Sequence[int], ...]
+    """The views of each place, one or several, the most probable first."""
+    views: Views
     log_evidence: float
     """Log of the average likelihood of all scans so far, over the whole free space."""
     left_out_gap: float
     """What the search has left out was worse than its best by so much at least [nat]."""
+
+    @cached_property
+    def mean(self) -> Poses:
+        """(P, 3) where each place is: as the shard has it that says most of it."""
+        return self.views.mean[[rows[0] for rows in self.rows]]
+
+    def place(self, index: int, share: float) -> Place:
+        """One to be tracked, of so much weight: samples side by side, weighed by share."""
+        views, rows = self.views, self.rows[index]
+        poses, log_weights = [], []
+        for row in rows:
+            begin, even = views.begin[row], np.zeros(views.count[row])
+            poses.append(views.particles[begin : begin + len(even)])
+            log_weights.append(even - np.logaddexp.reduce(even) + math.log(views.share[row]))
+        sample = Particles(
+            step=self.step,
+            odom_from_robot=views.odom_from_robot,
+            map_from_robot=ArrayBlob.of(np.concatenate(poses), "float64"),
+            log_weights=ArrayBlob.of(np.concatenate(log_weights), "float64"),
+        )
+        mean, covariance = pose_tuple(self.mean[index]), covariance_tuple(views.covariance[rows[0]])
+        return Place(share=share, mean=mean, covariance=covariance, sample=sample)
 
 
 class SearchPool:
@@ -131,8 +150,8 @@ class SearchPool:
                 be at any of the places that would be dropped.
         """
         mass = self._settings.converged_mass
-        held = sum(place.share for place in pool.places[:clusters])
-        too_many = held < mass and len(pool.places) > clusters
+        held = sum(pool.share[:clusters])
+        too_many = held < mass and len(pool.share) > clusters
         most_steps = self._settings.max_steps * (_PATIENCE if patient and too_many else 1)
         steps = pool.step - self.first_step + 1
         near = max(min(held, 1.0 - math.exp(-pool.left_out_gap)) / mass, steps / most_steps)
@@ -145,22 +164,33 @@ def _pool(step: int, reports: list[SearchReport], settings: SearchSettings) -> P
     shards = np.array([report.log_evidence for report in reports])
     log_sum = np.logaddexp.reduce(shards)
     shard_weight, log_evidence = np.exp(shards - log_sum), float(log_sum) - math.log(len(shards))
-    found = [
-        replace(place, share=float(weight * place.share))
-        for weight, report in zip(shard_weight, reports, strict=True)
-        for place in report.places
-        if weight * place.share > 0.0
-    ]
-    found.sort(key=lambda place: -place.share)
+    views = _views([report.places for report in reports], shard_weight)
     gaps = [r.left_out_gap for r, w in zip(reports, shard_weight, strict=True) if w > _NO_WEIGHT]
-    means = np.reshape([place.mean for place in found], (-1, 3))
-    into = merge_overlapping(means, settings.source_radius_m, settings.source_heading_rad)
-    groups: dict[int, list[Place]] = {}
-    for index, place in zip(into.tolist(), found, strict=True):
-        groups.setdefault(index, []).append(place)
-    joined = [
-        PooledPlace(math.fsum(view.share for view in views), tuple(views))
-        for _, views in sorted(groups.items())
-    ]
-    joined.sort(key=lambda place: -place.share)
-    return Pool(step, tuple(joined), log_evidence, min(gaps))
+    into = merge_overlapping(views.mean, settings.source_radius_m, settings.source_heading_rad)
+    groups: dict[int, list[int]] = {}
+    for row, first in enumerate(into.tolist()):
+        groups.setdefault(first, []).append(row)
+    shares = views.share.tolist()
+    joined = [(math.fsum(shares[row] for row in rows), rows) for _, rows in sorted(groups.items())]
+    joined.sort(key=lambda place: -place[0])
+    share, rows = tuple(share for share, _ in joined), tuple(rows for _, rows in joined)
+    return Pool(step, share, rows, views, log_evidence, min(gaps))
+
+
+def _views(found: Sequence[FoundPlaces], shard_weight: NDArray[np.float64]) -> Views:
+    """All that some weight is left of."""
+    share = np.concatenate(
+        [weight * one.share.array() for weight, one in zip(shard_weight, found, strict=True)]
+    )
+    count = np.concatenate([one.count.array().astype(np.int64) for one in found])
+    known = np.flatnonzero(share > 0.0)
+    order = known[np.argsort(-share[known], kind="stable")]
+    return Views(
+        odom_from_robot=found[0].odom_from_robot,
+        share=share[order],
+        mean=np.concatenate([one.mean.array() for one in found])[order],
+        covariance=np.concatenate([one.covariance.array() for one in found])[order],
+        begin=(np.cumsum(count) - count)[order],
+        count=count[order],
+        particles=np.concatenate([one.particles.array() for one in found]),
+    )

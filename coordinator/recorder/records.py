@@ -7,6 +7,7 @@ and leaves beams alone. Both are left out, which makes a step a hundred times sm
 from typing import TypeAlias
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
 
 from coordinator.checkpoint import from_bytes, to_bytes
@@ -26,6 +27,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
+from protocol.found_places import FoundPlaces
 from protocol.steps import Scan
 from protocol.work import (
     Assignment,
@@ -41,6 +43,7 @@ from protocol.work import (
 NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
 NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
 NO_WEIGHTS = ArrayBlob(dtype="float64", shape=(0,), data=b"")
+NO_PARTICLES = ArrayBlob(dtype="float32", shape=(0, 3), data=b"")
 
 
 class Started(msgspec.Struct, frozen=True, kw_only=True):
@@ -133,7 +136,7 @@ def _report(report: Report) -> Report:
     if isinstance(report, ElsewhereReport):
         return report
     if isinstance(report, SearchReport):
-        return replace(report, places=tuple(map(_place, report.places)))
+        return replace(report, places=_without_particles(report.places))
     if report.snapshot is None and not report.parts:
         return report
     return replace(
@@ -141,6 +144,11 @@ def _report(report: Report) -> Report:
         snapshot=report.snapshot and no_particles(report.snapshot),
         parts=tuple(map(_place, report.parts)),
     )
+
+
+def _without_particles(found: FoundPlaces) -> FoundPlaces:
+    none = ArrayBlob.of(np.zeros(len(found), np.int32), "int32")
+    return replace(found, count=none, particles=NO_PARTICLES)
 
 
 def _place(place: Place) -> Place:

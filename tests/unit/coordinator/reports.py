@@ -1,11 +1,14 @@
 """Messages with only what a test cares about."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
+from coordinator.belief.search_pool import Pool, Views
 from particle_filter.settings import BeliefSettings
 from protocol.arrays import ArrayBlob
+from protocol.found_places import FoundPlaces
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from protocol.work import ElsewhereReport, Particles, Place, SearchReport, TrackReport
@@ -83,8 +86,36 @@ def searched(
         particles=100,
         left_out_gap=left_out_gap,
         log_likelihood_per_beam=-1.0,
-        places=tuple(place(share, mean, step) for mean, share in places.items()),
+        places=found_places([(share, mean) for mean, share in places.items()]),
     )
+
+
+def found_places(found: Sequence[tuple[float, PoseTuple]], count: int = 2) -> FoundPlaces:
+    """Places of such shares, each with so many particles at its mean."""
+    return FoundPlaces.of(
+        (0.0, 0.0, 0.0),
+        [share for share, _ in found],
+        [mean for _, mean in found],
+        [NO_SPREAD for _ in found],
+        [np.tile(mean, (count, 1)) for _, mean in found],
+    )
+
+
+def pool_of(*found: tuple[float, PoseTuple], step: int, left_out_gap: float = 12.0) -> Pool:
+    """What one shard has found, whatever is near to what."""
+    share, mean = np.array([share for share, _ in found]), np.array([mean for _, mean in found])
+    count = len(found)
+    views = Views(
+        odom_from_robot=(0.0, 0.0, 0.0),
+        share=share,
+        mean=mean,
+        covariance=np.tile(NO_SPREAD, (count, 1)),
+        begin=np.arange(count),
+        count=np.ones(count, np.int64),
+        particles=mean.astype(np.float32),
+    )
+    rows = tuple((row,) for row in range(count))
+    return Pool(step, tuple(share.tolist()), rows, views, 0.0, left_out_gap)
 
 
 def tracked(

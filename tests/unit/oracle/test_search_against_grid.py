@@ -80,7 +80,7 @@ def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
             evidences.append(report.log_evidence)
             # A place reaches 0.15 m; those across the middle count by where their mean is.
             middle = 0.5 * small_room().shape[1] * CELL_M
-            total = sum(place.share for place in report.places)
-            shares.append(sum(p.share for p in report.places if p.mean[0] < middle) / total)
+            share, mean = report.places.share.array(), report.places.mean.array()
+            shares.append(float(share[mean[:, 0] < middle].sum() / share.sum()))
     assert_is_mean_of(log_evidence, evidences, GRID_ERROR)
     assert_is_mean_of(left, shares, GRID_ERROR)

@@ -18,14 +18,12 @@ from particle_filter.settings import (
     SensorSettings,
 )
 from protocol.arrays import ArrayBlob
-from protocol.message import PoseTuple
-from protocol.pose_arrays import covariance_tuple, pose_tuple
+from protocol.found_places import FoundPlaces
+from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from protocol.work import (
     Assignment,
     ElsewhereJob,
-    Particles,
-    Place,
     SearchReport,
     TrackReport,
 )
@@ -149,7 +147,7 @@ def ensemble_steps(
     rng = np.random.default_rng(given.seed + 1000)
     ensemble = Ensemble(given)
     begin = ensemble.begin_at(0)
-    found = tuple(_place(share, mean, rng) for share, mean in places)
+    found = _places(places, rng)
     outcome = ensemble.advance(0, [_search_report(found)])
     standing = {job_id: job for job_id, job in begin.items() if isinstance(job, ElsewhereJob)}
     jobs: dict[str, RunningJob] = {}
@@ -209,20 +207,18 @@ def exact_elsewhere(cells: Cells, drive: Drive) -> list[float]:
     return [exact_everywhere(cells).weigh(field, hits, exponent) for hits in drive.hits]
 
 
-def _place(share: float, mean: Array, rng: np.random.Generator) -> Place:
-    poses = mean + rng.normal(size=(HANDED_OVER, 3)) * SPREAD
-    origin: PoseTuple = (0.0, 0.0, 0.0)
-    sample = Particles(
-        step=0,
-        odom_from_robot=origin,
-        map_from_robot=ArrayBlob.of(poses, "float32"),
-        log_weights=ArrayBlob.of(np.zeros(HANDED_OVER), "float32"),
+def _places(given: Sequence[tuple[float, Array]], rng: np.random.Generator) -> FoundPlaces:
+    covariance = np.diag(SPREAD**2)
+    return FoundPlaces.of(
+        (0.0, 0.0, 0.0),
+        [share for share, _ in given],
+        [mean for _, mean in given],
+        [covariance for _ in given],
+        [mean + rng.normal(size=(HANDED_OVER, 3)) * SPREAD for _, mean in given],
     )
-    covariance = covariance_tuple(np.diag(SPREAD**2))
-    return Place(share=share, mean=pose_tuple(mean), covariance=covariance, sample=sample)
 
 
-def _search_report(found: tuple[Place, ...]) -> SearchReport:
+def _search_report(found: FoundPlaces) -> SearchReport:
     return SearchReport(
         sender="w",
         job_id="s0.0",

@@ -24,7 +24,15 @@ from protocol.work import (
     TrackReport,
     WorkOrder,
 )
-from tests.unit.coordinator.reports import cloud_at, elsewhere, place, scan, searched, tracked
+from tests.unit.coordinator.reports import (
+    cloud_at,
+    elsewhere,
+    found_places,
+    place,
+    scan,
+    searched,
+    tracked,
+)
 
 ORIGIN = (0.0, 0.0, 0.0)
 CLOUD = cloud_at(ORIGIN, 3)
@@ -95,8 +103,11 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(TRACKED, snapshot=cloud(np.ones((2, 3)), np.array([0, math.nan]))), "weight"),
         (changed(TRACKED, parts=(place(1.5, ORIGIN, 3),)), "share of 1.5"),
         (changed(SEARCHED, log_evidence=math.nan), "log_evidence is nan"),
-        (changed(SEARCHED, places=(place(math.nan, ORIGIN, 3),)), "share of nan"),
-        (changed(SEARCHED, places=(place(0.5, (1e300, 0.0, 0.0), 3),)), "not_finite"),
+        (changed(SEARCHED, places=found_places([(math.nan, ORIGIN)])), "a share that is none"),
+        (
+            changed(SEARCHED, places=found_places([(0.5, (1e12, 0.0, 0.0))])),
+            "nowhere on Earth",
+        ),
         (changed(scan(3), step=-1), "step -1"),
         (changed(scan(3), stamp_ns=2**63), "not_finite"),
         (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),

@@ -224,7 +224,7 @@ def test_a_search_tells_places_from_its_first_scan_on(model: SensorModel) -> Non
     assert all(r.places for r in reports if isinstance(r, SearchReport))
     last = reports[-1]
     assert isinstance(last, SearchReport)
-    assert sum(place.share for place in last.places) <= 1.0 + 1e-9
+    assert last.places.share.array().sum() <= 1.0 + 1e-9
 
 
 def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: SensorModel) -> None:

@@ -13,11 +13,11 @@ from coordinator.belief.admission import (
     log_weight_of_held,
 )
 from coordinator.belief.given_places import cloud, diagonal
-from coordinator.belief.search_pool import Pool, PooledPlace
+from coordinator.belief.search_pool import Pool
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_tuple
-from tests.unit.coordinator.reports import literal_bayes, place
+from tests.unit.coordinator.reports import literal_bayes, pool_of
 
 SETTINGS = FilterSettings(
     search=SearchSettings(source_radius_m=1.0, source_heading_rad=0.5),
@@ -38,8 +38,7 @@ NO_EVIDENCE = -math.inf
 
 
 def pool(*found: tuple[float, PoseTuple]) -> Pool:
-    places = (PooledPlace(share, (place(share, mean, 7),)) for share, mean in found)
-    return Pool(7, tuple(places), 0.0, 12.0)
+    return pool_of(*found, step=7)
 
 
 def entered(

@@ -9,15 +9,13 @@ from msgspec.structs import replace
 from coordinator.belief.search_pool import SearchPool
 from particle_filter.evidence_model import misfit
 from particle_filter.settings import SearchSettings, SensorSettings
-from protocol.arrays import ArrayBlob
-from protocol.work import Particles, Place
 from tests.unit.coordinator.belief.test_ensemble import (
     NORTH,
     SOUTH,
     bootstrapped,
     probabilities,
 )
-from tests.unit.coordinator.reports import place, searched, tracked
+from tests.unit.coordinator.reports import found_places, searched, tracked
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -47,29 +45,19 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
     assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
 
 
-def seen(share: float, x_m: float, step: int, count: int) -> Place:
-    """A place with `count` points of even weight."""
-    at = place(share, (x_m, 0.0, 0.0), step)
-    sample = Particles(
-        step=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(np.tile([x_m, 0.0, 0.0], (count, 1)), "float32"),
-        log_weights=ArrayBlob.of(np.zeros(count), "float32"),
-    )
-    return replace(at, sample=sample)
-
-
 def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     """Both shards found it; the first with 4 points, the second with 2 of thrice the evidence."""
     pool = SearchPool(0, 0, SearchSettings(shards=2))
     for job_id, evidence, x_m, count in (("s0.0", 1.0, 1.0, 4), ("s0.1", 3.0, 1.2, 2)):
         report = searched(job_id, 0, {}, log_evidence=math.log(evidence))
-        pool.add(replace(report, places=(seen(0.8, x_m, 0, count), seen(0.2, 9.0 + x_m, 0, count))))
+        found = [(0.8, (x_m, 0.0, 0.0)), (0.2, (9.0 + x_m, 0.0, 0.0))]
+        pool.add(replace(report, places=found_places(found, count)))
     pooled = pool.pooled()
     assert pooled is not None
-    near, far = pooled.places
-    assert (near.share, far.share) == pytest.approx((0.8, 0.2))
-    sample = near.place(0.5).sample
+    assert pooled.share == pytest.approx((0.8, 0.2))
+    near = pooled.place(0, 0.5)
+    assert near.share == 0.5
+    sample = near.sample
     poses, logs = sample.map_from_robot.array(), sample.log_weights.array()
     weights = np.exp(logs - np.logaddexp.reduce(logs))
     of_second = float(weights[poses[:, 0] > 1.1].sum())

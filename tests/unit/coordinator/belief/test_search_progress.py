@@ -5,17 +5,16 @@ import math
 import pytest
 
 from coordinator.belief.search_evidence import SearchEvidence
-from coordinator.belief.search_pool import Pool, PooledPlace, SearchPool
+from coordinator.belief.search_pool import SearchPool
 from particle_filter.settings import SearchSettings
-from tests.unit.coordinator.reports import place
+from tests.unit.coordinator.reports import pool_of
 
 SETTINGS = SearchSettings(shards=1, converged_mass=0.8, max_steps=10)
 
 
 def progress(share: float, left_out: float, step: int) -> float:
     search = SearchPool(0, 1, SETTINGS)
-    found = PooledPlace(share, (place(share, (0.0, 5.0, 0.0), step),))
-    pool = Pool(step, (found,), 0.0, -math.log(left_out))
+    pool = pool_of((share, (0.0, 5.0, 0.0)), step=step, left_out_gap=-math.log(left_out))
     finished = search.finished(pool, 64)
     assert finished == (search.progress == 1.0)
     return search.progress

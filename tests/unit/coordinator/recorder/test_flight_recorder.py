@@ -19,7 +19,7 @@ from coordinator.recorder.ring import FILES, Ring, files_in
 from protocol.work import TrackReport
 from tests.unit.coordinator.recorder.recorded import VERSION, RecordedCoordinator, Recordings
 from tests.unit.coordinator.recorder.test_blocks import head
-from tests.unit.coordinator.reports import cloud_at, place, scan, searched, tracked
+from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 STARTED = head().started
 
@@ -148,9 +148,10 @@ def test_particles_and_beams_are_left_out_and_nothing_else() -> None:
     found = without_bulk(ReportArrived("w", searched("s0.0", 3, {where: 0.5})))
     assert isinstance(found, ReportArrived)
     assert not isinstance(found.report, TrackReport)
-    (kept,) = found.report.places
-    assert kept.sample.log_weights.array().shape == (0,)
-    assert kept.share == place(0.5, where, 3).share
+    kept = found.report.places
+    assert kept.particles.array().shape == (0, 3)
+    assert kept.count.array().tolist() == [0]
+    assert (kept.share.array().tolist(), kept.mean.array().tolist()) == ([0.5], [list(where)])
     past = without_bulk(HistoryArrived((scan(1), scan(2))))
     assert isinstance(past, HistoryArrived)
     assert [one.step for one in past.scans] == [1, 2]

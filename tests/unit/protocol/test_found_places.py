@@ -1,0 +1,114 @@
+"""Places travel as columns, and pass only if each of them is one."""
+
+import math
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from protocol.arrays import ArrayBlob, WireType
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.found_places import FoundPlaces
+from protocol.validity import problem_of
+from protocol.work import Place, SearchReport, TrackReport
+from tests.unit.coordinator.reports import cloud_at, searched, tracked
+
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+MEAN = (1.0, 2.0, 3.0)
+SOUND = FoundPlaces.of(
+    (0.5, 0.0, 0.1),
+    [0.6, 0.3, 0.1],
+    [MEAN] * 3,
+    [np.eye(3)] * 3,
+    [np.full((count, 3), float(count)) for count in (1, 5, 2)],
+)
+NUMBERS = st.sampled_from((0.0, -1e-9, 1.0, 1.1, 5e11, -5e11, 1e300, math.nan, math.inf, -math.inf))
+
+
+def report(found: FoundPlaces) -> SearchReport:
+    return replace(searched("s0.0", 3, {}), places=found)
+
+
+def changed(column: str, index: int | tuple[int, int], value: float) -> FoundPlaces:
+    """The sound places with one number of a column changed."""
+    blob: ArrayBlob = getattr(SOUND, column)
+    array = blob.array().copy()
+    array[index] = value
+    return replace(SOUND, **{column: ArrayBlob.of(array, blob.dtype)})
+
+
+def column(values: object, dtype: WireType = "float64") -> ArrayBlob:
+    return ArrayBlob.of(np.array(values), dtype)
+
+
+def test_what_is_packed_comes_out() -> None:
+    came = decode(encode(report(SOUND)), SearchReport).places
+    assert came == SOUND
+    assert len(came) == 3
+    assert came.share.array().tolist() == [0.6, 0.3, 0.1]
+    assert came.mean.array().tolist() == [list(MEAN)] * 3
+    assert came.covariance.array().tolist() == [list(IDENTITY)] * 3
+    assert came.count.array().tolist() == [1, 5, 2]
+    assert came.particles.array()[:, 0].tolist() == [1.0, *[5.0] * 5, *[2.0] * 2]
+
+
+def test_a_search_may_have_found_nothing() -> None:
+    nothing = FoundPlaces.of((0.0, 0.0, 0.0), [], [], [], [])
+    assert len(decode(encode(report(nothing)), SearchReport).places) == 0
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        changed("share", 1, 1.1),
+        changed("share", 2, -1e-9),
+        changed("share", 0, math.nan),
+        changed("mean", (2, 0), math.inf),
+        changed("mean", (2, 1), 1e12),
+        changed("mean", (0, 2), math.nan),
+        changed("covariance", (1, 4), -1.0),
+        changed("covariance", (1, 8), math.nan),
+        changed("covariance", (1, 1), math.inf),
+        changed("count", 1, 4),
+        changed("count", 1, 0),
+        replace(SOUND, count=column([-1, 7, 2], "int32")),
+        replace(SOUND, count=column([2**31 - 1, 2**31 - 1, 10], "int32")),
+        replace(SOUND, count=column([1.0, 5.0, 2.0])),
+        replace(SOUND, count=column([1, 7], "int32")),
+        changed("particles", (7, 2), math.nan),
+        changed("particles", (0, 0), math.inf),
+        replace(SOUND, share=column([1.0])),
+        replace(SOUND, share=column([[0.6], [0.3], [0.1]])),
+        replace(SOUND, share=replace(SOUND.share, shape=())),
+        replace(SOUND, share=column([0.6, 0.3, 0.1], "float32")),
+        replace(SOUND, mean=column([MEAN] * 2)),
+        replace(SOUND, mean=column([MEAN[:2]] * 3)),
+        replace(SOUND, covariance=column([MEAN] * 3)),
+        replace(SOUND, particles=replace(SOUND.particles, shape=(3, 8))),
+        replace(SOUND, particles=replace(SOUND.particles, data=b"")),
+        replace(SOUND, mean=replace(SOUND.mean, shape=(-3, -3))),
+        replace(SOUND, odom_from_robot=(math.inf, 0.0, 0.0)),
+    ],
+)
+def test_one_bad_number_among_good_ones_is_found(found: FoundPlaces) -> None:
+    assert problem_of(report(SOUND)) is None
+    with pytest.raises(MalformedMessageError, match="not a valid SearchReport"):
+        decode(encode(report(found)), SearchReport)
+
+
+@hypothesis.given(
+    share=NUMBERS, mean=st.tuples(NUMBERS, NUMBERS, NUMBERS), covariance=st.tuples(*[NUMBERS] * 9)
+)
+def test_no_number_passes_in_a_column_that_would_not_alone(
+    share: float, mean: tuple[float, float, float], covariance: tuple[float, ...]
+) -> None:
+    """As part of a cluster, which is told place by place."""
+    sample = cloud_at(MEAN, 3)
+    alone = Place(share=share, mean=mean, covariance=covariance, sample=sample)  # type: ignore[arg-type] # nine numbers
+    one = FoundPlaces.of((0.0, 0.0, 0.0), [share], [mean], [covariance], [np.ones((2, 3))])
+    told = replace(tracked("c0", 3, 1.0, MEAN), parts=(alone,))
+    assert isinstance(told, TrackReport)
+    assert (problem_of(report(one)) is None) == (problem_of(told) is None)
