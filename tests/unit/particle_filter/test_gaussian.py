@@ -84,6 +84,13 @@ def test_weights_on_one_particle_give_that_particle() -> None:
     np.testing.assert_allclose(covariance, 0.0, atol=1e-30)
 
 
+def test_one_particle_is_its_own_mean_whatever_lies_behind_it_in_memory() -> None:
+    memory = np.array([[1.0, 2.0, 3.0], [np.nan, np.nan, np.nan]])
+    mean, covariance = fit_gaussian(memory[:1], np.ones(1))
+    np.testing.assert_array_equal(mean, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(covariance, np.zeros((3, 3)))
+
+
 @pytest.mark.parametrize("weight", [[0.0, 0.0], [np.nan, 1.0], [np.inf, 1.0]])
 def test_weights_that_sum_to_nothing_are_refused(weight: list[float]) -> None:
     with pytest.raises(ValueError, match="fit no Gaussian"):

@@ -1,0 +1,48 @@
+"""Beams through walls."""
+
+from math import atan2, hypot
+
+import numpy as np
+import pytest
+
+from particle_filter.arrays import Cells, Points, Pose
+from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.poses import between, compose
+from particle_filter.ray_casting import jump_field
+from particle_filter.settings import SensorSettings
+from particle_filter.visibility import hidden_log_likelihood
+from tests.unit.particle_filter.naive_rays import cast_ray
+from tests.unit.particle_filter.rooms import CELL_M, plain_room
+
+MARGIN_M, SLACK_RAD = 0.3, 0.02
+MAP_FROM_GRID = np.array([-4.0, 7.0, 0.7])
+LASER = np.array([0.2, -0.1])
+
+
+def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> float:
+    """Beam by beam: what the field gave, if the ray and both beside it meet something before."""
+    laser, total = compose(pose, np.array([*LASER, 0.0])), 0.0
+    for hit in hits:
+        x, y, _ = compose(pose, np.array([*hit, 0.0])) - laser
+        way_m = hypot(x, y)
+        start = between(field.map_from_grid, np.array([*laser[:2], atan2(y, x)]))
+        met = [
+            cast_ray(cells, CELL_M, start, turn, way_m) < way_m - MARGIN_M
+            for turn in (0.0, SLACK_RAD, -SLACK_RAD)
+        ]
+        if all(met):
+            total += scan_log_likelihood(pose[None], hit[None], field)[0] - field.log_floor
+    return total
+
+
+def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
+    rng, cells = np.random.default_rng(5), plain_room()
+    field = LikelihoodField.build(cells, CELL_M, MAP_FROM_GRID, SensorSettings())
+    size_m = CELL_M * np.array(cells.shape)[::-1]
+    inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
+    poses = compose(MAP_FROM_GRID, inside)
+    hits = rng.uniform(-4.0, 4.0, (60, 2))  # some of them beyond the map
+    found = hidden_log_likelihood(poses, LASER, hits, field, jump_field(cells), MARGIN_M, SLACK_RAD)
+    expected = [hidden(pose, hits, cells, field) for pose in poses]
+    assert max(expected) > 10.0
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
