@@ -132,6 +132,16 @@ def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhe
     assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
 
 
+def test_the_longest_way_that_clusters_tell_of_is_how_much_of_a_new_view_a_scan_is() -> None:
+    """One that began a moment ago tells of less of the way."""
+    both, one = (first(0.6, 0.3, view_distance_m=2.0) for _ in range(2))
+    reports = told(0.2, 0.1, moved_m=1.0)
+    both.weigh(reports, -2.0)
+    one.weigh(reports | {"c1": replace(reports["c1"], moved_m=0.0)}, -2.0)
+    assert probabilities(one) == probabilities(both)
+    assert probabilities(both) != pytest.approx([0.6, 0.3, 0.1], rel=0.01)
+
+
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
     made.weigh(told(0.5, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
