@@ -137,6 +137,8 @@ def mutants(root: Path) -> list[Mutant]:
         tree, seen = ast.parse((root / path).read_text()), Counter[str]()
         for where, parent, node in sites(tree):
             for variant in variants(node):
+                if ast.unparse(variant) == ast.unparse(node):
+                    continue  # `return None`, its value left out
                 key = f"{path}:{where}: {_change(parent, node, variant)}"
                 seen[key] += 1
                 name = key if seen[key] == 1 else f"{key} #{seen[key]}"
@@ -278,7 +280,9 @@ def tried(chosen: list[Mutant], jobs: int) -> Iterator[tuple[str, str]]:
 def _verdict(exit_code: int | None, by: str) -> str:
     if exit_code in (-signal.SIGXCPU, -signal.SIGKILL):
         return "killed by the time limit"
-    return f"killed by {by}" if exit_code else "survived"
+    if exit_code:
+        return f"killed by {by or 'a crash'}"
+    return "survived"
 
 
 def report(results: dict[str, str]) -> str:
