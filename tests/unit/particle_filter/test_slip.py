@@ -15,15 +15,22 @@ from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
 BEFORE = np.array([3.0, 3.0, 0.3])
 FORWARDS, BACKWARDS = np.array([0.4, 0.0, 0.0]), np.array([-0.4, 0.0, 0.0])
+NONE, EVERY_TENTH = slice(0), slice(None, None, 10)
 WITH = MotionSettings()
 WITHOUT = replace(WITH, slip_probability=0.0)
 MODEL = model_of(plain_room())
 
 
-def after_a_drive(true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS) -> Weighed:
-    """A step of a cloud that knows where it was; odometry tells of a drive forwards."""
+def after_a_drive(
+    true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS, cut: slice = NONE
+) -> Weighed:
+    """A step of a cloud that knows where it was; odometry tells of a drive forwards.
+
+    Somebody stands half way in some beams, which are cut.
+    """
     spread = np.random.default_rng(5).normal(0.0, [0.03, 0.03, 0.02], (1000, 3))
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
+    beams.ranges[cut] *= 0.5
     cloud, rng = Cloud.even(BEFORE + spread), np.random.default_rng(6)
     return advanced(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
 
@@ -48,6 +55,14 @@ def test_where_scans_fit_odometry_is_believed_as_ever() -> None:
     poses = [result.cloud.map_from_robot for result in (with_slip, without)]
     np.testing.assert_array_equal(*poses)
     assert with_slip.log_weight_sum == without.log_weight_sum
+
+
+def test_a_slip_that_fits_hardly_better_is_no_slip() -> None:
+    crept = np.array([0.05, 0.0, 0.0])
+    with_slip, without = (after_a_drive(crept, s, crept, EVERY_TENTH) for s in (WITH, WITHOUT))
+    assert 0.0 < without.log_likelihood_per_beam < WITH.slip_below_fit, "so slips were tried"
+    poses = [result.cloud.map_from_robot for result in (with_slip, without)]
+    np.testing.assert_array_equal(*poses)
 
 
 def test_particles_stay_as_many_and_weigh_as_much() -> None:
