@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
-from particle_filter.ray_casting import cast_rays_from_poses, jump_field
+from particle_filter.ray_casting import cast_rays_from_poses, checked_jumps, jump_field
 from tests.unit.particle_filter import naive_rays
 from tests.unit.particle_filter.naive_rays import cast_rays
 
@@ -135,3 +135,18 @@ def test_a_pose_that_is_not_finite_is_refused(pose: list[float]) -> None:
 def test_lengths_that_are_not_positive_are_refused(cell_m: float, max_range_m: float) -> None:
     with pytest.raises(ValueError, match="positive"):
         cast_rays(box(), cell_m, np.zeros(3), np.zeros(1), max_range_m)
+
+
+def test_a_jump_field_that_fits_the_map_can_not_be_changed() -> None:
+    cells = np.zeros((3, 5), np.int8)
+    jumps = checked_jumps(jump_field(cells), cells)
+    with pytest.raises(ValueError, match="read-only"):
+        jumps[0, 0, 0] = 9
+
+
+@pytest.mark.parametrize(
+    "jumps", [np.ones((4, 3, 6), np.uint8), np.ones((4, 5, 3), np.uint8), np.ones((4, 3, 5))]
+)
+def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) -> None:
+    with pytest.raises(ValueError, match="expected uint8"):
+        checked_jumps(jumps, np.zeros((3, 5), np.int8))
