@@ -32,4 +32,4 @@ def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: 
     k = occupied - 1.0
     share = 2.0 / (9.0 * k)
     count = k / (2.0 * error) * (1.0 - share + math.sqrt(share) * UPPER_QUANTILE) ** 3
-    return int(min(max(math.ceil(count), least), most))
+    return min(max(math.ceil(count), least), most)

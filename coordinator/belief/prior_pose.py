@@ -50,7 +50,7 @@ def with_prior_pose(
     means = [place.mean for place in found]
     is_there = is_near(means, [now], rules.merge_distance_m, rules.merge_heading_rad)
     there = int(np.argmax(is_there)) if is_there.any() else None
-    kept = list(found) if there is not None else list(found[: rules.max_clusters - 1])
+    kept = found if there is not None else found[: rules.max_clusters - 1]
     total = math.fsum(place.share for place in kept)
     if not kept or total <= 0.0:
         return [(_offered(now, prior, 1.0, settings), "prior pose")]
