@@ -11,9 +11,13 @@ from tests.unit.particle_filter.naive import angle_between
 
 means = arrays(np.float64, st.tuples(st.integers(0, 12), st.just(3)), elements=st.floats(-2, 2))
 
+ROUNDING = 1e-12
+"""At the very edge the angle by unit vectors is one way or the other."""
 
-def near(a: Poses, b: Poses) -> bool:
-    return bool(np.hypot(*(a - b)[:2]) <= 0.5 and angle_between(a[2], b[2]) <= 0.35)
+
+def near(a: Poses, b: Poses, slack: float = 0.0) -> bool:
+    apart, turned = np.hypot(*(a - b)[:2]), angle_between(a[2], b[2])
+    return bool(apart <= 0.5 + slack and turned <= 0.35 + slack)
 
 
 @given(means=means)
@@ -22,9 +26,9 @@ def test_survivors_are_apart_and_the_absorbed_are_near_their_absorber(means: Pos
     survivors = [k for k in range(len(means)) if absorber[k] == k]
     for k in range(len(means)):
         assert absorber[k] in survivors
-        assert absorber[k] == k or near(means[k], means[absorber[k]])
+        assert absorber[k] == k or near(means[k], means[absorber[k]], ROUNDING)
     for i in survivors:
-        assert not any(near(means[i], means[j]) for j in survivors if j < i)
+        assert not any(near(means[i], means[j], -ROUNDING) for j in survivors if j < i)
 
 
 def test_the_most_probable_absorbs() -> None:
