@@ -24,3 +24,13 @@ def test_a_ray_alone_is_as_long_as_among_others_to_the_last_bit(cells: Cells, se
     cast_fan(jumps, x, y, rays, RAYS, lengths)
     alone = [cast_ray(flat(jumps), x, y, dx, dy, until) for dx, dy, until in rays.T]
     assert alone == lengths.tolist()
+
+
+def test_minus_zero_is_no_direction() -> None:
+    cells = np.ones((5, 7), np.int8)
+    cells[1:-1, 1:-1] = 0
+    jumps, lengths = jump_field(cells), np.empty(4)
+    rays = np.array([[1.0, -1.0, -0.0, -0.0], [-0.0, -0.0, 1.0, -1.0], [9.0, 9.0, 9.0, 9.0]])
+    cast_fan(jumps, 2.5, 2.5, rays, 4, lengths)
+    assert lengths.tolist() == [3.5, 1.5, 1.5, 1.5]
+    assert [cast_ray(flat(jumps), 2.5, 2.5, *ray) for ray in rays.T] == lengths.tolist()
