@@ -63,6 +63,12 @@ def test_exponentials_are_right_to_what_weights_need(value: float, offset: float
     )
 
 
+def test_exponentials_are_right_between_powers_of_two_too() -> None:
+    """Where the rest of a logarithm is largest, the last terms of the series count most."""
+    values = np.linspace(-50.0, 0.0, 5001)
+    np.testing.assert_allclose(exp(values, 0.0), np.exp(values), rtol=1e-13)
+
+
 def test_exponentials_of_what_is_no_weight() -> None:
     found = exp(np.array([0.0, -math.inf, -1e300, -700.0, math.nan]), 0.0)
     np.testing.assert_array_equal(found, [1.0, 0.0, 0.0, 0.0, math.nan])
