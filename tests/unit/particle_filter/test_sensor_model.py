@@ -38,6 +38,12 @@ def test_a_beam_without_return_counts_for_the_beam_model_only() -> None:
     assert list(beams_of(ranges, FIELD).ranges) == [1.0, 3.0]
 
 
+def test_a_beam_that_did_not_return_has_ended_nowhere() -> None:
+    beams = beams_of([1.0, NO_RETURN, 10.0, 3.0], BEAM)
+    assert list(beams.ranges) == [1.0, 10.0, 10.0, 3.0]
+    assert beams.returned.tolist() == [True, False, False, True]
+
+
 def test_each_beam_keeps_its_direction_when_others_are_dropped() -> None:
     beams = beams_of([1.0, BROKEN, 2.0], FIELD)
     np.testing.assert_allclose(beams.angles, [-1.0, -0.8])

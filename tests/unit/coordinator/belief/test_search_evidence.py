@@ -31,6 +31,12 @@ def test_where_elsewhere_was_impossible_a_search_weighs_nothing() -> None:
     assert evidence.log_weight(1, 5.0) == -math.inf
 
 
+def test_what_is_explained_later_is_a_share_of_what_was_left() -> None:
+    evidence = SearchEvidence()
+    shares = [evidence.newly_explained(share) for share in (0.5, 0.8, 0.6, 1.0, 1.0)]
+    assert shares == pytest.approx([0.5, 0.6, 0.0, 1.0, 0.0]), "of 1, 0.5, 0.2, 0.2 and nothing"
+
+
 def test_it_is_handed_on_as_it_is() -> None:
     evidence = SearchEvidence(math.log(0.3))
     for step in range(KEPT_STEPS + 7):
