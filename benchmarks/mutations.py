@@ -12,7 +12,7 @@ survived: either a test is missing or the mistake is none, and then `mutation_re
 why. `--again` tries the survivors of earlier results only, after new tests were written; `--report`
 fails while one has no reason.
 
-Two hundred take about twenty minutes of one core. Chance is the seed's (`--seed`), so the same
+Two hundred take about half an hour of one core. Chance is the seed's (`--seed`), so the same
 mutants come back as long as the code is the same.
 """
 
