@@ -15,29 +15,25 @@ from coordinator.belief.admission import admission, first_places, log_weight_of_
 from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
-from coordinator.belief.search_evidence import SearchEvidence
-from coordinator.belief.search_pool import Pool, SearchPool, SearchState
+from coordinator.belief.search_course import SearchCourse, SearchCourseState
+from coordinator.belief.search_pool import Pool, SearchState
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
-from protocol.message import Circle, Corners, PoseTuple
+from protocol.message import Circle, Corners
 from protocol.work import (
     ElsewhereJob,
     ElsewhereReport,
     Job,
     Place,
     Report,
-    SearchJob,
-    SearchReport,
     TrackJob,
     TrackReport,
 )
 
 ELSEWHERE = "e0"
 """The job that weighs scans all over the map; it begins anew where steps or maps do."""
-KEPT_MEANS = 100
-"""Steps that a search may lie behind the clusters it is compared with."""
 LEAST_REST = 1e-12
 """What is left beside a place that is given for certain."""
 
@@ -61,27 +57,25 @@ class Ensemble:
     def __init__(self, settings: FilterSettings) -> None:
         self.settings = settings
         self.clusters = ClusterSet(settings.belief, settings.sensor)
-        self._search: SearchPool | None = None
-        self._evidence = SearchEvidence()
+        self._search = SearchCourse(settings)
         self._prior_pose: PriorPose | None = None
-        self.searches = 0
-        """How many have begun."""
-        self._next_search_step = 0
         self._begin: dict[str, Job] = {}
         self._events: list[JobEvent] = []
-        self._means: dict[int, dict[str, PoseTuple]] = {}
-        """Where the clusters were at the last steps; those without a report, by odometry."""
+
+    @property
+    def searches(self) -> int:
+        """How many have begun."""
+        return self._search.begun
 
     @property
     def expected(self) -> tuple[str, ...]:
         """Jobs whose report on the next step is waited for."""
-        searching = self._search.job_ids if self._search else ()
-        return (*self.clusters.job_ids, *searching, *self._elsewhere)
+        return (*self.clusters.job_ids, *self._search.job_ids, *self._elsewhere)
 
     @property
     def unhurried(self) -> tuple[str, ...]:
         """Those of them that may tell a step later: searches beside clusters."""
-        return self._search.job_ids if self._search and len(self.clusters) else ()
+        return self._search.job_ids if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """What must see the scan of `step` itself: the first search. Call once, before it.
@@ -122,22 +116,22 @@ class Ensemble:
             if isinstance(report, ElsewhereReport) and report.step == step
         )
         log_likelihood = self.clusters.weigh(tracks, next(elsewhere, math.nan))
-        self._evidence.gather(step, log_likelihood)
+        self._search.evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
-        self._note_means(step)
+        self._search.note_means(step, self.clusters.all())
         if step % self.settings.belief.merge_every_steps == 0:
             self._events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
-        if self._search is None and (self._lost or step >= self._next_search_step):
+        if not self._search.runs and (self._lost or self._search.is_due(step)):
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
     def postpone_search(self, step: int) -> None:
         """Let no periodic search begin after this step; one for a robot that is lost may."""
-        self._next_search_step = max(self._next_search_step, step + 1)
+        self._search.postpone(step)
 
     def set_pose(self, given: Place) -> Outcome:
         """Believe a person: a cluster at the given pose takes its share from the others."""
@@ -190,32 +184,23 @@ class Ensemble:
 
     def state(self) -> EnsembleState:
         """All that decides; ask for it between steps."""
+        search = self._search.state()
         return EnsembleState(
             clusters=self.clusters.all(),
             next_cluster=self.clusters.next_cluster,
             log_elsewhere=self.clusters.log_elsewhere,
-            search=self._search_state(),
-            searches=self.searches,
-            next_search_step=self._next_search_step,
+            search=search.search,
+            searches=search.searches,
+            next_search_step=search.next_search_step,
             prior_pose=self._prior_pose,
         )
 
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
         self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
-        self._search = None
-        self._means.clear()
-        if (search := state.search) is not None:
-            self._search = SearchPool(search.search, search.first_step, self.settings.search)
-            self._search.progress = search.progress
-            self._evidence = SearchEvidence.restored(search.evidence)
-        self.searches, self._next_search_step = state.searches, state.next_search_step
+        search = SearchCourseState(state.search, state.searches, state.next_search_step)
+        self._search.restore(search)
         self._prior_pose = state.prior_pose
-
-    def _search_state(self) -> SearchState | None:
-        if self._search is None:
-            return None
-        return self._search.state(self._evidence.state())
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -235,41 +220,20 @@ class Ensemble:
     def _start_search(
         self, first_step: int, near: Circle | None = None, corners: Corners = ()
     ) -> None:
-        search = SearchPool(self.searches, first_step, self.settings.search)
-        for shard, job_id in enumerate(search.job_ids):
-            self._begin[job_id] = SearchJob(
-                search=self.searches,
-                shard=shard,
-                first_step=first_step,
-                near=near,
-                corners=corners,
-            )
-        self.searches += 1
-        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
-        self._search = search
-        self._evidence = SearchEvidence(self.clusters.log_elsewhere)
+        until = first_step + self.settings.belief.grace_steps
+        self.clusters.protect_alternatives(until)
+        log_elsewhere = self.clusters.log_elsewhere
+        self._begin |= self._search.begin(first_step, log_elsewhere, near, corners)
 
     def _stop_search(self, step: int, cause: EndedCause) -> None:
-        if self._search is not None:
-            self._events += [Ended(job_id, cause) for job_id in self._search.job_ids]
-        self._search = None
-        self._next_search_step = step + self.settings.belief.search_every_steps
-
-    def _note_means(self, step: int) -> None:
-        self._means[step] = {cluster.job_id: cluster.mean for cluster in self.clusters.all()}
-        while len(self._means) > KEPT_MEANS:
-            del self._means[next(iter(self._means))]
+        self._events += self._search.stop(step, cause)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
-        if self._search is None:
+        fresh = self._search.hear(reports, self.clusters.job_ids)
+        if fresh is None:
             return
-        for report in reports:
-            if isinstance(report, SearchReport) and report.job_id in self._search.job_ids:
-                self._search.add(report)
-        fresh = self._search.pooled()
-        if fresh is None or not self._can_tell_who_is_new(fresh.step):
-            return
-        weight = math.exp(min(self._evidence.log_weight(fresh.step, fresh.log_evidence), 0.0))
+        log_weight = self._search.evidence.log_weight(fresh.step, fresh.log_evidence)
+        weight = math.exp(min(log_weight, 0.0))
         if self._lost and weight < self.settings.belief.least_probability:
             # It has seen scans from before the robot was lifted, and kept where that was.
             self._stop_search(step, "search stopped")
@@ -278,16 +242,10 @@ class Ensemble:
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            all_in = self._admit_newcomers(fresh, self._search.first_step, step)
-        most = self.settings.belief.max_clusters
-        over = self._search.finished(fresh, most, patient=not self._is_held_from_before)
+            all_in = self._admit_newcomers(fresh, step)
+        over = self._search.finished(fresh, patient=not self._is_held_from_before)
         if over and all_in:
             self._stop_search(step, "search over")
-
-    def _can_tell_who_is_new(self, step: int) -> bool:
-        """Whether it is known where all clusters were at this step; if not, the search goes on."""
-        then = self._means.get(step, {})
-        return all(job_id in then for job_id in self.clusters.job_ids)
 
     def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
@@ -300,10 +258,10 @@ class Ensemble:
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
         self._prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
-        self.clusters.explain(self._evidence.newly_explained(explained))
+        self.clusters.explain(self._search.evidence.newly_explained(explained))
         self._admit(entering, step)
 
-    def _admit_newcomers(self, pool: Pool, first_step: int, step: int) -> bool:
+    def _admit_newcomers(self, pool: Pool, step: int) -> bool:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
         The scans since the search began tell what it is worth; once places of its own are
@@ -312,18 +270,19 @@ class Ensemble:
         Returns:
             False if some have to wait for the end of other clusters' grace.
         """
-        then, settings = self._means[pool.step], self.settings
+        first_step, evidence = self._search.first_step, self._search.evidence
+        then, settings = self._search.means_at(pool.step), self.settings
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
         told = log_weight_of_held(pool, own, settings.search)
-        since = self._evidence.log_weight(pool.step, pool.log_evidence)
+        since = evidence.log_weight(pool.step, pool.log_evidence)
         log_weight = since if told is None else told
         held = [then[cluster.job_id] for cluster in clusters]
         room = self.clusters.room(step, first_step)
         before = self.clusters.elsewhere
         most = math.inf if told is None else before + math.fsum(share for _, share in own)
         found = admission(pool, held, room, log_weight, settings, holds_own=bool(own), most=most)
-        self.clusters.explain(self._evidence.newly_explained(found.explained))
+        self.clusters.explain(evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         if told is not None:
             explained = before - self.clusters.elsewhere
@@ -378,11 +337,11 @@ class Ensemble:
             state=self._state(tracked),
             hypotheses=tracked,
             elsewhere_probability=self.clusters.elsewhere,
-            searching=self._search is not None,
+            searching=self._search.runs,
             missing=missing,
             begin=begin,
             events=events,
-            search_progress=self._search.progress if self._search else 0.0,
+            search_progress=self._search.progress,
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
@@ -396,13 +355,13 @@ class Ensemble:
     @property
     def _is_founding(self) -> bool:
         """Whether the search that runs has found all the clusters that there are."""
-        search, clusters = self._search, self.clusters.all()
-        return search is not None and all(c.born_step >= search.first_step for c in clusters)
+        first_step = self._search.first_step
+        return self._search.runs and all(c.born_step >= first_step for c in self.clusters.all())
 
     @property
     def _is_held_from_before(self) -> bool:
         """Whether the robot is believed to be where it was tracked before the search that runs."""
-        first_step = self._search.first_step if self._search else 0
+        first_step = self._search.first_step
         before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
         return math.fsum(before) > self.settings.belief.lost_probability
 

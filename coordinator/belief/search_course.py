@@ -1,0 +1,152 @@
+"""A search for new places from its begin to its end, and when the next one is due."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import msgspec
+
+from coordinator.belief.cluster_set import Cluster
+from coordinator.belief.search_evidence import SearchEvidence
+from coordinator.belief.search_pool import Pool, SearchPool, SearchState
+from particle_filter.settings import FilterSettings
+from protocol.job_events import Ended, EndedCause
+from protocol.message import Circle, Corners, PoseTuple
+from protocol.work import Job, Report, SearchJob, SearchReport
+
+KEPT_MEANS = 100
+"""Steps that a search may lie behind the clusters it is compared with."""
+
+
+class SearchCourseState(msgspec.Struct, frozen=True):
+    """As it is handed on."""
+
+    search: SearchState | None
+    searches: int
+    next_search_step: int
+
+
+class SearchCourse:
+    """The search that runs, if one does, and what it is compared with."""
+
+    def __init__(self, settings: FilterSettings) -> None:
+        self._settings = settings
+        self._pool: SearchPool | None = None
+        self.evidence = SearchEvidence()
+        """What the clusters have gathered since the search began."""
+        self.begun = 0
+        """How many searches have."""
+        self._next_step = 0
+        self._means: dict[int, dict[str, PoseTuple]] = {}
+        """Where the clusters were at the last steps; those without a report, by odometry."""
+
+    @property
+    def runs(self) -> bool:
+        """Whether there is one."""
+        return self._pool is not None
+
+    @property
+    def job_ids(self) -> tuple[str, ...]:
+        """The jobs of the search, one a shard; none, if there is none."""
+        return self._pool.job_ids if self._pool else ()
+
+    @property
+    def first_step(self) -> int:
+        """The first step whose scan the search takes; 0, if there is none."""
+        return self._pool.first_step if self._pool else 0
+
+    @property
+    def progress(self) -> float:
+        """How near the search is to its end, 0 to 1; 0, if there is none."""
+        return self._pool.progress if self._pool else 0.0
+
+    def is_due(self, step: int) -> bool:
+        """Whether the time has come for another one."""
+        return step >= self._next_step
+
+    def postpone(self, step: int) -> None:
+        """Let none be due after this step."""
+        self._next_step = max(self._next_step, step + 1)
+
+    def begin(
+        self, first_step: int, log_elsewhere: float, near: Circle | None, corners: Corners
+    ) -> dict[str, Job]:
+        """Begin one.
+
+        Args:
+            first_step: the first whose scan it takes.
+            log_elsewhere: log of the probability that the robot is at no cluster.
+            near: where to look; None: everywhere.
+            corners: of a region, likewise; empty: everywhere.
+
+        Returns:
+            Its jobs.
+        """
+        self._pool = SearchPool(self.begun, first_step, self._settings.search)
+        jobs: dict[str, Job] = {
+            job_id: SearchJob(
+                search=self.begun, shard=shard, first_step=first_step, near=near, corners=corners
+            )
+            for shard, job_id in enumerate(self._pool.job_ids)
+        }
+        self.begun += 1
+        self.evidence = SearchEvidence(log_elsewhere)
+        return jobs
+
+    def stop(self, step: int, cause: EndedCause) -> list[Ended]:
+        """End it, if there is one; the next one is due some steps after this one."""
+        ended = [Ended(job_id, cause) for job_id in self.job_ids]
+        self._pool = None
+        self._next_step = step + self._settings.belief.search_every_steps
+        return ended
+
+    def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
+        """Where the clusters are after this step."""
+        self._means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
+        while len(self._means) > KEPT_MEANS:
+            del self._means[next(iter(self._means))]
+
+    def means_at(self, step: int) -> Mapping[str, PoseTuple]:
+        """Where clusters were after a step, by their jobs; nothing of what is long ago."""
+        return self._means.get(step, {})
+
+    def hear(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
+        """What the search has found, if it told something new.
+
+        Args:
+            reports: of all jobs.
+            clusters: jobs of the clusters that its places are held against.
+
+        Returns:
+            None also where it is not known where one of the clusters was at that step.
+        """
+        if self._pool is None:
+            return None
+        for report in reports:
+            if isinstance(report, SearchReport) and report.job_id in self.job_ids:
+                self._pool.add(report)
+        fresh = self._pool.pooled()
+        if fresh is None:
+            return None
+        then = self.means_at(fresh.step)
+        return fresh if all(job_id in then for job_id in clusters) else None
+
+    def finished(self, pool: Pool, *, patient: bool) -> bool:
+        """As `SearchPool.finished`, for as many places as can be tracked."""
+        most = self._settings.belief.max_clusters
+        return self._pool is None or self._pool.finished(pool, most, patient=patient)
+
+    # --- handed on
+
+    def state(self) -> SearchCourseState:
+        """All that decides."""
+        search = self._pool.state(self.evidence.state()) if self._pool else None
+        return SearchCourseState(search, self.begun, self._next_step)
+
+    def restore(self, state: SearchCourseState) -> None:
+        """Go on from where another was; the last reports must be given again."""
+        self._pool = None
+        self._means.clear()
+        if (search := state.search) is not None:
+            self._pool = SearchPool(search.search, search.first_step, self._settings.search)
+            self._pool.progress = search.progress
+            self.evidence = SearchEvidence.restored(search.evidence)
+        self.begun, self._next_step = state.searches, state.next_search_step
