@@ -46,7 +46,8 @@ def run_router(invocation: Invocation) -> None:
         _log.info("router listens at %s", endpoints)
         while not invocation.stop.wait(every_s):
             give_back_freed_memory()
-            if way_in.is_shut():
+            way_in.look()
+            if way_in.is_shut:
                 _log.error("nobody gets in any more: Zenoh has locked up; ending, to be restarted")
                 os._exit(EXIT_BUG)  # to close the session would wait for ever
 

@@ -37,8 +37,17 @@ class WayIn:
         self._is_open = self._was_open = False
         self._failed = self._looks = 0
 
+    @property
     def is_shut(self) -> bool:
-        """Whether the last looks failed, after enough others; begins the next one."""
+        """Whether the last looks failed, after enough others."""
+        return self._failed >= SHUT_AFTER and self._looks > LEAST_LOOKS
+
+    def look(self) -> threading.Thread:
+        """Note how the last look went and begin the next one, unless it still looks.
+
+        Returns:
+            The one that looks now.
+        """
         self._looks += 1
         if self._looking is not None:
             self._failed = 0 if self._is_open else self._failed + self._was_open
@@ -46,12 +55,7 @@ class WayIn:
             self._is_open = False
             self._looking = threading.Thread(target=self._look, name="way in", daemon=True)
             self._looking.start()
-        return self._failed >= SHUT_AFTER and self._looks > LEAST_LOOKS
-
-    def finish_look(self) -> None:
-        """Wait for the look under way."""
-        if self._looking is not None:
-            self._looking.join()
+        return self._looking
 
     def _look(self) -> None:
         try:

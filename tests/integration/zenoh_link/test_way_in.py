@@ -66,8 +66,8 @@ def test_only_who_was_let_in_before_is_shut_out(
     never._client["connect"]["endpoints"] = ["unixsock-stream//no/such/router"]
     for _ in range(2 * LEAST_LOOKS):
         for one in (good, never):
-            assert not one.is_shut()
-            one.finish_look()
+            one.look().join()
+            assert not one.is_shut
 
 
 @pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
@@ -76,8 +76,8 @@ def test_a_router_that_listens_nowhere_never_looks_well(listens: str, tmp_path: 
     file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
     way_in = WayIn(zenoh.Config.from_file(str(file)), patience_s=0.1)
     for _ in range(2 * LEAST_LOOKS):
-        assert not way_in.is_shut()
-        way_in.finish_look()
+        way_in.look().join()
+        assert not way_in.is_shut
 
 
 @pytest.mark.parametrize("every", ["0", "-1", "nan", "often"])
