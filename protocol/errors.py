@@ -105,6 +105,10 @@ class UnreachableError(ClusterMclError):
         super().__init__(problem)
 
 
+class RefusedError(UnreachableError):
+    """Somebody is there and does not answer now; arguments as for `UnreachableError`."""
+
+
 class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
 

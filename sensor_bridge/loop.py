@@ -16,7 +16,7 @@ from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief, CommandDone, Status, Update
 from protocol.codec import decode
-from protocol.errors import ClusterMclError, MalformedMessageError, printable
+from protocol.errors import ClusterMclError, MalformedMessageError, RefusedError, printable
 from protocol.steps import (
     LaserReading,
     MapMessage,
@@ -216,7 +216,7 @@ class BridgeLoop:
         """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
         first_step = 0
         try:
-            status = ask(self._session, keys.STATUS, Status, timeout_s=ASK_STEP_WITHIN_S)
+            status = self._status()
             first_step = max(status.step, status.newest_step) + 1
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
@@ -228,6 +228,17 @@ class BridgeLoop:
             paced=self._pacing.paced,
             live=self._live,
         )
+
+    def _status(self) -> Status:
+        """What a coordinator tells; one that refuses now, for its link has just come back, soon."""
+        until_s = time.monotonic() + ASK_STEP_WITHIN_S
+        while True:
+            try:
+                return ask(self._session, keys.STATUS, Status, timeout_s=ASK_STEP_WITHIN_S)
+            except RefusedError:
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(POLL_S)
 
     # --- the map
 

@@ -21,7 +21,7 @@ from zenoh_link.way_in import WayIn
 
 _log = logging.getLogger(__name__)
 
-LOOK_EVERY_S = 10.0
+LOOK_EVERY_S = 5.0
 _PATIENCE = 0.8
 """Of the time between two looks."""
 _IN_USE = ("Address already in use", "Unable to acquire lock")

@@ -14,7 +14,7 @@ from zenoh import handlers
 
 from process_runtime.latency_trace import mark
 from protocol.codec import decode, encode
-from protocol.errors import UnreachableError
+from protocol.errors import RefusedError, UnreachableError
 from protocol.limits import max_bytes_on
 from protocol.message import Message
 from zenoh_link.inbox import Inbox
@@ -234,18 +234,20 @@ def ask(
     """Ask whoever serves `key` and take the first answer.
 
     Raises:
-        UnreachableError: nobody answered in time, or the one who did refused.
+        RefusedError: nobody answered in time but with a refusal.
+        UnreachableError: nobody answered in time at all.
         MalformedMessageError: the answer is not the message it should be.
     """
     payload = encode(message) if message is not None else None
+    error: type[UnreachableError] = UnreachableError
     problem = f"nobody answers on {key!r}"
     for reply in session.get(key, payload=payload, consolidation=AS_THEY_COME, timeout=timeout_s):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), answer)
         if reply.err is not None:
             said = reply.err.payload.to_bytes().decode(errors="replace")
-            problem = f"no answer on {key!r}: {said}"
-    raise UnreachableError(who=key, problem=problem, waited_s=timeout_s)
+            error, problem = RefusedError, f"no answer on {key!r}: {said}"
+    raise error(who=key, problem=problem, waited_s=timeout_s)
 
 
 def ask_later(

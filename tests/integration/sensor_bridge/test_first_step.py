@@ -16,14 +16,13 @@ from tests.integration.sensor_bridge.test_standing_robot import Standing
 from tests.integration.waiting import wait_until
 from tests.unit.evaluation.places import STATUS
 
-LATE_S = 2.0
+LATE_S, REFUSALS = 2.0, 5
+GOES_ON = max(STATUS.step, STATUS.newest_step) + 1
 
 
 def test_steps_go_on_though_a_busy_coordinator_answers_late(
     router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
 ) -> None:
-    coordinator = open_client()
-
     def answer_late(query: zenoh.Query) -> None:
         def answer() -> None:
             with query:
@@ -31,7 +30,31 @@ def test_steps_go_on_though_a_busy_coordinator_answers_late(
 
         Timer(LATE_S, answer).start()
 
-    coordinator.declare_queryable(keys.STATUS, answer_late)
+    open_client().declare_queryable(keys.STATUS, answer_late)
+    assert first_step(router, start_process, open_client) == GOES_ON
+
+
+def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_back(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    """It refused once, and all places were forgotten: seen after a router had locked up."""
+    asked = list[zenoh.Query]()
+
+    def refuse_at_first(query: zenoh.Query) -> None:
+        asked.append(query)
+        with query:
+            if len(asked) <= REFUSALS:
+                query.reply_err(b"another coordinator may have taken over; ask again")
+            else:
+                query.reply(keys.STATUS, encode(STATUS))
+
+    open_client().declare_queryable(keys.STATUS, refuse_at_first)
+    assert first_step(router, start_process, open_client) == GOES_ON
+    assert len(asked) == REFUSALS + 1
+
+
+def first_step(router: ZenohSettings, start_process: StartProcess, open_client: OpenClient) -> int:
+    """The number of the first step that a bridge makes."""
     with answering(open_client(), FIRST):
         endpoint = f"zenoh.router={router.router}"
         start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
@@ -44,5 +67,4 @@ def test_steps_go_on_though_a_busy_coordinator_answers_late(
             return robot.steps()
 
         wait_until(lambda: bool(steps()), deadline_s=60.0)
-        first = robot.steps()[0]
-    assert first.step == max(STATUS.step, STATUS.newest_step) + 1
+        return robot.steps()[0].step
