@@ -220,8 +220,7 @@ class Ensemble:
     def _start_search(
         self, first_step: int, near: Circle | None = None, corners: Corners = ()
     ) -> None:
-        until = first_step + self.settings.belief.grace_steps
-        self.clusters.protect_alternatives(until)
+        self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         log_elsewhere = self.clusters.log_elsewhere
         self._begin |= self._search.begin(first_step, log_elsewhere, near, corners)
 

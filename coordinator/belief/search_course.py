@@ -5,15 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 import msgspec
 
 from coordinator.belief.cluster_set import Cluster
-from coordinator.belief.search_evidence import SearchEvidence
+from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
 from coordinator.belief.search_pool import Pool, SearchPool, SearchState
 from particle_filter.settings import FilterSettings
 from protocol.job_events import Ended, EndedCause
 from protocol.message import Circle, Corners, PoseTuple
 from protocol.work import Job, Report, SearchJob, SearchReport
-
-KEPT_MEANS = 100
-"""Steps that a search may lie behind the clusters it is compared with."""
 
 
 class SearchCourseState(msgspec.Struct, frozen=True):
@@ -101,7 +98,7 @@ class SearchCourse:
     def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
         """Where the clusters are after this step."""
         self._means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
-        while len(self._means) > KEPT_MEANS:
+        while len(self._means) > KEPT_STEPS:
             del self._means[next(iter(self._means))]
 
     def means_at(self, step: int) -> Mapping[str, PoseTuple]:
