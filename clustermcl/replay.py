@@ -100,7 +100,7 @@ def _as_text(happening: Happening) -> str:
         case Happened(kind, about):
             return f"{kind}: {printable(about)}"
         case CoordinatorActs(sender, term, after_step):
-            how = "begins anew" if after_step is None else f"takes over after step {after_step}"
+            how = "begins empty" if after_step is None else f"takes over after step {after_step}"
             return f"coordinator {sender}, term {term}: {how}"
         case Believed(belief, same):
             remark = {True: "", False: "; NOT the recorded belief", None: "; not recorded"}[same]

@@ -63,7 +63,7 @@ def test_it_tells_what_happened_in_lines(recording: Path) -> None:
     assert all(datetime.fromisoformat(line[:23]) for line in timed)
     lines = [line[24:] for line in timed]
     assert "worker joined: w0" in lines
-    assert "coordinator coordinator, term 1: begins anew" in lines
+    assert "coordinator coordinator, term 1: begins empty" in lines
     assert "coordinator coordinator, term 2: takes over after step 9" in lines
     assert any(line.startswith("step 14: ") for line in lines)
     assert any(" was found by the first search " in line for line in lines)
