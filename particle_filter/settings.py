@@ -264,11 +264,8 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.5
     newcomer_probability: Annotated[
         float,
-        described("a place of a search that is worth a trial enters with no less", ge=0, le=0.5),
-    ] = 0.001
-    newcomer_min_share: Annotated[
-        float, described("share of its search that makes a place worth a trial", ge=0, le=1)
-    ] = 0.1
+        described("what a search has found at its end weighs no less beside all", ge=0, le=0.5),
+    ] = 0.003
     grace_steps: Annotated[
         int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
     ] = 15

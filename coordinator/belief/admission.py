@@ -51,14 +51,15 @@ def admission(
     log_weight: float,
     settings: FilterSettings,
     *,
+    is_over: bool = False,
     holds_own: bool = False,
     most: float = math.inf,
 ) -> Admission:
     """The places of a search that no cluster holds and that are probable enough.
 
-    A place with much of its search gets a trial all the same: the search may know better. But one
-    so near to a cluster that a search tells them no further apart is more likely that cluster's
-    own, and has to earn its place.
+    When the search is over, its places get a trial all the same: the belief may have lost the
+    robot without a sign of it. But one so near to a cluster that a search tells them no further
+    apart is more likely that cluster's own, and has to earn its place.
 
     Args:
         pool: what the search has found.
@@ -67,7 +68,9 @@ def admission(
             place.
         log_weight: log of the weight of all that the search has found, beside the belief.
         settings: how near is near.
-        holds_own: clusters are this search's own places, so it tells none from those beside them.
+        is_over: it has seen all that it will see.
+        holds_own: clusters are this search's own places, so it tells none from those beside them;
+            and they tell what it is worth.
         most: so much all who enter can hold together, however they weigh among themselves; with
             that they have to be more probable than those whose places they take.
     """
@@ -78,9 +81,9 @@ def admission(
     is_beside = is_near(pool.mean, held, search.source_radius_m, search.source_heading_rad)
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
-    weight = share * math.exp(min(log_weight, MOST_LOG))
-    is_tried = (share >= rules.newcomer_min_share) & ~is_beside
-    weight[is_tried] = np.maximum(weight[is_tried], rules.newcomer_probability)
+    earned = math.exp(min(log_weight, MOST_LOG))
+    on_trial = max(earned, rules.newcomer_probability) if is_over and not holds_own else earned
+    weight = share * np.where(is_beside, earned, on_trial)
     asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
     asking = asking[np.argsort(-weight[asking], kind="stable")]
     total = math.fsum(weight[asking])

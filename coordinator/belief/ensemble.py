@@ -238,12 +238,12 @@ class Ensemble:
             self._stop_search(step, "search stopped")
             return
         all_in = True
+        is_over = self._search.finished(fresh, patient=not self._is_held_from_before)
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            all_in = self._admit_newcomers(fresh, step)
-        over = self._search.finished(fresh, patient=not self._is_held_from_before)
-        if over and all_in:
+            all_in = self._admit_newcomers(fresh, step, is_over=is_over)
+        if is_over and all_in:
             self._stop_search(step, "search over")
 
     def _admit_first(self, pool: Pool, step: int) -> None:
@@ -260,7 +260,7 @@ class Ensemble:
         self.clusters.explain(self._search.evidence.newly_explained(explained))
         self._admit(entering, step)
 
-    def _admit_newcomers(self, pool: Pool, step: int) -> bool:
+    def _admit_newcomers(self, pool: Pool, step: int, *, is_over: bool) -> bool:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
         The scans since the search began tell what it is worth; once places of its own are
@@ -280,7 +280,9 @@ class Ensemble:
         room = self.clusters.room(step, first_step)
         before = self.clusters.elsewhere
         most = math.inf if told is None else before + math.fsum(share for _, share in own)
-        found = admission(pool, held, room, log_weight, settings, holds_own=bool(own), most=most)
+        found = admission(
+            pool, held, room, log_weight, settings, is_over=is_over, holds_own=bool(own), most=most
+        )
         self.clusters.explain(evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]
         if told is not None:

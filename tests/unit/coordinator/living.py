@@ -76,7 +76,7 @@ SETTINGS = FilterSettings(
         places_with_particles=4,
     ),
     belief=BeliefSettings(
-        max_clusters=4, search_every_steps=6, newcomer_min_share=0.01, grace_steps=2
+        max_clusters=4, search_every_steps=6, newcomer_probability=0.05, grace_steps=2
     ),
 )
 EVENT_NS = 1_000_000

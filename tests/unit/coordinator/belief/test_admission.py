@@ -25,7 +25,6 @@ SETTINGS = FilterSettings(
         max_clusters=4,
         merge_distance_m=0.5,
         merge_heading_rad=0.35,
-        newcomer_min_share=0.1,
         newcomer_probability=0.02,
         least_probability=0.001,
     ),
@@ -42,10 +41,15 @@ def pool(*found: tuple[float, PoseTuple]) -> Pool:
 
 
 def entered(
-    found: Pool, log_weight: float, room: tuple[float, ...] = (0.0,) * 4, **belief: object
+    found: Pool,
+    log_weight: float,
+    room: tuple[float, ...] = (0.0,) * 4,
+    *,
+    is_over: bool = False,
+    **belief: object,
 ) -> dict[PoseTuple, float]:
     rules = replace(SETTINGS, belief=replace(SETTINGS.belief, **belief))
-    fresh = admission(found, HELD, room, log_weight, rules).entering
+    fresh = admission(found, HELD, room, log_weight, rules, is_over=is_over).entering
     return {place.mean: place.share for place in fresh}
 
 
@@ -67,12 +71,28 @@ def test_a_place_weighs_its_share_of_what_the_whole_search_weighs() -> None:
     assert weights == pytest.approx({FAR: 1.05, FARTHER: 0.75})
 
 
-def test_a_place_with_much_of_its_search_gets_a_trial_whatever_it_weighs() -> None:
-    found = pool((0.5, FAR), (0.4, FARTHER), (0.09, LEAST))
-    assert entered(found, NO_EVIDENCE) == {FAR: 0.02, FARTHER: 0.02}
-    earned = entered(found, math.log(0.1))
-    assert earned == pytest.approx({FAR: 0.05, FARTHER: 0.04, LEAST: 0.009})
-    assert entered(found, NO_EVIDENCE, newcomer_probability=0.0) == {}
+def on_trial(found: Pool, log_weight: float, **belief: object) -> dict[PoseTuple, float]:
+    return entered(found, log_weight, is_over=True, **belief)
+
+
+def test_when_a_search_is_over_all_it_has_found_is_worth_no_less_than_is_set() -> None:
+    found = pool((0.5, FAR), (0.3, HELD[0]), (0.1, FARTHER), (0.04, LEAST))
+    trial = {FAR: 0.01, FARTHER: 0.002}
+    assert on_trial(found, NO_EVIDENCE) == pytest.approx(trial), "0.0008 is too improbable"
+    assert entered(found, NO_EVIDENCE) == {}, "it may yet see what tells them apart"
+    assert on_trial(found, NO_EVIDENCE, newcomer_probability=0.0) == {}
+    earned = {FAR: 0.05, FARTHER: 0.01, LEAST: 0.004}
+    assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
+
+
+def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
+    """They tell what it is worth."""
+    found = pool((0.5, FAR), (0.4, HELD[0]))
+    for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
+        admitted = admission(
+            found, HELD, (0.0,) * 4, log_weight, SETTINGS, is_over=True, holds_own=True
+        )
+        assert [place.share for place in admitted.entering] == pytest.approx(came)
 
 
 def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> None:
@@ -84,8 +104,8 @@ def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> No
 
 def test_a_place_beside_a_cluster_has_to_earn_its_place() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
-    assert entered(found, NO_EVIDENCE) == {FAR: 0.02}
-    assert entered(found, math.log(0.1)) == pytest.approx({BESIDE: 0.06, FAR: 0.04})
+    assert on_trial(found, NO_EVIDENCE) == pytest.approx({FAR: 0.008})
+    assert on_trial(found, math.log(0.1)) == pytest.approx({BESIDE: 0.06, FAR: 0.04})
 
 
 def test_a_place_is_near_only_in_place_and_heading() -> None:
