@@ -290,7 +290,7 @@ class CoordinatorState:
         if self._map_digest not in ("", state.map_digest):
             self.counters["checkpoint of another map"] += 1
             return None
-        if newest and applied and newest.step < applied.step:
+        if newest and applied and newest.step < applied.step and newest.stamp_ns > applied.stamp_ns:
             self.counters["checkpoint of another count of steps"] += 1
             return None
         self._restore(state, checkpoint.term, now_ns)

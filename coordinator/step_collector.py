@@ -215,9 +215,15 @@ class StepCollector:
         return StepCollectorState(applied, self._steps_lost)
 
     def restore(self, state: StepCollectorState) -> None:
-        """Another coordinator has applied the steps so far; what waits of them is left out."""
+        """Another coordinator has applied the steps so far; scans of others, which wait, stay.
+
+        Reports do not: they are of jobs that this one had, and that have the same ids.
+        """
         self._applied, self._steps_lost = state.applied, state.steps_lost
         self._late.clear()
         over = -1 if state.applied is None else state.applied.step
-        for step in [step for step in self._open if step <= over]:
-            del self._open[step]
+        self._open = {
+            step: OpenStep(opened.scan, opened.arrived_ns)
+            for step, opened in self._open.items()
+            if step > over and opened.scan
+        }

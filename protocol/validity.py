@@ -260,7 +260,7 @@ def _event_problem(numbered: NumberedEvent) -> str | None:
 
 def assignment_problem(given: Assignment) -> str | None:
     """Why a job cannot be done."""
-    problem = number_problem("epoch", given.epoch)
+    problem = number_problem("epoch", given.epoch) or number_problem("term", given.term)
     match given.job:
         case TrackJob(start=start, particles=count):
             if count is not None and not 0 < count <= MAX_PARTICLES:

@@ -83,6 +83,8 @@ class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     job_id: str
     epoch: int
     job: Job
+    term: int = 0
+    """Of the coordinator that gave it. Another that knew of nothing gave its own jobs such ids."""
 
 
 def steps_of(copies: Iterable[Assignment]) -> dict[str, int]:

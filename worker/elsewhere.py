@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from msgspec.structs import replace
 
 from particle_filter.cluster_filter import Cloud, weighed
 from particle_filter.random_streams import Purpose, generator
@@ -49,7 +50,7 @@ class Elsewhere:
     def handed_on(self) -> Assignment:
         """The same job, from the next step on."""
         job = ElsewhereJob(first_step=self.step + 1)
-        return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
+        return replace(self.assignment, job=job)
 
     def _rng(self, step: int, part: int = 0) -> np.random.Generator:
         seed = self._settings.seed

@@ -149,7 +149,7 @@ class Tracking:
     def handed_on(self) -> Assignment:
         """The same job, from its particles as they are now."""
         job = TrackJob(cluster=self._cluster, start=self._particles(), exact=True)
-        return Assignment(job_id=self.assignment.job_id, epoch=self.assignment.epoch, job=job)
+        return replace(self.assignment, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:
         """The particles now and then, each cluster at steps of its own: 64 kB at a time."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import msgspec
 
-from coordinator.failover.term import APART_US
 from coordinator.membership.balance import Move
 from protocol.work import (
     Assignment,
@@ -51,18 +50,19 @@ class PlacedJob:
     copy_step: int | None = None
     """The particles are those of another worker's copy of this step; -1: drawn anew; None: its
     worker's own."""
-    handed_on_by: int | None = None
-    """The term of the coordinator that handed it on; None: it began here."""
+    term: int = 0
+    """Of the coordinator that gave it to its worker."""
+    is_handed_on: bool = False
+    """Whether another coordinator began it."""
 
-    def is_held_with(self, epoch: int) -> bool:
-        """Whether what a worker holds under this job's id, with this epoch, is this job.
+    def is_held_as(self, held: Assignment) -> bool:
+        """Whether what a worker holds under this job's id is this job.
 
         Who handed it on may have given it to that worker since. Another coordinator that went on
         from an earlier state, or from none, gave its own jobs the same ids.
         """
-        if epoch == self.epoch or self.handed_on_by is None:
-            return epoch == self.epoch
-        return epoch > self.epoch and 0 < epoch - self.handed_on_by <= APART_US
+        given_since = self.is_handed_on and held.term == self.term and held.epoch > self.epoch
+        return held.epoch == self.epoch or given_since
 
 
 class Jobs:
@@ -81,7 +81,7 @@ class Jobs:
     def assignment(self, job_id: str) -> Assignment:
         """A job as it is given to its worker."""
         job = self._jobs[job_id]
-        return Assignment(job_id=job_id, epoch=job.epoch, job=job.job)
+        return Assignment(job_id=job_id, epoch=job.epoch, job=job.job, term=job.term)
 
     def by_worker(self) -> dict[str | None, dict[str, int]]:
         """Each worker's jobs and their epochs, in the order in which they began.
@@ -127,7 +127,7 @@ class Jobs:
             job = self._jobs[move.job_id]
             self._newest_epoch = max(self._newest_epoch, term) + 1
             job.epoch, job.worker, job.placed_ns = self._newest_epoch, move.worker, now_ns
-            job.in_step = False
+            job.term, job.in_step = term, False
 
     def take_from(self, worker: str) -> None:
         """A worker is gone or too slow: its jobs go to others, from their last state."""
@@ -203,7 +203,8 @@ class Jobs:
                 now_ns,
                 reported=True,
                 copy_step=None if job.job else -1,
-                handed_on_by=term,
+                term=term,
+                is_handed_on=True,
             )
             for job in jobs
         }
@@ -237,7 +238,7 @@ class Jobs:
         kept = []
         for held in holds:
             job = self._jobs.get(held.job_id)
-            if job is None or not job.is_held_with(held.epoch):
+            if job is None or not job.is_held_as(held):
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied

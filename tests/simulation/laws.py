@@ -63,6 +63,7 @@ class Life:
     """By stamp: how old data was at its arrival, as far as nobody can tell it. Where the robot is
     known to be live, odometry that comes later than usual tells by how much."""
     promptest_s: float = math.inf
+    newest_odometry_ns: int = -1
     is_live: bool = False
 
     def watch(self, state: CoordinatorState) -> None:
@@ -112,7 +113,8 @@ class Life:
     def handled(self, event: events.Event, now_ns: int, done: list[Instruction]) -> None:
         """An event, and what it has come to."""
         match event:
-            case events.OdometryArrived(reading):
+            case events.OdometryArrived(reading) if reading.stamp_ns != self.newest_odometry_ns:
+                self.newest_odometry_ns = reading.stamp_ns  # the same again is no news
                 late_s = self.laws.age_s(reading.stamp_ns)
                 if self.is_live:
                     late_s = self.promptest_s = min(self.promptest_s, late_s)

@@ -1,6 +1,6 @@
 from coordinator.step_collector import FETCH_NS, HAND_OVER_NS, StepCollector
 from process_runtime.settings import CoordinatorSettings
-from tests.unit.coordinator.reports import scan, searched, tracked
+from tests.unit.coordinator.reports import elsewhere, scan, searched, tracked
 
 HERE = (0.0, 0.0, 0.0)
 DEADLINE_NS = 500_000_000
@@ -131,3 +131,23 @@ def test_a_paced_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> 
     patient.on_scan(scan(0), 0)
     assert patient.ready(["s1.0"], never_placed, 199_999_999, ["s1.0"]) is None
     assert patient.ready(["s1.0"], never_placed, 200_000_000, ["s1.0"]) is not None
+
+
+def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> None:
+    """They are of jobs that it had before it heard of the other, and that have the same ids."""
+    made, other = collector(), collector()
+    for step in (3, 4):
+        made.on_scan(scan(step), 0)
+        made.on_report(elsewhere(step, -1.0))
+    made.on_report(searched("s0.0", 5, {HERE: 1.0}))
+    other.on_scan(scan(3), 0)
+    other.ready([], never_placed, 1)
+    made.restore(other.state())
+    assert made.ready(["e0"], never_placed, 1) is None, "it waits for the other's job"
+    ready = made.ready([], never_placed, 1)
+    assert ready is not None
+    assert (ready.scan.step, ready.reports) == (4, ())
+    made.on_scan(scan(5), 2)
+    later = made.ready([], never_placed, 3)
+    assert later is not None
+    assert later.reports == ()

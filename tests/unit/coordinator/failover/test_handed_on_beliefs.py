@@ -162,6 +162,22 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     assert_same(living, undisturbed)
 
 
+def test_one_that_has_not_heard_the_newest_scans_carries_on_all_the_same(
+    model: SensorModel, undisturbed: Living
+) -> None:
+    """They were lost on their way to it; old ones are no new count of steps."""
+    living = lived(model, steps=16)
+    reachable, living.workers = living.workers, {}
+    heard, living.scans = living.scans, living.scans[:10]
+    living.revive()
+    living.workers, living.scans = reachable, heard
+    for name in reachable:
+        living.join(name)
+    for step in range(16, STEPS):
+        living.drive(step)
+    assert_same(living, undisturbed)
+
+
 def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorModel) -> None:
     """Bridge and coordinator were started anew together; the workers know the old count."""
     living = lived(model, steps=14)

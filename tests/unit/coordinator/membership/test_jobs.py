@@ -1,4 +1,3 @@
-from coordinator.failover.term import APART_US
 from coordinator.membership.balance import Move
 from coordinator.membership.jobs import MISSED_NS, Jobs
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
@@ -94,7 +93,7 @@ def test_a_job_of_another_history_is_not_taken_for_the_one_of_the_same_id() -> N
     made = handed_on(jobs_of("a", "s0.0", "c0"))
     made.begin({"c1": TRACK})
     others = [
-        Assignment(job_id=job_id, epoch=TERM + 2 * APART_US, job=SEARCH)
+        Assignment(job_id=job_id, epoch=TERM + 8, job=SEARCH, term=TERM + 5)
         for job_id in ("s0.0", "c0")
     ]
     since = Assignment(job_id="c1", epoch=TERM + 9, job=TRACK)
