@@ -264,7 +264,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.5
     newcomer_probability: Annotated[
         float,
-        described("what a search has found at its end weighs no less beside all", ge=0, le=0.5),
+        described("weight beside the belief that a search has at least at its end", ge=0, le=0.5),
     ] = 0.003
     grace_steps: Annotated[
         int, described("a newcomer is not replaced before so many steps", "steps", ge=0)

@@ -51,7 +51,7 @@ def admission(
     log_weight: float,
     settings: FilterSettings,
     *,
-    is_over: bool = False,
+    is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
 ) -> Admission:

@@ -59,8 +59,12 @@ def entered(
 def test_nobody_is_put_out_by_places_that_share_next_to_nothing() -> None:
     """However they weigh beside clusters that a search has brought and that are nothing now."""
     found, room = pool((0.3, FAR), (0.3, FARTHER), (0.3, LEAST)), (0.0, 1e-18, 0.9995)
-    for most, come in ((math.inf, 3), (3e-4, 2), (1e-20, 1)):
-        came = admission(found, HELD, room, 50.0, SETTINGS, holds_own=True, most=most)
+    for log_weight, most, come in (
+        (50.0, math.inf, 3), (50.0, 3e-4, 2), (50.0, 1e-20, 1), (-1.0, 1e-20, 1),
+    ):  # fmt: skip
+        came = admission(
+            found, HELD, room, log_weight, SETTINGS, is_over=False, holds_own=True, most=most
+        )
         assert len(came.entering) == come
 
 
@@ -97,9 +101,20 @@ def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
 
 def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
-    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, holds_own=True)
+    came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
     assert [place.mean for place in came.entering] == [FAR]
     assert came.explained == pytest.approx(1.0), "what is beside a cluster is that cluster's"
+    turned = (0.0, 0.0, 0.45)
+    came = admission(
+        pool((0.6, turned), (0.4, FAR)),
+        HELD,
+        (0.0,) * 4,
+        0.0,
+        SETTINGS,
+        is_over=False,
+        holds_own=True,
+    )
+    assert [place.mean for place in came.entering] == [FAR], "nor does a search tell headings"
 
 
 def test_a_place_beside_a_cluster_has_to_earn_its_place() -> None:
@@ -125,18 +140,21 @@ def test_nobody_more_probable_leaves_for_a_newcomer() -> None:
 def test_it_is_told_how_many_ask_to_enter_whether_there_is_room_or_not() -> None:
     found = pool((0.5, FAR), (0.3, FARTHER), (0.1, HELD[0]), (0.05, LEAST))
     for room in ((), (0.0, 0.9)):
-        assert admission(found, HELD, room, 0.0, SETTINGS).asking == 3
+        assert admission(found, HELD, room, 0.0, SETTINGS, is_over=False).asking == 3
 
 
 def test_places_that_are_too_improbable_do_not_enter() -> None:
     found = pool((0.09, FAR), (0.05, FARTHER))
     assert set(entered(found, 0.0, least_probability=0.06)) == {FAR}
+    assert set(entered(found, 0.0, least_probability=0.05)) == {FAR, FARTHER}, "just enough"
 
 
 def test_what_enters_or_is_held_is_explained() -> None:
     found = pool((0.4, HELD[0]), (0.35, FAR), (0.2, FARTHER))
     for room, explained in (((), 0.4), ((0.0,), 0.75), ((0.0,) * 3, 0.95)):
-        assert admission(found, HELD, room, 0.0, SETTINGS).explained == pytest.approx(explained)
+        assert admission(
+            found, HELD, room, 0.0, SETTINGS, is_over=False
+        ).explained == pytest.approx(explained)
 
 
 def test_weights_stay_finite_however_much_better_a_search_fits() -> None:
