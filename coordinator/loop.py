@@ -125,8 +125,8 @@ class CoordinatorLoop:
         now_ns = time.monotonic_ns()
         self._deaf.on_event(event, now_ns)
         self._fencing.turn(now_ns)
-        self._carry_out(self._handle(event, now_ns), now_ns)
-        self._carry_out(self._change(self._membership.due(now_ns), now_ns), now_ns)
+        self._carry_out(self._handle(event, now_ns))
+        self._carry_out(self._change(self._membership.due(now_ns), now_ns))
         if event is None:
             self._memory.turn(now_ns / 1e9)
 
@@ -262,16 +262,16 @@ class CoordinatorLoop:
             asked.refuse(str(error))
             raise
         instructions = self._recorder.handle(CommandArrived(command), now_ns)
-        self._carry_out(instructions, now_ns)  # others know of it before it is answered
+        self._carry_out(instructions)  # others know of it before it is answered
         for instruction in instructions:
             if isinstance(instruction, AnswerCommand):
                 asked.answer(instruction.done)
         return []
 
-    def _carry_out(self, instructions: list[Instruction], now_ns: int) -> None:
+    def _carry_out(self, instructions: list[Instruction]) -> None:
         if self._coordinator.outranked_by is not None:
             return
-        cleared = self._fencing.cleared(instructions, now_ns)
+        cleared = self._fencing.cleared(instructions, time.monotonic_ns())
         self._outgoing.carry_out(cleared)
         for instruction in cleared:
             if isinstance(instruction, PublishBelief):

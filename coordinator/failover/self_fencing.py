@@ -22,7 +22,7 @@ class SelfFencing:
         self._held: list[Instruction] = []
 
     def turn(self, now_ns: int) -> None:
-        """The loop turns."""
+        """The loop turns, or is about to do what a turn came to."""
         if now_ns - self._last_turn_ns > PAUSE_NS:
             self.listen(now_ns)
         self._last_turn_ns = now_ns
@@ -36,11 +36,12 @@ class SelfFencing:
         return now_ns < self._until_ns
 
     def cleared(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
-        """What may be done now, what was held back first.
+        """What may be done now, what was held back first; also a turn may have been stopped.
 
         Lost scans are asked for at once: that tells nobody anything, and they are not waited for
         as long as it listens.
         """
+        self.turn(now_ns)
         held = [*self._held, *instructions]
         self._held = []
         if not self.is_listening(now_ns):

@@ -59,7 +59,16 @@ def test_after_a_pause_nothing_is_done_until_it_is_certain_who_acts() -> None:
     fencing.turn(woken_ns)
     assert fencing.cleared([first], woken_ns) == []
     assert fencing.is_listening(woken_ns + LISTEN_NS - 1)
+    fencing.turn(woken_ns + PAUSE_NS)
     assert fencing.cleared([second], woken_ns + LISTEN_NS) == [first, second]
+
+
+def test_who_is_stopped_in_the_middle_of_a_turn_does_nothing_of_what_it_came_to() -> None:
+    fencing = SelfFencing(0)
+    fencing.turn(SECOND)
+    woken_ns = SECOND + PAUSE_NS + 1
+    assert fencing.cleared([SendOrder("w", order())], woken_ns) == []
+    assert fencing.is_listening(woken_ns)
 
 
 def test_lost_scans_are_asked_for_even_while_it_listens() -> None:
@@ -68,4 +77,5 @@ def test_lost_scans_are_asked_for_even_while_it_listens() -> None:
     fencing.listen(0)
     first, fetch = SendOrder("w", order()), FetchScans(1, 2)
     assert fencing.cleared([first, fetch], 1) == [fetch]
+    fencing.turn(PAUSE_NS)
     assert fencing.cleared([], LISTEN_NS) == [first]
