@@ -4,14 +4,14 @@ With the same seed and scans it believes, step by step, exactly what the process
 meet over Zenoh: `clustermcl evaluate` runs it, and a test compares the two.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
-from protocol.work import Assignment
+from protocol.work import Assignment, Job
 from worker.jobs import RunningJob, running
 
 
@@ -25,22 +25,37 @@ def outcomes(
         model: the map as the sensors see it.
         settings: the filter's numbers.
     """
-    ensemble = Ensemble(settings)
-    jobs: dict[str, RunningJob] = {}
-
-    def begin(job_id: str, assignment: Assignment) -> None:
-        jobs[job_id] = running(assignment, model, settings, sender="in-process")
-
-    first = True
+    process = InProcess(model, settings)
     for scan in scans:
-        if first:
-            for job_id, job in ensemble.begin_at(scan.step).items():
-                begin(job_id, Assignment(job_id=job_id, epoch=0, job=job))
-            first = False
-        reports = [jobs[job_id].advance(scan) for job_id in sorted(jobs)]
-        outcome = ensemble.advance(scan.step, reports)
+        yield scan, process.advance(scan)
+
+
+class InProcess:
+    """The belief and all its jobs; arguments as for `outcomes`."""
+
+    def __init__(self, model: SensorModel, settings: FilterSettings) -> None:
+        self._model, self._settings = model, settings
+        self.ensemble = Ensemble(settings)
+        self._jobs: dict[str, RunningJob] = {}
+
+    def advance(self, scan: Scan) -> Outcome:
+        """What a step comes to; its jobs have begun and ended."""
+        if not self.ensemble.searches:
+            self._begin(self.ensemble.begin_at(scan.step))
+        reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
+        outcome = self.ensemble.advance(scan.step, reports)
+        self.carry_out(outcome)
+        return outcome
+
+    def carry_out(self, outcome: Outcome) -> None:
+        """End and begin jobs, also as a command has it."""
         for job_id in outcome.end:
-            del jobs[job_id]
-        for job_id, job in outcome.begin.items():
-            begin(job_id, Assignment(job_id=job_id, epoch=0, job=job))
-        yield scan, outcome
+            del self._jobs[job_id]
+        self._begin(outcome.begin)
+
+    def _begin(self, jobs: Mapping[str, Job]) -> None:
+        for job_id, job in jobs.items():
+            assignment = Assignment(job_id=job_id, epoch=0, job=job)
+            self._jobs[job_id] = running(
+                assignment, self._model, self._settings, sender="in-process"
+            )
