@@ -86,11 +86,12 @@ class PoseTracker:
     ) -> None:
         """A step's scan arrived; it was taken before the newest odometry, where there is any.
 
-        One that was fetched may be of long ago: before anything else was heard it is stale.
+        One that was fetched says nothing of how long data takes, and takes no place of newer data;
+        before anything else was heard it is stale.
         """
         if live != self.live:
-            self._lateness = Lateness() if live else None
-        if fetched and not self._has_heard:
+            self._lateness = self._lateness_so_far() if live else None
+        if fetched:
             self._heard_of(stamp_ns, odom_from_robot, now_ns - self._stale_ns, now_ns)
         elif self._by_scan or stamp_ns > self._stamp_ns:
             self.odometry(stamp_ns, odom_from_robot, now_ns)
@@ -133,7 +134,7 @@ class PoseTracker:
         Where neither `begin` nor own data tells when, it is stale.
         """
         if live and not self.live:
-            self._lateness = Lateness()
+            self._lateness = self._lateness_so_far()
         unless_known_ns = now_ns - int(max(age_s, 0.0) * 1e9) - self._stale_ns
         if self._arrived_ns is None:
             self._heard_of(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
@@ -141,6 +142,13 @@ class PoseTracker:
         self._scan_ns = unless_known_ns if due_ns is None else due_ns
         self._blind.begin_at(odom_from_robot)
         self._blind.on_odometry(self._odom_now)
+
+    def _lateness_so_far(self) -> Lateness:
+        """Of a robot that turns out to be live: the newest data counts if it came by itself."""
+        lateness = Lateness()
+        if self._has_heard and self._arrived_ns is not None:
+            lateness.of(self._stamp_ns, self._arrived_ns)
+        return lateness
 
     def _heard_of(
         self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int

@@ -8,6 +8,7 @@ import heapq
 import random
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import count
 
 Action = Callable[[], None]
@@ -101,6 +102,23 @@ class Node:
 
     def on_link(self, up: bool) -> None:
         """The own link to the router came up or was lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class Asker:
+    """Who has asked something; an answer reaches it only in the session that it asked from."""
+
+    name: str
+    session: int
+
+    @classmethod
+    def now(cls, node: Node) -> "Asker":
+        """A node as it is."""
+        return cls(node.name, node.session)
+
+    def waiting(self, node: Node, action: Action) -> Action:
+        """What an answer does at the node, if that still waits for it."""
+        return lambda: action() if node.session == self.session else None
 
 
 class Network:

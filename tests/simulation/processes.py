@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from protocol.errors import UnreachableError
 from protocol.steps import MapMessage, OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
-from tests.simulation.network import Action, Node
+from tests.simulation.network import Action, Asker, Node
 from tests.simulation.world import MAP, scan_of
 from worker import events, instructions
 from worker.job_table import MissingScans
@@ -80,7 +80,7 @@ class WorkerNode(Node):
         self.core = Worker(name, 0)
         self.best_heard = (False, 0, 0)
         """The highest rank of a checkpoint that this process has had in its hands."""
-        self._questions = dict[int, str]()
+        self._questions = dict[int, Asker]()
         self._is_searching = False
 
     def start(self) -> None:
@@ -101,15 +101,15 @@ class WorkerNode(Node):
         self._unread.append((checkpoint, payload))
         self.later(10 * QUIET_S, self._read_checkpoints)
 
-    def on_order(self, asked_by: str, order: WorkOrder) -> None:
+    def on_order(self, asker: Asker, order: WorkOrder) -> None:
         """A coordinator asks for work."""
         self._read_checkpoints()
-        self._tell(events.OrderAsked(self._question(asked_by), order))
+        self._tell(events.OrderAsked(self._question(asker), order))
 
-    def on_take_over(self, asked_by: str, take_over: TakeOver) -> None:
+    def on_take_over(self, asker: Asker, take_over: TakeOver) -> None:
         """A coordinator asks what there is."""
         self._read_checkpoints()
-        self._tell(events.StateAsked(self._question(asked_by), take_over))
+        self._tell(events.StateAsked(self._question(asker), take_over))
 
     def jobs(self) -> set[tuple[str, int]]:
         """(job id, epoch) of what it does; nothing changes by asking."""
@@ -119,9 +119,9 @@ class WorkerNode(Node):
         assert isinstance(answer.message, WorkerState)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
 
-    def _question(self, asked_by: str) -> int:
+    def _question(self, asker: Asker) -> int:
         number = len(self._questions)
-        self._questions[number] = asked_by
+        self._questions[number] = asker
         return number
 
     def _read_checkpoints(self) -> None:

@@ -17,7 +17,7 @@ from protocol.work import (
 )
 from tests.simulation.coordinator_node import CoordinatorNode
 from tests.simulation.laws import LawBrokenError, Laws, demand
-from tests.simulation.network import SECOND, Action, Clock, Network, Node, ns
+from tests.simulation.network import SECOND, Action, Asker, Clock, Network, Node, ns
 from tests.simulation.processes import Bridge, WorkerNode
 from tests.simulation.schedule import Schedule
 
@@ -197,29 +197,34 @@ class Simulation:
 
     def send_order(self, source: CoordinatorNode, name: str, order: WorkOrder) -> None:
         """A query to one worker."""
-        worker = self.workers[name]
-        self.network.send(source, worker, lambda: worker.on_order(source.name, order))
+        worker, asker = self.workers[name], Asker.now(source)
+        self.network.send(source, worker, lambda: worker.on_order(asker, order))
 
-    def answer_order(self, source: WorkerNode, asked_by: str, answer: OrderAnswer) -> None:
+    def answer_order(self, source: WorkerNode, asker: Asker, answer: OrderAnswer) -> None:
         """A worker's answer."""
-        node = self.coordinators[asked_by]
-        self.network.send(source, node, lambda: node.on_order_answer(source.name, answer))
+        node = self.coordinators[asker.name]
+        heard = asker.waiting(node, lambda: node.on_order_answer(source.name, answer))
+        self.network.send(source, node, heard)
 
     def send_take_over(self, source: CoordinatorNode, name: str, question: TakeOver) -> None:
         """A query to one worker."""
-        worker = self.workers[name]
-        self.network.send(source, worker, lambda: worker.on_take_over(source.name, question))
+        worker, asker = self.workers[name], Asker.now(source)
+        self.network.send(source, worker, lambda: worker.on_take_over(asker, question))
 
-    def answer_state(self, source: WorkerNode, asked_by: str, state: WorkerState) -> None:
+    def answer_state(self, source: WorkerNode, asker: Asker, state: WorkerState) -> None:
         """A worker's answer."""
-        if asked_by in self.coordinators:
-            node, best = self.coordinators[asked_by], source.best_heard
-            self.network.send(source, node, lambda: node.on_state(source.name, state, best))
+        node, best = self.coordinators[asker.name], source.best_heard
+        heard = asker.waiting(node, lambda: node.on_state(source.name, state, best))
+        self.network.send(source, node, heard)
 
     def ask_bridge(self, source: Node, answer: Callable[[Bridge], Action]) -> None:
         """A query to the bridge; `answer` makes of it what happens where it was asked."""
-        bridge = self.bridge
-        self.network.send(source, bridge, lambda: self.network.send(bridge, source, answer(bridge)))
+        bridge, asker = self.bridge, Asker.now(source)
+
+        def asked() -> None:
+            self.network.send(bridge, source, asker.waiting(source, answer(bridge)))
+
+        self.network.send(source, bridge, asked)
 
     def _shuffled(self, nodes: Iterable[N]) -> list[N]:
         shuffled = list(nodes)

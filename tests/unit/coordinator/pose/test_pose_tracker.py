@@ -280,3 +280,21 @@ def test_the_age_of_a_scan_is_counted_from_its_own_stamp() -> None:
     assert tracker.age_of_s(1 * SECOND, now_ns=4 * SECOND) == 3.0
     assert tracker.age_s(4 * SECOND) == 1.0
     assert new_tracker().age_of_s(1 * SECOND, now_ns=4 * SECOND) == -1.0
+
+
+def test_scans_of_long_ago_say_nothing_of_how_long_data_takes() -> None:
+    tracker = new_tracker()
+    tracker.scan(100 * SECOND, (3.0, 0.0, 0.0), now_ns=100 * SECOND, live=True)
+    tracker.scan(90 * SECOND, (1.0, 0.0, 0.0), now_ns=100 * SECOND, live=True, fetched=True)
+    answer = tracker.answer(100 * SECOND, workers=1)
+    assert answer.stamp_ns == 100 * SECOND, "the newest is still the newest"
+    assert answer.age_s == 0.0
+    tracker.odometry(101 * SECOND, (3.0, 0.0, 0.0), now_ns=102 * SECOND)
+    assert tracker.age_s(102 * SECOND) == 1.0, "it was held up for so long"
+
+
+def test_who_learns_from_the_history_that_a_robot_is_live_counts_by_the_odometry_heard() -> None:
+    tracker = new_tracker()
+    tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
+    tracker.scan(101 * SECOND, (0.1, 0.0, 0.0), now_ns=2 * SECOND, live=True, fetched=True)
+    assert tracker.age_s(2 * SECOND) == 1.0, "not the 2 s since the odometry before it"
