@@ -37,6 +37,43 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
     return mean, covariance
 
 
+def fit_gaussians(
+    poses: Poses, weights: NDArray[np.float64], ends: NDArray[np.int64]
+) -> tuple[Poses, NDArray[np.float64]]:
+    """As `fit_gaussian`, of each part of some poses.
+
+    Args:
+        poses: (N, 3).
+        weights: (N,) linear weights, of each part with any positive sum.
+        ends: (K + 1,) where each part ends and the next one begins.
+
+    Returns:
+        (K, 3) mean poses and (K, 3, 3) covariances; anything of a part without poses or weight.
+    """
+    means, covariances = np.empty((len(ends) - 1, 3)), np.empty((len(ends) - 1, 3, 3))
+    _moments_of_parts(plain(poses), plain(weights), ends, means, covariances)
+    means[:, 2] = wrap_angle(means[:, 2])
+    return means, covariances
+
+
+@kernel
+def _moments_of_parts(
+    poses: Poses,
+    weights: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    means: Poses,
+    covariances: NDArray[np.float64],
+) -> None:
+    for part in range(len(means)):
+        first, end, total = ends[part], ends[part + 1], 0.0
+        for i in range(first, end):
+            total += weights[i]
+        if total > 0.0:
+            _moments(poses[first:end], weights[first:end], total, means[part], covariances[part])
+        else:
+            means[part], covariances[part] = 0.0, 0.0
+
+
 @kernel
 def _moments(
     poses: Poses, weights: NDArray[np.float64], total: float, mean: Pose, covariance: Poses

@@ -10,6 +10,7 @@ than can be kept, all is searched again after 2, 4 and 8 scans, by all of them j
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import floor, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import misfit, new_view, share_that_counts, way
-from particle_filter.gaussian import fit_gaussian
+from particle_filter.gaussian import fit_gaussians
 from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
-from particle_filter.log_weights import normalised_weights
+from particle_filter.kernels import kernel
+from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
@@ -38,13 +40,13 @@ _SEARCHED_AGAIN = (2, 4, 8)
 """After so many scans everything is searched once more, while too much is possible to keep."""
 _SAMPLED = 0.05
 """So much of the weight may be a sample of what is possible; else too much is."""
-_CORRECTION_WORK, _PLACE_WORK = 2**19, 2**16
+_CORRECTION_WORK, _PLACE_WORK = 2**17, 2**14
 """Of looking for beams through walls at a place, and of telling it [look-ups]."""
 _POSES_TOGETHER = 64
 """A slice takes a multiple of it: vector instructions see the same poses together as without."""
 _POSES_PER_PLACE, _LEAST_POSES = 400, 1000
 """Kept by a shard."""
-_EVENLY = np.array([0.8191725134, 0.6710436067, 0.5497004779])
+_EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
 
 
@@ -252,11 +254,11 @@ class GlobalSearch:
         per_beam = float(fits.max()) / beams.count
         penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
         told = self._exponent * fits + penalty
-        likelihood = np.logaddexp.reduce(kept.log_weights + told)
+        likelihood = log_sum(kept.log_weights + told)
         settings = self._settings
         share = share_that_counts(seen, misfit(per_beam, settings.sensor), settings.belief)
         log_weights = kept.log_weights + share * told
-        log_weights += likelihood - np.logaddexp.reduce(log_weights)
+        log_weights += likelihood - log_sum(log_weights)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
         yield from self._settle(kept, beams, seen)
@@ -282,18 +284,15 @@ class GlobalSearch:
         Returns:
             The poses, and which one each comes from.
         """
-        weights = normalised_weights(kept.log_weights)
-        copies = np.maximum(np.ceil(self._wanted * weights).astype(np.int64), 1)
-        parent = np.repeat(np.arange(len(copies)), copies)
-        number = np.arange(len(parent)) - np.repeat(np.cumsum(copies) - copies, copies)
-        across = number[:, None] * _EVENLY + rng.random(3)
-        spread = (across - np.floor(across) - 0.5) * self._space.cell * kept.sizes[parent, None]
-        stays = (copies[parent] == 1) & (not also_unsplit)
-        return _Kept(
-            kept.poses[parent] + np.where(stays[:, None], 0.0, spread),
-            kept.log_weights[parent] - np.log(copies)[parent],
-            kept.sizes[parent] * copies[parent] ** (-1.0 / 3.0),
-        ), parent
+        copies = np.ceil(self._wanted * normalised_weights(kept.log_weights))
+        poses, log_weights, sizes, parent = _spread(
+            (kept.poses, kept.log_weights, kept.sizes),
+            np.maximum(copies, 1.0).astype(np.int64),
+            self._space.cell,
+            rng.random(3),
+            not also_unsplit,
+        )
+        return _Kept(poses, log_weights, sizes), parent
 
     def _thin(
         self, kept: _Kept, rng: np.random.Generator
@@ -312,16 +311,15 @@ class GlobalSearch:
         labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
         yield
         weights = normalised_weights(kept.log_weights)
-        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:]
+        parts = _Parts.of(kept.poses, weights, labels, count)
+        shares = parts.shares
         taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
-            members = np.flatnonzero(labels == label)
-            own = weights[members] / shares[label]
-            taken_back[label] = self._model.correction(kept.poses[members], own, beams)
+            taken_back[label] = self._model.correction(*parts[label], beams)
             yield from self._meter.spend(_CORRECTION_WORK)
-        self.log_evidence = float(np.logaddexp.reduce(kept.log_weights - taken_back[labels]))
+        self.log_evidence = log_sum(kept.log_weights - taken_back[labels])
         log_weights = kept.log_weights - seen * taken_back[labels]
-        log_weights += self.log_evidence - np.logaddexp.reduce(log_weights)
+        log_weights += self.log_evidence - log_sum(log_weights)
         self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels
         places = int(np.count_nonzero(shares >= self._rules.min_place_share))
@@ -352,6 +350,59 @@ def _clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> 
     )
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """Weighted poses, place by place; those of no place are left out."""
+
+    poses: Poses
+    weights: NDArray[np.float64]
+    shares: NDArray[np.float64]
+    """(K,) of all weights, also of those of no place."""
+    ends: NDArray[np.int64]
+    """(K + 1,) where each place's poses end and the next one's begin."""
+
+    @classmethod
+    def of(cls, poses: Poses, weights: NDArray[np.float64], labels: Labels, count: int) -> "_Parts":
+        by_label = np.argsort(labels, kind="stable")
+        sizes = np.bincount(labels + 1, minlength=count + 1)
+        chosen = by_label[sizes[0] :]
+        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:].astype(np.float64)
+        ends = np.cumsum(sizes) - sizes[0]
+        return cls(poses.take(chosen, axis=0), weights.take(chosen), shares, ends)
+
+    def __getitem__(self, place: np.intp) -> tuple[Poses, NDArray[np.float64]]:
+        """A place's poses, and their weights, which sum to one."""
+        own = slice(self.ends[place], self.ends[place + 1])
+        return self.poses[own], self.weights[own] / self.shares[place]
+
+
+@kernel
+def _spread(
+    kept: tuple[Poses, LogWeights, NDArray[np.float64]],
+    copies: NDArray[np.int64],
+    cell: NDArray[np.float64],
+    start: NDArray[np.float64],
+    lone_stay: bool,
+) -> tuple[Poses, LogWeights, NDArray[np.float64], NDArray[np.int64]]:
+    """Copies of poses, spread over the part of the map that each stands for, and their parents."""
+    poses, log_weights, sizes = kept
+    count, made = copies.sum(), 0
+    parts, logs = np.empty((count, 3)), np.empty(count)
+    sides, parent = np.empty(count), np.empty(count, np.int64)
+    for i in range(len(copies)):
+        stays = lone_stay and copies[i] == 1
+        for number in range(copies[i]):
+            for axis in range(3):
+                across = number * _EVENLY[axis] + start[axis]
+                offset = (across - floor(across) - 0.5) * cell[axis] * sizes[i]
+                parts[made, axis] = poses[i, axis] + (0.0 if stays else offset)
+            logs[made] = log_weights[i] - log(copies[i])
+            sides[made] = sizes[i] * copies[i] ** (-1.0 / 3.0)
+            parent[made] = i
+            made += 1
+    return parts, logs, sides, parent
+
+
 def _places(
     cloud: Cloud,
     labels: Labels,
@@ -360,18 +411,17 @@ def _places(
     rng: np.random.Generator,
 ) -> Slices[list[FoundPlace]]:
     weights = normalised_weights(cloud.log_weights)
-    by_label = np.argsort(labels, kind="stable")
-    ends = np.searchsorted(labels[by_label], np.arange(labels.max() + 2))
-    shares = np.bincount(labels + 1, weights)[1:]
+    parts = _Parts.of(cloud.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
+    means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
     found, meter = list[FoundPlace](), WorkMeter()
     yield
-    for label in np.argsort(-shares, kind="stable"):
-        if shares[label] < min_share:
+    for label in np.argsort(-parts.shares, kind="stable"):
+        share = float(parts.shares[label])
+        if share < min_share:
             break
-        members = by_label[ends[label] : ends[label + 1]]
-        poses, own = cloud.map_from_robot[members], weights[members] / shares[label]
+        poses, own = parts[label]
         count = rules.hand_over_particles if len(found) < rules.places_with_particles else 1
-        chosen = resample_weights(own, count, "systematic", rng)
-        found.append(FoundPlace(float(shares[label]), *fit_gaussian(poses, own), poses[chosen]))
+        sample = poses.take(resample_weights(own, count, "systematic", rng), axis=0)
+        found.append(FoundPlace(share, means[label], covariances[label], sample))
         yield from meter.spend(_PLACE_WORK)
     return found

@@ -33,7 +33,12 @@ _WAITING, _SIFTED = 8, 2
 """Times as many leaves as are kept may wait to be thinned, and are left then."""
 _TILES_OF_BAND = 8000
 """Searched from the best band and heading on."""
-_SUMS_OF_PART = SLICE_WORK // 2
+_LEAVES_OF_TILE = 4 ** (LEVELS - 1)
+_BOUND_BELOW = 0.03
+"""Where more leaves of the last band are good, bounds leave out so little that they cost more."""
+_SUMS_PER_LOOKUP = 8
+"""Adding rows of numbers is so much faster than looking them up."""
+_SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
 """Scored without looking at the meter."""
 
 
@@ -93,7 +98,7 @@ class SearchSpace:
         """(3,) size of a leaf [m, m, rad]."""
         return np.array([self._leaf_m, self._leaf_m, TURN / len(self.headings)])
 
-    def poses(self, leaves: NDArray[np.int64], headings: NDArray[np.int64]) -> Poses:
+    def poses(self, leaves: NDArray[np.int32], headings: NDArray[np.int16]) -> Poses:
         """Middles of leaves, which are numbered row by row, each with one heading."""
         rows, cols = np.divmod(leaves, self.free[-1].shape[1])
         in_grid = np.empty((len(leaves), 3))
@@ -144,8 +149,10 @@ class GridSearch:
         """Of too many beams only some are scored, in the stead of all."""
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
         self._most = max(settings.poses // settings.shards, 1)
-        self._headings = range(shard, len(space.headings), settings.shards)
-        self._best = 0
+        headings = range(shard, len(space.headings), settings.shards)
+        self._offsets = {heading: self._offsets_at(heading) for heading in headings}
+        """By heading."""
+        self._best, self._good_share = 0, 0.0
         self._leaves = _Found.none()
         self._waiting: list[_Found] = []
         self._waiting_count = 0
@@ -158,9 +165,8 @@ class GridSearch:
         on: the best leaf soon leaves out much.
         """
         bands = _parts(self._space.runs, _TILES_OF_BAND)
-        bounds: list[int] = []
-        for heading in self._headings:
-            offsets = self._offsets(heading)
+        headings, bounds = list(self._offsets), list[int]()
+        for offsets in self._offsets.values():
             for band in bands:
                 sums = yield from self._sums(self._pyramid.levels[0], offsets, band)
                 bounds.append(sums.max(initial=0))
@@ -168,7 +174,7 @@ class GridSearch:
             if bounds[part] < self._least():
                 break
             heading, at = divmod(part, len(bands))
-            yield from self._search(self._headings[heading], bands[at])
+            yield from self._search(headings[heading], bands[at])
         yield from self._sift(self._most)
 
     def _sums(self, level: Level, offsets: NDArray[np.int64], runs: Runs) -> Slices[Sums]:
@@ -176,18 +182,21 @@ class GridSearch:
         parts = []
         for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
             parts.append(level.sums(offsets, part))
-            yield from self._meter.spend(len(parts[-1]) * len(offsets))
+            yield from self._meter.spend(len(parts[-1]) * len(offsets) // _SUMS_PER_LOOKUP)
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _search(self, heading: int, runs: Runs) -> Iterator[None]:
-        offsets = self._offsets(heading)
+        offsets, leaves = self._offsets[heading], int(runs[:, 2].sum()) * _LEAVES_OF_TILE
         for level, free in zip(self._pyramid.levels[:-1], self._space.free[:-1], strict=True):
-            sums = yield from self._sums(level, offsets, runs)
-            runs = _finer(runs, sums, free, self._least())
+            if self._good_share < _BOUND_BELOW:
+                sums = yield from self._sums(level, offsets, runs)
+                runs = _joined_runs(runs, _free_and_good(runs, sums, free, self._least()))
+            runs = _halved(runs)
         sums = yield from self._sums(self._pyramid.levels[-1], offsets, runs)
         free = self._space.free[-1]
         self._best = max(self._best, _best(runs, sums, free))
         found, kept = _good(runs, sums, free, self._least())
+        self._good_share = len(found) / leaves
         self._waiting.append(_Found.at_heading(heading, found, kept))
         self._waiting_count += len(found)
         if self._waiting_count > _WAITING * self._most:
@@ -207,7 +216,7 @@ class GridSearch:
             float(sampled),
         )
 
-    def _offsets(self, heading: int) -> NDArray[np.int64]:
+    def _offsets_at(self, heading: int) -> NDArray[np.int64]:
         """(B, 2) rows and columns to the ends of the beams, rounded down."""
         angle = float(self._space.headings[heading])
         cos, sin = math.cos(angle), math.sin(angle)
@@ -224,7 +233,9 @@ class GridSearch:
         found = _Found.joined([self._leaves, *self._waiting])
         self._waiting, self._waiting_count = [], 0
         yield
-        found = found.at(np.flatnonzero(found.sums >= self._least()))
+        is_good = found.sums >= self._least()
+        if not is_good.all():
+            found = found.at(np.flatnonzero(is_good))
         yield
         scores = self._scale * self._pyramid.log_step * found.sums
         chosen, log_weights = yield from thinning(scores + found.log_worth, count, self._rng)
@@ -236,21 +247,20 @@ class GridSearch:
 class _Found:
     """Leaves that were found."""
 
-    leaves: NDArray[np.int64]
-    headings: NDArray[np.int64]
-    sums: NDArray[np.int64]
+    leaves: NDArray[np.int32]
+    headings: NDArray[np.int16]
+    sums: Sums
     log_worth: LogWeights
     """For how many like it each counts."""
 
     @classmethod
     def none(cls) -> "_Found":
-        return cls.at_heading(0, np.empty(0, np.int64), np.empty(0, np.int64))
+        return cls.at_heading(0, np.empty(0, np.int32), np.empty(0, np.uint16))
 
     @classmethod
-    def at_heading(
-        cls, heading: int, leaves: NDArray[np.int64], sums: NDArray[np.int64]
-    ) -> "_Found":
-        return cls(leaves, np.full(len(leaves), heading), sums, np.zeros(len(leaves)))
+    def at_heading(cls, heading: int, leaves: NDArray[np.int32], sums: Sums) -> "_Found":
+        headings = np.full(len(leaves), heading, np.int16)
+        return cls(leaves, headings, sums, np.zeros(len(leaves)))
 
     @classmethod
     def joined(cls, some: "list[_Found]") -> "_Found":
@@ -309,17 +319,16 @@ def _runs(free: NDArray[np.bool_]) -> Runs:
 
 def _parts(runs: Runs, tiles: int) -> list[Runs]:
     """Runs in turn, of about so many tiles together."""
-    part = np.cumsum(runs[:, 2]) // max(tiles, 1)
-    if len(part) == 0 or part[-1] == 0:
+    if runs[:, 2].sum() < max(tiles, 1):
         return [runs]
+    part = np.cumsum(runs[:, 2]) // max(tiles, 1)
     borders = [0, *(np.flatnonzero(np.diff(part)) + 1).tolist(), len(runs)]
     return [runs[first:last] for first, last in pairwise(borders)]
 
 
 @kernel
-def _finer(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int) -> Runs:
-    """The tiles of the next level in those that are good enough."""
-    coarse = _joined_runs(runs, _free_and_good(runs, sums, free, least))
+def _halved(coarse: Runs) -> Runs:
+    """The tiles of the next level in those of some runs."""
     finer = np.empty((2 * len(coarse), 3), np.int64)
     for i in range(len(coarse)):
         row, first, count = coarse[i]
@@ -383,11 +392,11 @@ def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
 @kernel
 def _good(
     runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[NDArray[np.int32], Sums]:
     """The free leaves that are good enough, numbered row by row, and their sums."""
     good = _free_and_good(runs, sums, free, least)
     count_good = np.count_nonzero(good)
-    leaves, kept = np.empty(count_good, np.int64), np.empty(count_good, np.int64)
+    leaves, kept = np.empty(count_good, np.int32), np.empty(count_good, np.uint16)
     found, start = 0, 0
     for run in range(len(runs)):
         row, first, count = runs[run]

@@ -43,6 +43,11 @@ def shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
     return weights, effective
 
 
+def log_sum(log_weights: LogWeights) -> float:
+    """Logarithm of the sum of (N,) weights; minus infinity of none, or where all are zero."""
+    return float(_log_sum(plain(log_weights)))
+
+
 def multiplied(
     log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
 ) -> tuple[LogWeights, float]:
@@ -85,6 +90,18 @@ def _shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float, float]
     for i in range(len(weights)):
         weights[i] /= total
     return weights, largest, total * total / squares
+
+
+@kernel
+def _log_sum(log_weights: LogWeights) -> float:
+    largest, total = _largest(log_weights), 0.0
+    if largest == -inf:
+        return largest
+    weights = np.empty(len(log_weights))
+    exponentials(log_weights, largest, weights)
+    for i in range(len(weights)):
+        total += weights[i]
+    return largest + log(total)
 
 
 @kernel

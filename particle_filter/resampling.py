@@ -107,16 +107,35 @@ def thinning(
     return chosen[in_order], after[in_order]
 
 
+@kernel
 def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
     """Which weigh more than each of the others will, when `count` are left; fewer than `count`."""
-    is_heavy, known, even = np.zeros(len(weights), bool), 0, 1.0 / count
+    is_heavy, known, even = np.zeros(len(weights), np.bool_), 0, 1.0 / count
     while True:  # without the heavy ones the others' even share is less, and more are heavy
-        is_heavier = weights > even
-        found = int(np.count_nonzero(is_heavier))
-        rest = float(weights[~is_heavier].sum())
+        found, rest = _heavier(weights, even)
         if found in (known, count) or rest == 0.0:
             return is_heavy
-        is_heavy, known, even = is_heavier, found, rest / (count - found)
+        for i in range(len(weights)):
+            is_heavy[i] = weights[i] > even
+        known, even = found, rest / (count - found)
+
+
+@kernel
+def _heavier(weights: Weights, even: float) -> tuple[int, float]:
+    """How many weigh more, and what the others weigh: four sums, which need not wait in line."""
+    found, whole = 0, len(weights) - len(weights) % 4
+    a = b = c = d = 0.0
+    for i in range(0, whole, 4):
+        found += int(weights[i] > even) + int(weights[i + 1] > even)
+        found += int(weights[i + 2] > even) + int(weights[i + 3] > even)
+        a += 0.0 if weights[i] > even else weights[i]
+        b += 0.0 if weights[i + 1] > even else weights[i + 1]
+        c += 0.0 if weights[i + 2] > even else weights[i + 2]
+        d += 0.0 if weights[i + 3] > even else weights[i + 3]
+    for i in range(whole, len(weights)):
+        found += int(weights[i] > even)
+        a += 0.0 if weights[i] > even else weights[i]
+    return found, (a + b) + (c + d)
 
 
 def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Poses
-from particle_filter.gaussian import fit_gaussian
+from particle_filter.gaussian import fit_gaussian, fit_gaussians
 from particle_filter.poses import compose, heading_distance
 from tests.unit.particle_filter import naive
 
@@ -108,3 +108,18 @@ def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() 
         for threads in ("1", "2", "4")
     }  # fmt: skip
     assert len(said) == 1
+
+
+def test_each_part_has_the_gaussian_that_it_has_alone() -> None:
+    rng = np.random.default_rng(3)
+    poses, weights = rng.normal(0.0, 2.0, (50, 3)), rng.exponential(1.0, 50)
+    weights[40:45] = 0.0
+    ends = np.array([0, 1, 40, 40, 45, 50])  # one pose, many, none, some without weight, five
+    means, covariances = fit_gaussians(poses, weights, ends)
+    for part in (0, 1, 4):
+        own = slice(ends[part], ends[part + 1])
+        mean, covariance = fit_gaussian(poses[own], weights[own])
+        np.testing.assert_allclose(means[part], mean, atol=1e-12)
+        np.testing.assert_allclose(covariances[part], covariance, atol=1e-12)
+    assert np.isfinite(means).all()
+    assert np.isfinite(covariances).all()

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from particle_filter import grid_search
 from particle_filter.grid_search import (
     _LARGEST_GAP,
     GridSearch,
@@ -60,6 +61,17 @@ def test_it_finds_all_leaves_within_the_margin_and_no_others() -> None:
     assert {tuple(pose) for pose in np.round(poses[sure], 6).tolist()} <= as_rows
     assert as_rows <= {tuple(pose) for pose in np.round(poses[possible], 6).tolist()}
     assert found.scores.max() == pytest.approx(scores.max(), abs=rounding)
+
+
+def test_with_bounds_and_without_it_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    rules, found = SearchSettings(shards=1, poses=10_000_000, margin=6.0), []
+    for below in (0.0, math.inf):
+        monkeypatch.setattr(grid_search, "_BOUND_BELOW", below)
+        leaves = searched(rules)
+        order = np.lexsort(leaves.map_from_robot.T)
+        found.append((leaves.map_from_robot[order], leaves.scores[order]))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    np.testing.assert_array_equal(found[0][1], found[1][1])
 
 
 def test_the_weight_of_a_sample_is_that_of_all() -> None:

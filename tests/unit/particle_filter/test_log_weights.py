@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import multiplied, normalised_weights, shares
+from particle_filter.log_weights import log_sum, multiplied, normalised_weights, shares
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)
@@ -46,6 +46,15 @@ def test_order_does_not_matter(log_weights: LogWeights, data: st.DataObject) -> 
 def test_the_effective_sample_size_is_between_one_and_all(log_weights: LogWeights) -> None:
     assert 1.0 - 1e-9 <= shares(log_weights)[1] <= len(log_weights) + 1e-9
     assert shares(np.zeros(7))[1] == pytest.approx(7.0)
+
+
+@given(log_weights=finite, offset=st.floats(-1e5, 1e5))
+def test_the_sum_of_weights_is_that_of_their_exponentials(
+    log_weights: LogWeights, offset: float
+) -> None:
+    expected = float(np.log(np.exp(log_weights).sum())) + offset
+    assert log_sum(log_weights + offset) == pytest.approx(expected, abs=1e-8)
+    assert log_sum(NOTHING) == log_sum(NOTHING[:0]) == -np.inf
 
 
 def test_likelihoods_that_underflow_are_still_told_apart() -> None:

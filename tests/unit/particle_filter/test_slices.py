@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from particle_filter import global_search, pyramid
+from particle_filter import global_search, grid_search, pyramid
 from particle_filter.global_search import GlobalSearch
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.settings import FilterSettings, SearchSettings
@@ -27,7 +27,7 @@ class Counted:
         clustered = global_search.cluster_by_source_point
 
         def sums(level, offsets, runs):  # type: ignore[no-untyped-def] # stands in for a method
-            self.done += int(runs[:, 2].sum()) * len(offsets)
+            self.done += int(runs[:, 2].sum()) * len(offsets) // grid_search._SUMS_PER_LOOKUP
             return level_sums(level, offsets, runs)
 
         def log_likelihood(model, poses, beams):  # type: ignore[no-untyped-def] # as above
@@ -61,7 +61,7 @@ def test_no_slice_of_a_search_does_more_than_its_share(monkeypatch: pytest.Monke
         counted.slice_ends()
     # One part too many is begun before the meter is looked at.
     assert counted.most <= 1.5 * SLICE_WORK
-    assert whole > 50 * SLICE_WORK  # else it shows nothing
+    assert whole > 20 * SLICE_WORK  # else it shows nothing
     assert counted.slices < 10 * whole / SLICE_WORK  # a slice is worth its overhead
 
 
@@ -76,7 +76,7 @@ def test_where_slices_end_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> No
         return np.concatenate([place.sample for place in search.places(rng)])
 
     long = found()
-    for module in (global_search, __import__("particle_filter.grid_search", fromlist=[""])):
+    for module in (global_search, grid_search):
         monkeypatch.setattr(module, "SLICE_WORK", 2**15)
     np.testing.assert_array_equal(found(), long)
 
