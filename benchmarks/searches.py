@@ -25,7 +25,7 @@ from typing import Any
 from benchmarks import cbgl
 from coordinator.belief.search_pool import SearchPool
 from evaluation.experiments.symmetry import middle_of, turned_copies
-from evaluation.in_process import outcomes
+from evaluation.in_process import InProcess
 from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
@@ -49,7 +49,7 @@ SYMMETRIES = {"cross": 4, "rectangle": 2, "hall_symmetric": 2}
 UPDATES, KIDNAPPED_AT, IN_A_ROW = 200, 60, 5
 
 Result = dict[str, Any]
-_OUT = Path(__file__).parent / "reports" / "2026-11-22-searches.jsonl"
+_OUT = Path(__file__).parent / "reports" / "2026-11-23-searches.jsonl"
 
 
 class Place:
@@ -128,25 +128,22 @@ def kidnap(place: Place, seed: int) -> Result:
 
 
 def _judged(place: Place, steps: Iterator[tuple[Scan, PoseTuple]], after: int) -> Result:
-    truths = list[PoseTuple]()
-
-    def scans() -> Iterator[Scan]:
-        for scan, truth in steps:
-            truths.append(truth)
-            yield scan
-
-    start_s, right, sure = time.process_time(), list[bool](), list[bool]()
-    for _, outcome in outcomes(scans(), place.model, place.settings):
+    process, took_s = InProcess(place.model, place.settings), 0.0
+    right, sure = list[bool](), list[bool]()
+    for scan, truth in steps:
+        start_s = time.process_time()
+        outcome = process.advance(scan)
+        took_s += time.process_time() - start_s
         best = outcome.hypotheses[0] if outcome.hypotheses else None
         told = best is not None and outcome.state not in ("searching", "lost")
-        right.append(told and pose_error(best.mean, truths[-1]).right)
+        right.append(told and pose_error(best.mean, truth).right)
         sure.append(told and best.probability >= CONFIDENT_PROBABILITY)
     return {
         "right_before": right[after - 1] if after else None,
         "right_after": _first_of_some(right[after:]),
         "right_at_end": right[-1],
         "sure_and_wrong": sum(s and not r for r, s in zip(right, sure, strict=True)),
-        "update_ms": 1e3 * (time.process_time() - start_s) / len(right),
+        "update_ms": 1e3 * took_s / len(right),
     }
 
 
