@@ -98,7 +98,7 @@ class SearchSpace:
         """(3,) size of a leaf [m, m, rad]."""
         return np.array([self._leaf_m, self._leaf_m, TURN / len(self.headings)])
 
-    def poses(self, leaves: NDArray[np.int32], headings: NDArray[np.int16]) -> Poses:
+    def poses(self, leaves: NDArray[np.int32], headings: NDArray[np.int32]) -> Poses:
         """Middles of leaves, which are numbered row by row, each with one heading."""
         rows, cols = np.divmod(leaves, self.free[-1].shape[1])
         in_grid = np.empty((len(leaves), 3))
@@ -248,7 +248,7 @@ class _Found:
     """Leaves that were found."""
 
     leaves: NDArray[np.int32]
-    headings: NDArray[np.int16]
+    headings: NDArray[np.int32]
     sums: Sums
     log_worth: LogWeights
     """For how many like it each counts."""
@@ -259,7 +259,7 @@ class _Found:
 
     @classmethod
     def at_heading(cls, heading: int, leaves: NDArray[np.int32], sums: Sums) -> "_Found":
-        headings = np.full(len(leaves), heading, np.int16)
+        headings = np.full(len(leaves), heading, np.int32)
         return cls(leaves, headings, sums, np.zeros(len(leaves)))
 
     @classmethod
