@@ -67,13 +67,17 @@ def run_coordinator(invocation: Invocation) -> None:
         time.time_ns,
         lambda error: causes.warn(_log, error.cause, error, time.monotonic()),
     )
+    is_deposed = False
     while not stop.is_set():
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
             metrics_served(settings.metrics, session),
         ):
             known = NewestCheckpoint()
-            if is_alive(session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s):
+            # Who has deposed this one may be about to begin, and shows itself only then.
+            if is_deposed or is_alive(
+                session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s
+            ):
                 if not may_wait:
                     raise AlreadyRunningError(
                         what="a coordinator",
@@ -93,7 +97,7 @@ def run_coordinator(invocation: Invocation) -> None:
                     continue
                 known = standby.newest
                 _log.warning("the coordinator is dead: taking over")
-            lead(invocation, session, known, trust, causes)
+            is_deposed = lead(invocation, session, known, trust, causes)
             may_wait = True  # another acts: whatever this one was told, it may only wait
 
 
@@ -103,8 +107,8 @@ def lead(
     known: NewestCheckpoint,
     trust: Trust,
     causes: CauseCounter,
-) -> None:
-    """Coordinate until told to stop, or until another coordinator acts."""
+) -> bool:
+    """Coordinate until told to stop, or until another coordinator acts: that is true then."""
     settings = invocation.settings
     folder = state_folder(settings.coordinator)
     robot = settings.robot.name
@@ -130,10 +134,10 @@ def lead(
             coordinator, session, keeper, recorder, trust, causes, is_anybody_there
         )
         loop.run(invocation.stop)
-    if coordinator.outranked_by is not None:
-        _log.warning(
-            "another coordinator acts since term %d: stepping down", coordinator.outranked_by
-        )
+    if coordinator.outranked_by is None:
+        return False
+    _log.warning("another coordinator acts since term %d: stepping down", coordinator.outranked_by)
+    return True
 
 
 def state_folder(settings: CoordinatorSettings) -> Path | None:

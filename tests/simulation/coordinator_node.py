@@ -55,6 +55,7 @@ class CoordinatorNode(Node):
         self._detector: FailureDetector | None = None
         self._newest = NewestCheckpoint()
         self._promptest_s = math.inf
+        self._is_deposed = False
 
     @property
     def laws(self) -> Laws:
@@ -77,7 +78,9 @@ class CoordinatorNode(Node):
         self._newest, self._promptest_s = NewestCheckpoint(), math.inf
         if not self.linked:
             self.later(TICK_S, self.start)
-        elif any(token.startswith(ALIVE) for token in self._simulation.network.tokens):
+        elif self._is_deposed or any(
+            token.startswith(ALIVE) for token in self._simulation.network.tokens
+        ):
             self._detector = FailureDetector(COORDINATOR.take_over_after_s, self.now_ns)
             self._simulation.network.watch(self)
             self.later(TICK_S, self._tick)
@@ -85,7 +88,7 @@ class CoordinatorNode(Node):
             self._lead()
 
     def _lead(self) -> None:
-        self._detector = None
+        self._detector, self._is_deposed = None, False
         self.session += 1
         started = Started(
             sender=self.name,
@@ -120,8 +123,13 @@ class CoordinatorNode(Node):
         self._simulation.network.undeclare(self)
         self.life += 1
         self.session += 1
-        self.coordinator = None
+        self.coordinator, self._is_deposed = None, True
         self.later(TICK_S, self.start)
+
+    def end(self) -> None:
+        """Be killed."""
+        super().end()
+        self._is_deposed = False
 
     # --- what arrives
 

@@ -15,7 +15,9 @@ from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from protocol import keys
 from protocol.answers import Belief
+from protocol.codec import decode, encode
 from protocol.steps import ScanHistory
+from protocol.work import Checkpoint
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import SMALL, System, system
@@ -141,6 +143,24 @@ def test_one_that_was_frozen_steps_down_and_never_acts_beside_the_other() -> Non
         standby.kill()  # and now it is its turn again
         highest = max(terms)
         wait_until(lambda: tested.beliefs[-1].term > highest)
+        tested.wait_for_steps(10)
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+
+
+def test_one_that_has_stepped_down_lets_the_other_begin_before_it_looks_again() -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        heard: list[bytes] = []
+        tested.session.declare_subscriber(
+            keys.CHECKPOINT, lambda sample: heard.append(sample.payload.to_bytes())
+        )
+        wait_until(lambda: bool(heard))
+        other = msgspec.structs.replace(decode(heard[-1], Checkpoint), sender="another")
+        other = msgspec.structs.replace(other, term=other.term + 1)
+        tested.session.put(keys.CHECKPOINT, encode(other))  # it has begun, but not for long
+        wait_until(lambda: "stepping down" in tested.log(COORDINATOR))
+        wait_until(lambda: tested.log(COORDINATOR).count("standing by") == 1)
+        wait_until(lambda: tested.beliefs[-1].term > other.term)
         tested.wait_for_steps(10)
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 
