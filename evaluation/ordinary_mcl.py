@@ -22,9 +22,9 @@ from evaluation.one_cloud import (
 from evaluation.recovery import Recovery, RecoveryGains
 from evaluation.visible_field_model import VisibleFieldModel
 from particle_filter.cluster_filter import Cloud
-from particle_filter.global_search import FoundPlace, places_of
 from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.places import FoundPlace, places_of
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.resampling import resample
 from particle_filter.sensor_model import SensorModel

@@ -18,19 +18,19 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import misfit, new_view, share_that_counts, way
-from particle_filter.gaussian import fit_gaussians
 from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
+from particle_filter.places import FoundPlace, Parts, clustered, found_places
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
-from particle_filter.resampling import resample_weights, thinning
+from particle_filter.resampling import thinning
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter, finished
-from particle_filter.source_clustering import Labels, cluster_by_source_point
+from particle_filter.source_clustering import Labels
 
 _REFINEMENTS = 2
 """Times that the leaves of the first scan are split and scored again."""
@@ -40,25 +40,14 @@ _SEARCHED_AGAIN = (2, 4, 8)
 """After so many scans everything is searched once more, while too much is possible to keep."""
 _SAMPLED = 0.05
 """So much of the weight may be a sample of what is possible; else too much is."""
-_CORRECTION_WORK, _PLACE_WORK = 2**17, 2**14
-"""Of looking for beams through walls at a place, and of telling it [look-ups]."""
+_CORRECTION_WORK = 2**17
+"""Of looking for beams through walls at a place [look-ups]."""
 _POSES_TOGETHER = 64
 """A slice takes a multiple of it: vector instructions see the same poses together as without."""
 _POSES_PER_PLACE, _LEAST_POSES = 400, 1000
 """Kept by a shard."""
 _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
-
-
-@dataclass(frozen=True)
-class FoundPlace:
-    """One place that a search holds possible."""
-
-    share: float
-    mean: Pose
-    covariance: Poses
-    sample: Poses
-    """(M, 3) particles drawn from it, all alike."""
 
 
 @lru_cache(maxsize=2)
@@ -193,7 +182,7 @@ class GlobalSearch:
             return []
         cloud = Cloud(self._kept.poses, self._kept.log_weights)
         least = self._rules.min_place_share
-        return (yield from _places(cloud, self._labels, self._rules, least, rng))
+        return (yield from found_places(cloud, self._labels, self._rules, least, rng))
 
     def _search(self, rng: np.random.Generator) -> Slices[float]:
         """Search everything, by all scans so far."""
@@ -308,10 +297,10 @@ class GlobalSearch:
         and furniture open no walls.
         """
         yield
-        labels, count = _clustered(kept.poses, kept.log_weights, self._rules)
+        labels, count = clustered(kept.poses, kept.log_weights, self._rules)
         yield
         weights = normalised_weights(kept.log_weights)
-        parts = _Parts.of(kept.poses, weights, labels, count)
+        parts = Parts.of(kept.poses, weights, labels, count)
         shares = parts.shares
         taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
@@ -324,56 +313,6 @@ class GlobalSearch:
         self._labels = labels
         places = int(np.count_nonzero(shares >= self._rules.min_place_share))
         self._wanted = min(max(_POSES_PER_PLACE * places, _LEAST_POSES), self._most)
-
-
-def places_of(
-    cloud: Cloud, rules: SearchSettings, min_share: float, rng: np.random.Generator
-) -> list[FoundPlace]:
-    """Cluster a cloud by source points (section 4).
-
-    Args:
-        cloud: N particles.
-        rules: how near a point must be to its cluster's source, and how large samples are.
-        min_share: places with less of the weight are left out.
-        rng: draws the samples.
-
-    Returns:
-        Most probable first.
-    """
-    labels, _ = _clustered(cloud.map_from_robot, cloud.log_weights, rules)
-    return finished(_places(cloud, labels, rules, min_share, rng))
-
-
-def _clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
-    return cluster_by_source_point(
-        poses, log_weights, rules.source_radius_m, rules.source_heading_rad, rules.places
-    )
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Weighted poses, place by place; those of no place are left out."""
-
-    poses: Poses
-    weights: NDArray[np.float64]
-    shares: NDArray[np.float64]
-    """(K,) of all weights, also of those of no place."""
-    ends: NDArray[np.int64]
-    """(K + 1,) where each place's poses end and the next one's begin."""
-
-    @classmethod
-    def of(cls, poses: Poses, weights: NDArray[np.float64], labels: Labels, count: int) -> "_Parts":
-        by_label = np.argsort(labels, kind="stable")
-        sizes = np.bincount(labels + 1, minlength=count + 1)
-        chosen = by_label[sizes[0] :]
-        shares = np.bincount(labels + 1, weights, minlength=count + 1)[1:].astype(np.float64)
-        ends = np.cumsum(sizes) - sizes[0]
-        return cls(poses.take(chosen, axis=0), weights.take(chosen), shares, ends)
-
-    def __getitem__(self, place: np.intp) -> tuple[Poses, NDArray[np.float64]]:
-        """A place's poses, and their weights, which sum to one."""
-        own = slice(self.ends[place], self.ends[place + 1])
-        return self.poses[own], self.weights[own] / self.shares[place]
 
 
 @kernel
@@ -401,27 +340,3 @@ def _spread(
             parent[made] = i
             made += 1
     return parts, logs, sides, parent
-
-
-def _places(
-    cloud: Cloud,
-    labels: Labels,
-    rules: SearchSettings,
-    min_share: float,
-    rng: np.random.Generator,
-) -> Slices[list[FoundPlace]]:
-    weights = normalised_weights(cloud.log_weights)
-    parts = _Parts.of(cloud.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
-    means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
-    found, meter = list[FoundPlace](), WorkMeter()
-    yield
-    for label in np.argsort(-parts.shares, kind="stable"):
-        share = float(parts.shares[label])
-        if share < min_share:
-            break
-        poses, own = parts[label]
-        count = rules.hand_over_particles if len(found) < rules.places_with_particles else 1
-        sample = poses.take(resample_weights(own, count, "systematic", rng), axis=0)
-        found.append(FoundPlace(share, means[label], covariances[label], sample))
-        yield from meter.spend(_PLACE_WORK)
-    return found

@@ -65,10 +65,8 @@ def multiplied(
     Raises:
         ValueError: as `shares`.
     """
-    after, largest, total = _multiplied(
-        plain(log_weights), plain(log_likelihood), exponent, plain(penalty)
-    )
-    _check(largest, total)
+    after, total = _multiplied(plain(log_weights), plain(log_likelihood), exponent, plain(penalty))
+    _check(total, total)
     return after, total
 
 
@@ -107,19 +105,14 @@ def _log_sum(log_weights: LogWeights) -> float:
 @kernel
 def _multiplied(
     log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
-) -> tuple[LogWeights, float, float]:
+) -> tuple[LogWeights, float]:
     after = np.empty(len(log_weights))
     for i in range(len(after)):
         after[i] = log_weights[i] + exponent * log_likelihood[i] + penalty[i]
-    largest, total = _largest(after), 0.0
-    weights = np.empty(len(after))
-    exponentials(after, largest, weights)
-    for i in range(len(after)):
-        total += weights[i]
-    log_total = largest + log(total)
+    log_total = _log_sum(after)
     for i in range(len(after)):
         after[i] -= log_total - log(len(after))
-    return after, largest, log_total
+    return after, log_total
 
 
 @kernel

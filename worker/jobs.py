@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from msgspec.structs import replace
 
-from particle_filter import cluster_filter, global_search
+from particle_filter import cluster_filter, global_search, places
 from particle_filter.arrays import Pose
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import way
@@ -171,7 +171,7 @@ class Tracking:
         if every == 0 or scan.step % every != 0:
             return ()
         search = self._settings.search
-        found = global_search.places_of(self._cloud, search, rules.split_min_share, rng)
+        found = places.places_of(self._cloud, search, rules.split_min_share, rng)
         return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
 
 
@@ -237,7 +237,7 @@ class Searching:
         )
 
 
-def _place(place: global_search.FoundPlace, scan: Scan) -> Place:
+def _place(place: places.FoundPlace, scan: Scan) -> Place:
     sample = place.sample
     return Place(
         share=place.share,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from particle_filter.cluster_filter import Cloud
-from particle_filter.global_search import places_of
+from particle_filter.places import places_of
 from particle_filter.settings import SearchSettings
 
 
