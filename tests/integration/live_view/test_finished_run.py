@@ -29,7 +29,7 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
         with connect(f"ws{link[4:]}/live", origin=link, proxy=None) as page:  # type: ignore[arg-type]  # a NewType of str
             shown = finished(page)
             page.send('{"type": "past", "step": 10}')
-            past = told(page)["past"]
+            past = answer_of(page, "past")
         ground = world("cross").map
         with urllib.request.urlopen(f"{link}/map/{shown['map']['digest']}", timeout=10) as answer:
             cells = zlib.decompress(answer.read())
@@ -48,6 +48,14 @@ def told(page: ClientConnection) -> dict[str, Any]:
     message: dict[str, Any] = json.loads(page.recv(20.0))
     page.send('{"type": "drawn"}')
     return message
+
+
+def answer_of(page: ClientConnection, topic: str) -> dict[str, Any]:
+    """A topic that was asked for; what is told meanwhile of others is the same as before."""
+    while topic not in (message := told(page)):
+        pass
+    answer: dict[str, Any] = message[topic]
+    return answer
 
 
 def finished(page: ClientConnection) -> dict[str, Any]:
