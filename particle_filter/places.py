@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.gaussian import fit_gaussians
+from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
-from particle_filter.resampling import resample_weights
+from particle_filter.resampling import systematic
 from particle_filter.settings import SearchSettings
-from particle_filter.slices import Slices, WorkMeter, finished
+from particle_filter.slices import Slices, finished
 from particle_filter.source_clustering import Labels, cluster_by_source_point
-
-_PLACE_WORK = 2**14
-"""Of telling a place [look-ups]."""
 
 
 @dataclass(frozen=True)
@@ -92,15 +90,37 @@ def found_places(
     weights = normalised_weights(cloud.log_weights)
     parts = Parts.of(cloud.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
     means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
-    found, meter = list[FoundPlace](), WorkMeter()
     yield
-    for label in np.argsort(-parts.shares, kind="stable"):
-        share = float(parts.shares[label])
-        if share < min_share:
-            break
-        poses, own = parts[label]
-        count = rules.hand_over_particles if len(found) < rules.places_with_particles else 1
-        sample = poses.take(resample_weights(own, count, "systematic", rng), axis=0)
-        found.append(FoundPlace(share, means[label], covariances[label], sample))
-        yield from meter.spend(_PLACE_WORK)
-    return found
+    by_share = np.argsort(-parts.shares, kind="stable")
+    told = by_share[: np.count_nonzero(parts.shares >= min_share)]
+    counts = np.ones(len(told), np.int64)
+    counts[: rules.places_with_particles] = rules.hand_over_particles
+    drawn = _drawn(parts.weights, parts.shares, parts.ends, told, counts, rng.random(len(told)))
+    yield
+    samples = parts.poses.take(drawn, axis=0)
+    return [
+        FoundPlace(
+            float(parts.shares[label]), means[label], covariances[label], samples[end - count : end]
+        )
+        for label, count, end in zip(told, counts, np.cumsum(counts), strict=True)
+    ]
+
+
+@kernel
+def _drawn(
+    weights: NDArray[np.float64],
+    shares: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    told: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    offsets: NDArray[np.float64],
+) -> NDArray[np.int64]:
+    """So many poses of each place that is told, drawn systematically by their weights."""
+    drawn, made = np.empty(counts.sum(), np.int64), 0
+    for place in range(len(told)):
+        label, count = told[place], counts[place]
+        first, end = ends[label], ends[label + 1]
+        own = weights[first:end] / shares[label]
+        drawn[made : made + count] = first + systematic(own, count, offsets[place])
+        made += count
+    return drawn

@@ -138,13 +138,6 @@ def _heavier(weights: Weights, even: float) -> tuple[int, float]:
     return found, (a + b) + (c + d)
 
 
-def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
-    """The particles under `count` even positions, by weights that sum to one; `offset` is how far
-    into its part each position lies, in [0, 1).
-    """
-    return _pick_evenly(weights, count, offset)
-
-
 def _sorted_uniforms(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Uniform numbers in increasing order without a sort: sums of exponential spacings."""
     sums = np.cumsum(rng.standard_exponential(count + 1))
@@ -165,7 +158,10 @@ def _residual(weights: Weights, count: int, rng: np.random.Generator) -> Indices
 
 
 @kernel
-def _pick_evenly(weights: Weights, count: int, offset: float) -> Indices:
+def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
+    """The particles under `count` even positions, by weights that sum to one; `offset` is how far
+    into its part each position lies, in [0, 1).
+    """
     positions = np.empty(count)
     for i in range(count):
         positions[i] = i + offset
