@@ -80,6 +80,7 @@ class BeamModel:
         map_from_robot: Poses,  # noqa: ARG002 - as all
         weights: NDArray[np.float64],  # noqa: ARG002 - as all
         beams: Beams,  # noqa: ARG002 - as all
+        sharers: int = 1,  # noqa: ARG002 - as all
     ) -> float:
         """Nothing: every ray is followed anyway."""
         return 0.0

@@ -4,7 +4,7 @@ Used for the first clusters and for every restart. The first scan is scored ever
 (`grid_search.py`); the poses that come near the best are kept with their weights, move by odometry
 and are weighed by each further scan. The heavier a pose, the finer the part of the map that it
 stands for is looked at: it is split into several, spread over that part. While more is possible
-than can be kept, all is searched again after 2, 4 and 8 scans, by all of them joined by odometry.
+than can be kept, all is searched again after some scans, by all of them joined by odometry.
 """
 
 import math
@@ -36,15 +36,18 @@ _REFINEMENTS = 2
 """Times that the leaves of the first scan are split and scored again."""
 _CORRECTED_SHARE = 0.01
 """Places with a smaller share are not looked at for beams through walls: rays are dear."""
-_SEARCHED_AGAIN = (2, 4, 8)
-"""After so many scans everything is searched once more, while too much is possible to keep."""
 _SAMPLED = 0.05
-"""So much of the weight may be a sample of what is possible; else too much is."""
-_CORRECTION_WORK = 2**17
+"""So much of the weight may be a sample of what is possible; else too much is, and everything is
+searched once more when there are twice as many scans."""
+_MOSTLY_SAMPLED = 0.5
+"""Of more than this, twice as many scans would leave too much possible: four times as many."""
+_SCANS_JOINED = 8
+"""At most, to search everything by."""
+_CORRECTION_WORK = 2**16
 """Of looking for beams through walls at a place [look-ups]."""
 _POSES_TOGETHER = 64
 """A slice takes a multiple of it: vector instructions see the same poses together as without."""
-_POSES_PER_PLACE, _LEAST_POSES = 400, 1000
+_POSES_PER_PLACE, _LEAST_POSES = 50, 1000
 """Kept by a shard."""
 _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
 """Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
@@ -114,6 +117,8 @@ class GlobalSearch:
         self._meter = WorkMeter()
         self._seen: list[_Seen] = []
         """The scans that a search of everything would use."""
+        self._next_search = 1
+        """After so many of them everything is searched."""
         self._kept: _Kept | None = None
         self._labels: Labels = np.empty(0, np.int32)
         self._sampled = 1.0
@@ -155,7 +160,7 @@ class GlobalSearch:
         """As `advance`, in slices."""
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._seen.append(_Seen(odom_from_after, beams))
-            if len(self._seen) in (1, *_SEARCHED_AGAIN):
+            if len(self._seen) == self._next_search:
                 return (yield from self._search(rng))
         if self._kept is None:
             return math.nan
@@ -192,6 +197,8 @@ class GlobalSearch:
         yield from grid.slices()
         leaves = grid.leaves()
         self._sampled, scores = leaves.sampled, leaves.scores
+        times = 4 if self._sampled > _MOSTLY_SAMPLED else 2
+        self._next_search = min(times * len(self._seen), _SCANS_JOINED)
         kept = _Kept(leaves.map_from_robot, leaves.log_weights, np.ones(len(scores)))
         self._wanted = self._most
         for _ in range(_REFINEMENTS):
@@ -304,7 +311,7 @@ class GlobalSearch:
         shares = parts.shares
         taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
-            taken_back[label] = self._model.correction(*parts[label], beams)
+            taken_back[label] = self._model.correction(*parts[label], beams, self._rules.shards)
             yield from self._meter.spend(_CORRECTION_WORK)
         self.log_evidence = log_sum(kept.log_weights - taken_back[labels])
         log_weights = kept.log_weights - seen * taken_back[labels]

@@ -1,6 +1,7 @@
 """The likelihood field as a sensor model, corrected for beams that would pass through walls."""
 
 from dataclasses import dataclass
+from math import ceil
 from typing import ClassVar, Self
 
 import numpy as np
@@ -59,15 +60,15 @@ class LikelihoodFieldModel:
         return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
 
     def correction(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
         """A share of what the field gave for beams through walls."""
         settings = self.settings
         taken_back = settings.scan_likelihood_exponent * settings.hidden_weight
-        return taken_back * self.mean_hidden(map_from_robot, weights, beams)
+        return taken_back * self.mean_hidden(map_from_robot, weights, beams, sharers)
 
     def mean_hidden(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
         """What a cloud was given for beams that would have to pass through walls, on average.
 
@@ -75,12 +76,17 @@ class LikelihoodFieldModel:
         not: it cannot tell a corner without a cabinet from one with. Estimated from a systematic
         sample of the cloud; a little is forgiven, for no pose and no map is exact.
         """
-        count, tolerance = self.settings.visibility_particles, self.settings.hidden_tolerance
+        count, tolerance = self._looked_from(sharers), self.settings.hidden_tolerance
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count)
         hidden = self.hidden(map_from_robot.take(chosen, axis=0), beams)
         return max(float(np.add.reduce(hidden)) / count - tolerance * beams.count, 0.0)
+
+    def _looked_from(self, sharers: int) -> int:
+        """Particles of each that shares them; all beams are looked at by as many of them."""
+        whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
+        return min(stride * ceil(whole / (stride * sharers)), whole)
 
     def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.

@@ -160,7 +160,7 @@ class SensorModel(Hashable, Protocol):
         """(N,) log p(z | x), a sum over beams, without the exponent."""
 
     def correction(
-        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams
+        self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
         """What is taken back from a cluster's log evidence, with the exponent.
 
@@ -170,4 +170,6 @@ class SensorModel(Hashable, Protocol):
             map_from_robot: (N, 3) the cluster's poses after the scan.
             weights: (N,) their weights, summing to one.
             beams: those the poses were weighed by.
+            sharers: so many ask of the same cluster, with particles of their own, as the shards
+                of a search; each does its part of the work.
         """

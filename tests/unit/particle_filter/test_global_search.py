@@ -1,12 +1,15 @@
 """A search over a whole map, from the first scan on."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
-from particle_filter.arrays import UNKNOWN
+from particle_filter import global_search
+from particle_filter.arrays import UNKNOWN, Points
 from particle_filter.global_search import GlobalSearch, _Kept
+from particle_filter.grid_search import GridSearch, SearchSpace
 from particle_filter.poses import heading_distance
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
@@ -80,6 +83,29 @@ def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
         assert search.left_out_gap == pytest.approx(gap, abs=1.0)
 
 
+@pytest.mark.parametrize(("poses", "searches"), [(4, [1, 4]), (60, [1, 2]), (2_000, [1])])
+def test_the_more_it_had_to_leave_out_the_more_scans_it_waits_for_to_search_again(
+    poses: int, searches: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One scan leaves 1.0, 0.16 and 0.002 of the weight to a sample of more."""
+    hits = list[int]()
+
+    class Counted(GridSearch):
+        def __init__(self, model: SensorModel, space: SearchSpace, points: Points, *rest: Any):
+            hits.append(len(points))
+            super().__init__(model, space, points, *rest)
+
+    monkeypatch.setattr(global_search, "GridSearch", Counted)
+    cells, rng, before = plain_room(), np.random.default_rng(0), None
+    settings = FilterSettings(belief=LITERAL, search=SearchSettings(poses=poses, shards=1))
+    search = GlobalSearch(model_of(cells), settings, shard=0)
+    for step in range(10):
+        pose = pose_at(step)
+        search.advance(before, pose, seen_from(pose, cells), rng)
+        before = pose
+    assert [count // hits[0] for count in hits] == searches
+
+
 def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
@@ -130,8 +156,11 @@ class Corrected:
     def __getattr__(self, name: str) -> object:
         return getattr(self._model, name)
 
-    def correction(self, poses: np.ndarray, weights: np.ndarray, _beams: Beams) -> float:
+    def correction(
+        self, poses: np.ndarray, weights: np.ndarray, _beams: Beams, sharers: int
+    ) -> float:
         assert len(poses) == len(weights)
+        assert sharers == SETTINGS.search.shards
         assert float(weights.sum()) == pytest.approx(1.0), "of one place"
         return self._correction
 
@@ -150,8 +179,10 @@ def test_what_was_given_for_looks_through_walls_is_taken_back() -> None:
 class CorrectedFarSide(Corrected):
     """Only on the side of the room where the robot is not."""
 
-    def correction(self, poses: np.ndarray, weights: np.ndarray, beams: Beams) -> float:
-        taken_back = super().correction(poses, weights, beams)
+    def correction(
+        self, poses: np.ndarray, weights: np.ndarray, beams: Beams, sharers: int
+    ) -> float:
+        taken_back = super().correction(poses, weights, beams, sharers)
         return taken_back if float(weights @ poses[:, 0]) > 3.0 else 0.0
 
 

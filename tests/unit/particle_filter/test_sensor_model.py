@@ -4,7 +4,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from particle_filter.arrays import Cells, Pose
+from particle_filter.arrays import Cells, LogWeights, Pose, Poses
 from particle_filter.beam_model import BeamModel
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.poses import compose
@@ -81,6 +81,28 @@ def test_what_is_taken_back_is_a_share_of_what_was_given_for_beams_through_walls
     assert hidden > 10.0
     assert field.correction(here, np.ones(1), beams) == pytest.approx(0.1 * hidden)
     assert beam_model_of(divided, given).correction(here, np.ones(1), beams) == 0.0
+
+
+def test_who_shares_a_cluster_looks_from_fewer_particles_at_all_beams_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All particles are the same, so any of them tell the same, unless beams count unevenly."""
+    room, here = plain_room(), np.tile([1.0, 3.0, 0.3], (200, 1))
+    divided = plain_room()
+    divided[:, 60] = 1
+    beams, field = seen_from(here[0], room), model_of(divided, SensorSettings())
+    weights, looked_from = np.full(200, 1 / 200), list[int]()
+    whole = LikelihoodFieldModel.hidden
+
+    def counted(model: LikelihoodFieldModel, poses: Poses, seen: Beams) -> LogWeights:
+        looked_from.append(len(poses))
+        return whole(model, poses, seen)
+
+    monkeypatch.setattr(LikelihoodFieldModel, "hidden", counted)
+    told = [field.correction(here, weights, beams, sharers) for sharers in (1, 4, 7, 100)]
+    assert looked_from == [50, 15, 10, 5]
+    assert told == pytest.approx([told[0]] * 4)
+    assert told[0] > 0.5
 
 
 @every_model
