@@ -26,7 +26,6 @@ from soak_test.verdict import Verdict, over_all
 from zenoh_link.session import open_session
 
 _TURN_S = 0.02
-_CONNECT_WITHIN_S = 30.0
 _READY_WITHIN_S, _READY_WITHIN_EACH_S = 120.0, 15.0
 _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 """After the start, and before the end: what the last fault broke has time to be mended."""
@@ -74,10 +73,8 @@ class Soak:
         """Until the time is over, or told to stop; then everything heard is judged."""
         with ExitStack() as sessions:
             for one in self._robots:
-                session = sessions.enter_context(
-                    open_session(one.zenoh, one.robot, self._stop, wait_s=_CONNECT_WITHIN_S)
-                )
-                self._listeners[one.robot.name] = Listener(session)
+                opened = partial(open_session, one.zenoh, one.robot, self._stop)
+                self._listeners[one.robot.name] = sessions.enter_context(Listener(opened))
             plain = sessions.enter_context(open_plain(self._robots[0]))
             self._wait_until_ready()
             self._begin()

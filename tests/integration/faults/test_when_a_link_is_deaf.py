@@ -7,6 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
+from soak_test.listener import Heard, Listener
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
@@ -86,11 +88,24 @@ def nowhere(short_folder: str) -> Iterator[zenoh.Session]:
 
 
 def comes_back(
-    tokens: list[str], detour: Detour, here: zenoh.Session, nowhere: zenoh.Session
+    tokens: list[str],
+    detour: Detour,
+    here: zenoh.Session,
+    nowhere: zenoh.Session,
+    look: Callable[[], object] = bool,
 ) -> None:
-    """Lead the processes with these tokens astray, and wait until they are back."""
+    """Lead the processes with these tokens astray, and wait until they are back.
+
+    Args:
+        tokens: by which is seen where they are.
+        detour: on which they are led.
+        here: where they were, and come back to.
+        nowhere: where they are led.
+        look: done all the time: what lives in this process has no loop of its own.
+    """
 
     def are_at(session: zenoh.Session) -> bool:
+        look()
         return all(is_alive(session, token, LOOK_S) for token in tokens)
 
     wait_until(lambda: are_at(here), 60.0)
@@ -132,6 +147,30 @@ def test_a_process_that_hears_nothing_where_others_are_opens_another_session(
         comes_back([token], detour, here, nowhere)
     assert process.is_running()
     assert DEAF in process.err
+
+
+def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
+    detour: Detour, here: zenoh.Session, nowhere: zenoh.Session
+) -> None:
+    """It holds a token, by which is seen where it is."""
+
+    @contextmanager
+    def opened(within_s: float) -> Iterator[zenoh.Session]:
+        with (
+            open_session(detour.settings, RobotSettings(), StopFlag(), within_s) as session,
+            session.liveliness().declare_token("listener"),
+        ):
+            yield session
+
+    def hears(session: zenoh.Session) -> bool:
+        session.put(keys.EVENTS, b"x")
+        return any(one.key == keys.EVENTS for one in listener.arrived() if isinstance(one, Heard))
+
+    with Listener(opened) as listener:
+        wait_until(lambda: hears(here), 60.0)
+        comes_back(["listener"], detour, here, nowhere, look=listener.arrived)
+        wait_until(lambda: hears(here), 60.0)
+        assert not is_alive(nowhere, "listener", LOOK_S), "the deaf session is closed"
 
 
 @pytest.mark.parametrize("is_another_there", [True, False])
