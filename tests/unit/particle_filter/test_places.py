@@ -22,3 +22,16 @@ def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None
     assert len(aside.sample) == 400
     few = places_of(Cloud(poses, np.log(weights)), rules, 0.51, rng)
     assert few == [], "none has so much"
+
+
+def test_the_most_probable_have_particles_and_the_others_one_each_of_their_own() -> None:
+    """Places are told by their share, not in the order in which they were found."""
+    at_x = np.array([0.0, 5.0, 10.0, 15.0])
+    poses = np.repeat(at_x, 50)[:, None] * [1.0, 0.0, 0.0]
+    weights = np.repeat([2.0, 1.0, 4.0, 3.0], 50)
+    rules = SearchSettings(hand_over_particles=20, places_with_particles=2)
+    found = places_of(Cloud(poses, np.log(weights)), rules, 0.0, np.random.default_rng(0))
+    assert [place.mean[0] for place in found] == [10.0, 15.0, 0.0, 5.0]
+    assert [len(place.sample) for place in found] == [20, 20, 1, 1]
+    for place in found:
+        assert (place.sample == place.mean).all()
