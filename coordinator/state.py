@@ -297,7 +297,9 @@ class CoordinatorState:
         self._founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
-        return search.first_step if search else 0
+        first = search.first_step if search else 0
+        self.collector.begin_after(first - 1)
+        return first
 
     def _restore(self, state: CheckpointState, term: int, now_ns: int) -> None:
         self._map_digest = state.map_digest

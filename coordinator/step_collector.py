@@ -58,9 +58,10 @@ class StepCollector:
         self._base: int | None = None
 
     def begin_after(self, step: int) -> None:
-        """The bridge had sent steps up to this one when the coordinator came."""
+        """The first step that is applied follows this one; those before it are nobody's."""
         if self._applied is None:
             self._base = step
+            self._open = {one: opened for one, opened in self._open.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
         """Steps are counted anew: the next one follows `before`.

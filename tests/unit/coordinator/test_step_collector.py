@@ -151,3 +151,17 @@ def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> N
     later = made.ready([], never_placed, 3)
     assert later is not None
     assert later.reports == ()
+
+
+def test_steps_before_the_first_that_is_searched_for_are_nobodys() -> None:
+    made = collector()
+    for step in (3, 4, 6):
+        made.on_scan(scan(step), 0)
+    made.begin_after(5)
+    assert not made.on_scan(scan(5), 0)
+    ready = made.ready([], never_placed, 1)
+    assert ready is not None
+    assert ready.scan.step == 6
+    made.begin_after(20)
+    made.on_scan(scan(7), 2)
+    assert made.ready([], never_placed, 3) is not None, "it has begun, and goes on from there"
