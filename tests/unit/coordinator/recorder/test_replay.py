@@ -124,7 +124,9 @@ def test_every_file_alone_is_replayed_to_the_same_beliefs(
                 (Path(other) / file.name).write_bytes(file.read_bytes())
                 alone += beliefs([happening for _, happening in replayed(Path(other), VERSION)])
         assert as_bytes(alone) == whole
-        assert len(files_in(folder)) > 2
+        left = files_in(folder)
+        # Where a file is larger than a third of the ring, the first ones have gone.
+        assert len(left) > 2 or not left[0].stem.endswith("-000000")
 
 
 def test_each_coordinator_says_where_it_took_over(model: SensorModel, tmp_path: Path) -> None:
