@@ -6,8 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -65,7 +64,7 @@ Arrived = Heard | TokenHeard | StatusHeard | Question
 class Listener:
     """Everything that one robot's processes say, in the order of arrival; nothing waits.
 
-    Hears until its ``with`` block ends, through another session once a link has come back deaf.
+    Hears until it is closed, through another session once a link has come back deaf.
 
     Args:
         open_session: of the robot.
@@ -79,17 +78,8 @@ class Listener:
         self._arrived: deque[Arrived] = deque(maxlen=_WAITING)
         self._listen(_CONNECT_WITHIN_S)
 
-    def __enter__(self) -> Self:
-        """It listens already."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        """Close the session."""
+    def close(self) -> None:
+        """Hear nothing any more."""
         self._opened.close()
 
     def _listen(self, within_s: float) -> None:

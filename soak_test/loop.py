@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from functools import partial
 
 import psutil
@@ -74,7 +74,7 @@ class Soak:
         with ExitStack() as sessions:
             for one in self._robots:
                 opened = partial(open_session, one.zenoh, one.robot, self._stop)
-                self._listeners[one.robot.name] = sessions.enter_context(Listener(opened))
+                self._listeners[one.robot.name] = sessions.enter_context(closing(Listener(opened)))
             plain = sessions.enter_context(open_plain(self._robots[0]))
             self._wait_until_ready()
             self._begin()

@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
@@ -166,7 +166,7 @@ def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
         session.put(keys.EVENTS, b"x")
         return any(one.key == keys.EVENTS for one in listener.arrived() if isinstance(one, Heard))
 
-    with Listener(opened) as listener:
+    with closing(Listener(opened)) as listener:
         wait_until(lambda: hears(here), 60.0)
         comes_back(["listener"], detour, here, nowhere, look=listener.arrived)
         wait_until(lambda: hears(here), 60.0)
