@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from coordinator.belief.cluster_set import Cluster
 from protocol.answers import Hypothesis, State
-from protocol.job_events import Ended, JobEvent
+from protocol.job_events import Began, Ended, JobEvent
 from protocol.work import Job
 
 
@@ -30,8 +30,10 @@ class Outcome:
 
     @property
     def end(self) -> tuple[str, ...]:
-        """Jobs that end."""
-        return tuple(event.job_id for event in self.events if isinstance(event, Ended))
+        """Jobs that end. A cluster that begins and ends in the same step never had a job."""
+        begun = {event.job_id for event in self.events if isinstance(event, Began)}
+        ended = (event.job_id for event in self.events if isinstance(event, Ended))
+        return tuple(job_id for job_id in ended if job_id not in begun)
 
 
 def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
