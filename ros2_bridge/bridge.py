@@ -10,7 +10,7 @@ from ros2_bridge.bond import BondThread
 from ros2_bridge.core_link import HEARD, CoreLink
 from ros2_bridge.loop import BridgeLoop, InboxEvent
 from ros2_bridge.node import RosNode
-from ros2_bridge.robot_session import is_humble, node_name, open_robot_session, refuse_second_node
+from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -35,10 +35,8 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
     """
     name, names = node_name(settings.ros2), Topics(settings.ros2)
     with ExitStack() as resources:
+        humble = look_at_graph(settings, name, stop)
         robot = resources.enter_context(open_robot_session(settings, stop))
-        endpoint = settings.ros2.router or settings.zenoh.router
-        refuse_second_node(robot, name, endpoint, stop)
-        humble = is_humble(robot, settings.ros2, stop)
         core = resources.enter_context(
             open_session(settings.zenoh, settings.robot, stop, wait_s=None)
         )

@@ -9,7 +9,7 @@ import msgspec
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
-from process_runtime.settings import Settings
+from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import AlreadyRunningError, SettingsError
 from ros2_bridge.wire import (
@@ -22,6 +22,7 @@ from ros2_bridge.wire import (
     node_in_token,
 )
 from zenoh_link.session import open_session
+from zenoh_link.threads import MANY_LINKS, receiving_threads
 from zenoh_link.wire import alive
 
 _ASK_S = 1.0
@@ -53,21 +54,52 @@ def node_name(settings: Ros2Settings) -> NodeName:
     return NodeName(settings.domain_id, namespace, settings.node_name)
 
 
+def look_at_graph(settings: Settings, name: NodeName, stop: StopFlag) -> bool:
+    """Refuse a second node; return whether the robot's release is ROS 2 Humble.
+
+    A client sees all tokens at once; a peer sees them once it is linked to every other peer.
+
+    Raises:
+        AlreadyRunningError: the robot has a node of that name.
+        SettingsError: the endpoint cannot be used.
+        StoppedError: `stop` was set before there was a robot.
+    """
+    robot = _robot_settings(settings)
+    # The first session of a process decides for all; a peer has a link to every node.
+    with receiving_threads(MANY_LINKS), open_session(robot, None, stop, wait_s=None) as session:
+        _refuse_second_node(session, name, robot.router, stop)
+        return _is_humble(session, settings.ros2, stop)
+
+
 @contextmanager
 def open_robot_session(settings: Settings, stop: StopFlag) -> Iterator[zenoh.Session]:
-    """Open the session to the robot's router, as a client without a namespace.
+    """Open the session to the robot's router, without a namespace.
+
+    On the router's own machine it is a peer, as ROS nodes are: their direct links outlive the
+    router. From elsewhere no node can be reached but through the router, and links beside a router
+    with TLS would bypass its access control: there it is a client.
 
     Raises:
         SettingsError: the endpoint cannot be used.
         StoppedError: `stop` was set before there was a router.
     """
-    router = settings.ros2.router or settings.zenoh.router
-    zenoh_settings = msgspec.structs.replace(settings.zenoh, router=router)
-    with open_session(zenoh_settings, None, stop, wait_s=None) as session:
+    robot = _robot_settings(settings)
+    peer = is_of_this_machine(robot.router)
+    with open_session(robot, None, stop, wait_s=None, peer=peer) as session:
         yield session
 
 
-def is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
+def _robot_settings(settings: Settings) -> ZenohSettings:
+    router = settings.ros2.router or settings.zenoh.router
+    return msgspec.structs.replace(settings.zenoh, router=router)
+
+
+def is_of_this_machine(router: str) -> bool:
+    """Whether an endpoint is a socket's, or plain TCP by the loopback's name."""
+    return router.startswith(("unixsock-stream/", "tcp/localhost:", "tcp/127.", "tcp/[::1]:"))
+
+
+def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
     """Whether types are named as in ROS 2 Humble; waits for a node of the robot, if it must.
 
     Publishers of the wrong form look right in ROS's graph, and nothing of theirs arrives.
@@ -91,7 +123,7 @@ def is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) ->
         stop.check()
 
 
-def refuse_second_node(
+def _refuse_second_node(
     session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
 ) -> None:
     """Refuse to run beside a node of the same name: both would move the map.

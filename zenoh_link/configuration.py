@@ -1,8 +1,9 @@
 """How every process meets every other: Zenoh's configuration, for clients and for the router.
 
-All processes are clients of one router. Scouting is off and endpoints are explicit, so nobody
-meets strangers; shared memory is off (no gain for messages of some kilobytes, and left behind
-after a kill -9); a node that says nothing for 2 s is gone; links come back within a second.
+All processes are clients of one router; only the ROS bridge's session to the robot is a peer, as
+ROS nodes are. Endpoints are explicit, and only peers link to each other; shared memory is off (no
+gain for messages of some kilobytes, and left behind after a kill -9); a node that says nothing for
+2 s is gone; links come back within a second.
 """
 
 import json
@@ -30,6 +31,14 @@ _UNFINISHED_LINKS = 1000
 _HANDSHAKE_TIMEOUT, _HANDSHAKE_TIMEOUT_MS = "tls_handshake_timeout_ms", 600_000
 """After each handshake that fails or times out, Zenoh lets nobody in for 0.1 s. So those who
 connect and say nothing may stay: with Zenoh's 10 s, 120 of them keep the door shut."""
+GOSSIP = {
+    "enabled": True,
+    "multihop": False,
+    "target": {"router": ["router", "peer"], "peer": ["router"]},
+    "autoconnect": {"router": [], "peer": ["router", "peer"]},
+    "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
+}
+"""As rmw_zenoh has it: the router introduces peers to each other, which then link directly."""
 SOCKET_PATH_MAX_BYTES = 107
 """Of a Unix socket, on Linux."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
@@ -66,6 +75,23 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -
     }
 
 
+def peer_configuration(settings: ZenohSettings) -> Configuration:
+    """Zenoh's configuration of a ROS node on the router's own machine, by rmw_zenoh's settings.
+
+    Peers keep their direct links when the router ends.
+
+    Raises:
+        SettingsError: as `client_configuration`.
+    """
+    configuration = client_configuration(settings, None)
+    configuration["connect"]["exit_on_failure"] = True  # `zenoh.open` returns with a link, or not
+    return configuration | {
+        "mode": "peer",
+        "listen": {"endpoints": ["tcp/localhost:0"]},
+        "scouting": {"multicast": {"enabled": False}, "gossip": GOSSIP},
+    }
+
+
 def router_configuration(settings: ZenohSettings) -> Configuration:
     """Zenoh's configuration of the router; the official ``zenohd`` takes the same.
 
@@ -84,6 +110,8 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
     transport["unicast"] = {"accept_pending": _UNFINISHED_LINKS}
+    # Direct links of peers would bypass the access control of a router with TLS.
+    gossip = {"enabled": False} if settings.router.startswith("tls/") else GOSSIP
     return {
         "mode": "router",
         "listen": {"endpoints": [patient(settings.router)]},
@@ -91,7 +119,7 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         "scouting": {
             "delay": 0,
             "multicast": {"enabled": False},
-            "gossip": {"enabled": False},
+            "gossip": gossip,
         },
         "timestamping": {"enabled": True},
         "transport": transport,

@@ -16,7 +16,7 @@ from process_runtime.main import EXIT_BUG, Invocation, process_main
 from process_runtime.memory import give_back_freed_memory
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
-from zenoh_link.threads import ROUTER, receiving_threads
+from zenoh_link.threads import MANY_LINKS, receiving_threads
 from zenoh_link.way_in import WayIn
 
 _log = logging.getLogger(__name__)
@@ -91,7 +91,7 @@ def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
         SettingsError: an endpoint is malformed, or not an address of this machine.
     """
     try:
-        with receiving_threads(ROUTER):
+        with receiving_threads(MANY_LINKS):
             return zenoh.open(config)
     except zenoh.ZError as error:
         problem = readable(error)

@@ -52,6 +52,7 @@ def secure_router_configuration(
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [patient(endpoint)]}
+    configuration["scouting"]["gossip"] = {"enabled": False}  # links of peers know no rules
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {

@@ -10,8 +10,14 @@ import zenoh
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol.errors import UnreachableError
-from zenoh_link.configuration import CONNECT_TRY_MS, as_zenoh, client_configuration
-from zenoh_link.threads import CLIENT, receiving_threads
+from zenoh_link.configuration import (
+    CONNECT_TRY_MS,
+    Configuration,
+    as_zenoh,
+    client_configuration,
+    peer_configuration,
+)
+from zenoh_link.threads import ONE_LINK, receiving_threads
 
 _log = logging.getLogger(__name__)
 
@@ -24,6 +30,8 @@ def open_session(
     robot: RobotSettings | None,
     stop: StopFlag,
     wait_s: float | None,
+    *,
+    peer: bool = False,
 ) -> Iterator[zenoh.Session]:
     """Open this process's session as a client of the router; keys stand below the robot's name.
 
@@ -36,21 +44,22 @@ def open_session(
         robot: whose keys these are; None: keys are not put below a name.
         stop: looked at while there is no router.
         wait_s: how long to look for a router [s]; None looks for ever, as services do.
+        peer: link directly to other peers of the router, as ROS nodes do; `robot` is None then.
 
     Raises:
         UnreachableError: no router answered in `wait_s`.
         SettingsError: the endpoint or the robot's name cannot be used.
         StoppedError: `stop` was set before there was a router.
     """
-    with _connect(settings, robot, stop, wait_s) as session:
+    configuration = peer_configuration(settings) if peer else client_configuration(settings, robot)
+    with _connect(configuration, settings, stop, wait_s) as session:
         _log.debug("connected to the router at %s", settings.router)
         yield session
 
 
 def _connect(
-    settings: ZenohSettings, robot: RobotSettings | None, stop: StopFlag, wait_s: float | None
+    configuration: Configuration, settings: ZenohSettings, stop: StopFlag, wait_s: float | None
 ) -> zenoh.Session:
-    configuration = client_configuration(settings, robot)
     started_s = time.monotonic()
     deadline_s = started_s + wait_s if wait_s is not None else float("inf")
     said = ""
@@ -60,7 +69,7 @@ def _connect(
         configuration["connect"]["timeout_ms"] = int(max(1.0, min(CONNECT_TRY_MS, left_ms)))
         config = as_zenoh(configuration)
         try:
-            with receiving_threads(CLIENT):
+            with receiving_threads(ONE_LINK):
                 return zenoh.open(config)
         except zenoh.ZError as error:
             refusal = _refusal(settings)

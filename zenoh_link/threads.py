@@ -7,11 +7,11 @@ from contextlib import contextmanager
 
 VARIABLE = "ZENOH_RUNTIME"
 
-CLIENT = "(rx: (worker_threads: 1))"
+ONE_LINK = "(rx: (worker_threads: 1))"
 """A client has one link, and a second thread would be woken for nothing by each message."""
 
-ROUTER = "(rx: (worker_threads: 16))"
-"""More than a machine has links.
+MANY_LINKS = "(rx: (worker_threads: 16))"
+"""Of a router or a peer: more than a machine has links.
 
 When a link dies silently (a cable, a switch, a radio), its lease runs out and a receiving thread
 closes it; close(2) then waits up to 10 s for bytes that nobody will acknowledge. Zenoh has two
@@ -31,7 +31,7 @@ def receiving_threads(runtime: str) -> Iterator[None]:
     set stays as it is.
 
     Args:
-        runtime: `CLIENT` or `ROUTER`.
+        runtime: `ONE_LINK` or `MANY_LINKS`.
     """
     global _read  # noqa: PLW0603 - Zenoh reads once for the whole process, too
     if _read or VARIABLE in os.environ:

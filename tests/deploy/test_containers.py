@@ -16,7 +16,7 @@ import zenoh
 
 from process_runtime.settings_file import load_settings
 from tests.integration.security.certificates import make_certificates, require_openssl
-from zenoh_link.threads import ROUTER, VARIABLE
+from zenoh_link.threads import MANY_LINKS, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"
@@ -58,8 +58,9 @@ def test_on_a_robot_of_ros_the_bridge_is_there_and_the_router_has_rmw_zenohds_ow
     (mounted,) = router["volumes"]
     assert mounted.split(":")[-2] == router["command"][1]
     assert "rmw_zenoh_cpp/config/DEFAULT_RMW_ZENOH_ROUTER_CONFIG.json5" in mounted
-    # Beside it in the plain file's network, which publishes the port that ROS's nodes look for.
-    assert words[words.index("--set") + 1] == "zenoh.router=tcp/router:7447"
+    # On the host's network, as ROS nodes are; the plain file publishes the router's port there.
+    assert services(ROS2)["ros2"]["network_mode"] == "host"
+    assert words[words.index("--set") + 1] == "zenoh.router=tcp/127.0.0.1:7447"
     assert services(PLAIN)["router"]["ports"] == ["127.0.0.1:7447:7447"]
     assert set(router) <= {"command", "volumes"}, "all else is the plain file's"
     assert Path(words[words.index("--settings") + 1]).parent == Path("/etc/clustermcl")
@@ -73,14 +74,14 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     image = services(PLAIN)["router"]["image"]
     assert image == f"docker.io/eclipse/zenoh:{zenoh_version()}"
     assert services(PLAIN)["router"]["command"] == ["--config", "/etc/clustermcl/router.json5"]
-    assert services(PLAIN)["router"]["environment"][VARIABLE] == ROUTER
+    assert services(PLAIN)["router"]["environment"][VARIABLE] == MANY_LINKS
     zenoh.Config.from_file(str(DEPLOY / "router.json5"))
 
 
 def test_the_pages_tell_the_official_router_how_many_threads_ours_has() -> None:
     files = [DEPLOY / "router.json5", DEPLOY / "systemd" / "clustermcl-router.service"]
     for file in (*files, DEPLOY.parent / "docs" / "operations.md"):
-        assert ROUTER in file.read_text(), file
+        assert MANY_LINKS in file.read_text(), file
 
 
 def zenoh_version() -> str:

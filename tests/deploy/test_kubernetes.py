@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from process_runtime.settings_file import load_settings
-from zenoh_link.threads import ROUTER, VARIABLE
+from zenoh_link.threads import MANY_LINKS, VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
 KUSTOMIZATION = yaml.safe_load((FOLDER / "kustomization.yaml").read_text())
@@ -101,7 +101,7 @@ def test_every_pod_runs_a_process_of_ours_or_the_official_router() -> None:
 
 def test_the_router_has_more_threads_than_a_machine_has_links() -> None:
     (container,) = pods()["router"]["containers"]
-    assert {"name": VARIABLE, "value": ROUTER} in container["env"]
+    assert {"name": VARIABLE, "value": MANY_LINKS} in container["env"]
 
 
 def test_what_is_mounted_is_there_and_what_is_there_is_mounted() -> None:

@@ -25,10 +25,10 @@ OpenRobot = Callable[..., RosRobot]
 
 @pytest.fixture
 def open_robot_session(zenoh_settings: ZenohSettings) -> Iterator[Callable[[], zenoh.Session]]:
-    """Opens sessions as ROS's nodes have them; they are closed when the test ends."""
+    """Opens sessions with rmw_zenoh's settings; they are closed when the test ends."""
     with ExitStack() as sessions:
         yield lambda: sessions.enter_context(
-            open_session(zenoh_settings, None, StopFlag(), wait_s=20.0)
+            open_session(zenoh_settings, None, StopFlag(), wait_s=20.0, peer=True)
         )
 
 

@@ -3,13 +3,15 @@
 import signal
 import time
 from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
 
 import pytest
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
 from ros2_bridge.rigid import HERE
-from ros2_bridge.topics import AMCL_POSE
+from ros2_bridge.topics import AMCL_POSE, BOND
 from ros2_bridge.wire import HUMBLE_HASH
 from tests.integration.processes import RunningProcess
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
@@ -147,14 +149,53 @@ def test_after_a_router_restart_the_node_and_what_is_latched_are_back(
     system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
     wait_until(lambda: poses)
     router.kill()
-    wait_until(lambda: not graph.of())
     start_router()
-    wait_until(lambda: graph.endpoints() == ENDPOINTS)
+    late_graph = Graph(open_robot_session())
+    wait_until(lambda: late_graph.endpoints() == ENDPOINTS)
+    assert graph.gone_at_s == []  # nodes keep their direct links
     late = open_robot(name="late").listen(AMCL_POSE)
     wait_until(lambda: late)
     assert late[-1].pose.pose.position.y == 2.0
     before = len(system.lasers)
     robot.stand_until(lambda: len(system.lasers) > before)
+
+
+def test_transform_and_bond_go_on_while_the_router_is_away_for_3_s(
+    start_router: Callable[[], RunningProcess],
+    open_robot: OpenRobot,
+    open_system: OpenSystem,
+    start_bridge: StartBridge,
+) -> None:
+    router = start_router()
+    robot, nav2, system = open_robot(), open_robot(name="nav2"), open_system()
+    robot.put_mounts(("laser", HERE))
+    start_bridge(ACTIVE)
+    robot.stand_until(lambda: system.lasers)
+    nav2.listen(BOND)
+    system.believe(system.lasers[-1].stamp_ns, (1, 0.95, (1.0, 2.0, 0.0)), state="localized")
+    transforms = nav2.listen(nav2.topics.tf)
+    robot.stand_until(lambda: any(is_map_to_odom(one) for one in transforms))
+    router.kill()
+    back_s = time.monotonic() + 3.0
+    robot.stand_until(lambda: time.monotonic() > back_s)
+    start_router()
+    before, back_s = len(system.lasers), time.monotonic()
+    robot.stand_until(lambda: len(system.lasers) > before)
+    assert time.monotonic() - back_s < stretched_s(1.5)  # it looks for the router once a second
+    transform_s = [
+        at_s
+        for one, at_s in zip(transforms, nav2.heard_at_s["/tf"], strict=False)
+        if is_map_to_odom(one)
+    ]
+    for times_s in (transform_s, nav2.heard_at_s[BOND.name]):
+        gaps_s = [after - earlier for earlier, after in pairwise(times_s)]
+        assert max(gaps_s) < stretched_s(1.0)
+        assert times_s[-1] > back_s - stretched_s(1.0)
+
+
+def is_map_to_odom(message: Any) -> bool:
+    (link,) = message.transforms
+    return (link.header.frame_id, link.child_frame_id) == ("map", "odom")
 
 
 @pytest.mark.usefixtures("router")

@@ -69,7 +69,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         settings = msgspec.structs.replace(SMALL, bridge=bridge, ros2=ROS2, coordinator=coordinator)
         tested = resources.enter_context(system(settings))
         session = resources.enter_context(
-            open_session(tested.settings.zenoh, None, StopFlag(), wait_s=20.0)
+            open_session(tested.settings.zenoh, None, StopFlag(), wait_s=20.0, peer=True)
         )
         robot = RosRobot(session, ROS2)
         put_map(robot, world(WORLD).map)

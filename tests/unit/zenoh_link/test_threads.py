@@ -3,7 +3,7 @@ import os
 import pytest
 
 from zenoh_link import threads
-from zenoh_link.threads import CLIENT, ROUTER, VARIABLE, receiving_threads
+from zenoh_link.threads import MANY_LINKS, ONE_LINK, VARIABLE, receiving_threads
 
 
 @pytest.fixture(autouse=True)
@@ -13,26 +13,26 @@ def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_zenoh_is_told_while_it_opens_and_children_are_not() -> None:
-    with receiving_threads(ROUTER):
-        assert os.environ[VARIABLE] == ROUTER
+    with receiving_threads(MANY_LINKS):
+        assert os.environ[VARIABLE] == MANY_LINKS
     assert VARIABLE not in os.environ
 
 
 def test_it_is_taken_back_when_there_is_no_router_yet() -> None:
-    with pytest.raises(ZeroDivisionError), receiving_threads(CLIENT):
+    with pytest.raises(ZeroDivisionError), receiving_threads(ONE_LINK):
         raise ZeroDivisionError
     assert VARIABLE not in os.environ
 
 
 def test_only_the_first_session_of_a_process_is_told() -> None:
-    with receiving_threads(ROUTER):
+    with receiving_threads(MANY_LINKS):
         pass
-    with receiving_threads(CLIENT):
+    with receiving_threads(ONE_LINK):
         assert VARIABLE not in os.environ
 
 
 def test_what_a_person_has_set_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, "(rx: (worker_threads: 40))")
-    with receiving_threads(ROUTER):
+    with receiving_threads(MANY_LINKS):
         assert os.environ[VARIABLE] == "(rx: (worker_threads: 40))"
     assert os.environ[VARIABLE] == "(rx: (worker_threads: 40))"

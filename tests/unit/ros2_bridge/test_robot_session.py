@@ -1,0 +1,21 @@
+"""Where the bridge is a peer of the robot's nodes, and where a client of its router."""
+
+import pytest
+
+from ros2_bridge.robot_session import is_of_this_machine
+
+
+@pytest.mark.parametrize(
+    ("router", "expected"),
+    [
+        ("tcp/localhost:7447", True),
+        ("tcp/127.0.0.1:7447", True),
+        ("tcp/[::1]:7447", True),
+        ("unixsock-stream//run/router.sock", True),
+        ("tcp/192.0.2.10:7447", False),
+        ("tcp/localhost.example:7447", False),
+        ("tls/localhost:7447", False),
+    ],
+)
+def test_a_peer_is_on_its_routers_machine_and_without_tls(router: str, *, expected: bool) -> None:
+    assert is_of_this_machine(router) is expected
