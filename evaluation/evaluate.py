@@ -72,6 +72,8 @@ class EvaluateOptions:
     a seed of its own."""
     steps: int | None = None
     kidnap_at: int | None = None
+    mirrored: bool = False
+    """See every scan and motion in a mirror: how a robot fares that is nowhere in the map."""
     jobs: int | None = None
     json_file: Path | None = None
     record: Path | None = None
@@ -117,11 +119,18 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.json_file is not None:
         _write(options, options.json_file, results)
     right = sum(run["localized"] for run in results)
-    title = f"{options.algorithm} on {options.recording}: localized in {right} of {len(results)}"
+    of = f"{options.algorithm} on {options.recording}"
+    title = f"{of}: localized in {right} of {len(results)}"
+    if options.mirrored:
+        title = f"{of}, mirrored: a robot that is nowhere in the map"
     if options.report_file is not None:
         page = report_page(title, Run(tasks[0]).course.map, traces, _table_text(results))
         write_output_file(options.report_file, page)
-    for columns, text in ((_POSES, title), (_PROBABILITIES, "what was told of the truth")):
+    for columns, text in (
+        (_POSES, title),
+        (_PROBABILITIES, "probability of the true place"),
+        (_STATES, "share of the steps in each state"),
+    ):
         Console().print(text, soft_wrap=True, highlight=False, markup=False)
         Console().print(_table(results, columns))
 
@@ -166,6 +175,7 @@ def case_of(options: EvaluateOptions) -> Case:
         robot=robot,
         updates=updates,
         seeds=seeds,
+        mirrored=options.mirrored,
     )
 
 
@@ -285,6 +295,11 @@ def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str
         "truth_probability_lowest_once_sure": measures.truth_lowest_once_sure,
         "brier_mean": measures.brier,
         "elsewhere_probability_mean": measures.elsewhere_probability,
+        "off_map_probability_mean": measures.off_map_probability,
+        "localized_fraction": measures.localized_share,
+        "ambiguous_fraction": measures.ambiguous_share,
+        "lost_fraction": measures.lost_share,
+        "searching_fraction": measures.searching_share,
         "wall_s": measures.wall_s,
         "cpu_s": measures.cpu_s,
     }
@@ -310,6 +325,7 @@ def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any
     whole = {
         "algorithm": options.algorithm,
         "recording": options.recording,
+        "mirrored": options.mirrored,
         "map": options.map_file,
         "runs": results,
     }
@@ -330,6 +346,16 @@ _POSES = {
     "cpu s": ("cpu_s", ".1f"),
 }
 """Columns: the key of a run's number, and its form."""
+_STATES = {
+    "seed": ("seed", "d"),
+    "from": ("start_step", "d"),
+    "localized": ("localized_fraction", ".3f"),
+    "ambiguous": ("ambiguous_fraction", ".3f"),
+    "lost": ("lost_fraction", ".3f"),
+    "searching": ("searching_fraction", ".3f"),
+    "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
+    "p(off map)": ("off_map_probability_mean", ".2f"),
+}
 _PROBABILITIES = {
     "seed": ("seed", "d"),
     "from": ("start_step", "d"),
@@ -339,13 +365,12 @@ _PROBABILITIES = {
     "p(truth)": ("truth_probability_mean", ".2f"),
     "log": ("log_score_mean", ".2f"),
     "brier": ("brier_mean", ".2f"),
-    "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
 }
 
 
 def _table_text(runs: Sequence[dict[str, Any]]) -> TableText:
     """All columns, for the page."""
-    columns = _POSES | _PROBABILITIES
+    columns = _POSES | _PROBABILITIES | _STATES
     rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
     return TableText(list(columns), rows)
 

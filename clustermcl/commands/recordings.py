@@ -72,6 +72,12 @@ def evaluate(
     kidnap_at: Annotated[
         int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
     ] = None,
+    mirrored: Annotated[
+        bool,
+        typer.Option(
+            "--mirrored", help="Mirror scans and motion: a robot that is nowhere in the map."
+        ),
+    ] = False,
     jobs: Annotated[
         int | None,
         typer.Option(min=1, max=MOST_JOBS, help="Runs at a time; left out: one for each core."),
@@ -102,6 +108,7 @@ def evaluate(
         starts=starts,
         steps=steps,
         kidnap_at=kidnap_at,
+        mirrored=mirrored,
         jobs=jobs,
         json_file=json_file,
         record=record_file,

@@ -27,6 +27,8 @@ class Outcome:
 
     search_progress: float = 0.0
     """How near the search that runs is to its end, 0 to 1."""
+    off_map_probability: float = 0.0
+    """Of `elsewhere_probability`, that the robot is not on the map at all."""
 
     @property
     def end(self) -> tuple[str, ...]:

@@ -137,6 +137,8 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """So many poses of the map look alike, or nearly so: it is k-fold symmetric."""
     has_feature: bool = False
     """Something in the map tells the symmetric poses apart."""
+    mirrored: bool = False
+    """The robot of a mirror-image building, which is nowhere in the map; no update is judged."""
     settings: tuple[str, ...] = ()
     """Settings that belong to the experiment, `section.key=value`."""
     figures: tuple[Figure, ...] = ()

@@ -2,9 +2,10 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
+from evaluation.mirrored import mirrored
 from evaluation.references import Reference, load_reference
 from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map
@@ -36,7 +37,7 @@ class Course:
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
-    """Begin a run.
+    """Begin a run; of a mirrored robot nobody knows where it is, for it is nowhere in the map.
 
     Args:
         case: the experiment.
@@ -48,6 +49,13 @@ def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int =
         ClusterMclError: a file cannot be used, or the world does not exist; of a recording this
             may show at its first step.
     """
+    course = _course_of(case, seed, settings, start_step)
+    if not case.mirrored:
+        return course
+    return replace(course, steps=((mirrored(scan), None) for scan, _ in course.steps))
+
+
+def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int) -> Course:
     match case.robot:
         case SimulatedRobot() as robot:
             world = simulated_world(Simulated(robot.world))

@@ -1,17 +1,17 @@
 """The numbers of one run: every word of the experiments' tables is defined here.
 
-An *update* is one step: one gated scan; updates are counted from 1. The *estimate* of an update
-is the most probable place; during the first search nothing is claimed and there is none. A place
-is *right* within 1 m and 20 degrees of the truth. *After the bootstrap* means from the update on
-at which the first search has ended. The *copies* of a k-fold symmetric map are the true pose and
-its images when the map is turned about its middle; a copy is *tracked* if some place is within
-1 m and 20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first
-update at which at least 3 beams would be more than 0.3 m longer or shorter at every other copy
-(see `sight`). *Right for good* is from the first update on after which every estimate of the run
-is right. An update whose true pose nobody knows is not *judged*: it is counted among the updates,
-and is in no other number. *Told* are the places of an update with their probabilities, those that
-a first search tells before it ends among them. `clustermcl evaluate` gives some of these numbers,
-under names of its own.
+An *update* is one step: one gated scan; updates are counted from 1. The *estimate* of an update is
+the most probable place; during the first search nothing is claimed and there is none. A place is
+*right* within 1 m and 20 degrees of the truth. *After the bootstrap* means from the update on at
+which the first search has ended. The *copies* of a k-fold symmetric map are the true pose and its
+images when the map is turned about its middle; a copy is *tracked* if some place is within 1 m and
+20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first update at
+which at least 3 beams would be more than 0.3 m longer or shorter at every other copy (see
+`sight`). *Right for good* is from the first update on after which every estimate of the run is
+right. An update whose true pose nobody knows is not *judged*: it is in no number but those of the
+updates, of their states, and of the probability of no place. *Told* are the places of an update
+with their probabilities, those that a first search tells before it ends among them. `clustermcl
+evaluate` gives some of these numbers, under names of its own.
 """
 
 import math
@@ -24,6 +24,7 @@ import numpy as np
 
 from evaluation.experiments.step_facts import StepFacts
 from particle_filter.belief import normalised_entropy
+from protocol.answers import State
 
 IN_A_ROW = 5
 """So many right estimates in a row are no accident."""
@@ -72,7 +73,9 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     to "elsewhere", is spread too thin to have a square. 0 is sure and right, 1 is nothing told,
     2 sure and wrong."""
     elsewhere_probability: float | None
-    """Mean over the same updates of the probability that the robot is at none of the places."""
+    """Mean over all updates of the probability that the robot is at none of the places."""
+    off_map_probability: float
+    """Mean over all updates of the probability that the robot is not on the map."""
 
     right_share: float
     """Share of the updates whose estimate was right."""
@@ -114,7 +117,13 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Updates from then to the first of 5 in a row with right estimates."""
 
     localized_share: float
-    """Share of the updates with the state `localized`."""
+    """Share of all updates with the state `localized`, judged or not."""
+    ambiguous_share: float
+    """The same of `ambiguous`."""
+    lost_share: float
+    """The same of `lost`."""
+    searching_share: float
+    """The same of `searching`."""
     localized_wrong_share: float
     """Share of the updates with the state `localized` and a wrong estimate."""
     short_beam_share: float | None
@@ -152,7 +161,7 @@ def measures_of(
     good = right_for_good(judged)
     settled = good[0].update if good else None
     once_sure = from_sure_on(judged)
-    elsewhere = [step.elsewhere for step in judged if step.elsewhere is not None]
+    elsewhere = [step.elsewhere for step in facts if step.elsewhere is not None]
     entropies = [entropy_of_copies(step) for step in held]
     seen = seen_at_update
     after_kidnap = [f for f in judged if kidnapped_at_update and f.update > kidnapped_at_update]
@@ -173,6 +182,7 @@ def measures_of(
         log_score=share([log_score(step) for step in judged]),
         brier=share([brier(step) for step in judged]),
         elsewhere_probability=share(elsewhere),
+        off_map_probability=share([step.off_map for step in facts]) or 0.0,
         right_share=share([step.right for step in judged]) or 0.0,
         right_at_50=right_at(judged, 50),
         right_at_100=right_at(judged, 100),
@@ -192,7 +202,10 @@ def measures_of(
         right_before_kidnap=right_before_kidnap,
         alarm_after_kidnap=since(first_alarm(after_kidnap), kidnapped_at_update),
         right_after_kidnap=since(first_right(after_kidnap), kidnapped_at_update),
-        localized_share=share([step.state == "localized" for step in judged]) or 0.0,
+        localized_share=state_share(facts, "localized"),
+        ambiguous_share=state_share(facts, "ambiguous"),
+        lost_share=state_share(facts, "lost"),
+        searching_share=state_share(facts, "searching"),
         localized_wrong_share=(
             share([step.state == "localized" and not step.right for step in judged]) or 0.0
         ),
@@ -238,6 +251,11 @@ def root_mean_square(values: Sequence[float]) -> float | None:
 def share(flags: Sequence[bool] | Sequence[float]) -> float | None:
     """Share of those that are set, or the mean; None of none."""
     return sum(flags) / len(flags) if flags else None
+
+
+def state_share(facts: Sequence[StepFacts], state: State) -> float:
+    """Share of the updates with a state; 0 of none."""
+    return share([step.state == state for step in facts]) or 0.0
 
 
 def right_at(facts: Sequence[StepFacts], update: int) -> bool | None:

@@ -49,8 +49,8 @@ class Observer:
         state, places = outcome.state, outcome.hypotheses
         symmetry = self._case.symmetry
         copies = turned_copies(truth, symmetry, self._middle) if truth else ()
-        elsewhere = outcome.elsewhere_probability
-        facts = facts_of(self._update, scan.stamp_ns, state, places, copies, elsewhere)
+        elsewhere, off_map = outcome.elsewhere_probability, outcome.off_map_probability
+        facts = facts_of(self._update, scan.stamp_ns, state, places, copies, elsewhere, off_map)
         self._facts.append(facts)
         if truth is None:
             return

@@ -30,6 +30,8 @@ class StepFacts:
     """For the true pose and each symmetric copy of it: the probability of all places that are
     right about it together; None where there is no such place. Empty: nobody knows the true
     pose."""
+    off_map: float = 0.0
+    """Probability that the robot is not on the map."""
 
     @property
     def judged(self) -> bool:
@@ -85,6 +87,7 @@ def facts_of(
     hypotheses: Sequence[Hypothesis],
     copies: Sequence[PoseTuple],
     elsewhere: float | None = None,
+    off_map: float = 0.0,
 ) -> StepFacts:
     """Note one step.
 
@@ -95,6 +98,7 @@ def facts_of(
         hypotheses: the places held after it, most probable first.
         copies: the true pose, then its symmetric copies; empty where nobody knows.
         elsewhere: probability that it is at none of the places, where the belief has one.
+        off_map: probability that the robot is not on the map.
     """
     told = hypotheses if copies else ()
     places = () if state == "searching" else told
@@ -108,6 +112,7 @@ def facts_of(
         told=tuple((p.probability, e.right) for p, e in zip(told, errors, strict=True)),
         elsewhere=elsewhere,
         copies=tuple(_probability_at(copy, places) for copy in copies),
+        off_map=off_map,
     )
 
 

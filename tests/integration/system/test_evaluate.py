@@ -1,6 +1,7 @@
 """`clustermcl evaluate`: many runs in parallel processes."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -54,6 +55,17 @@ def test_runs_are_those_of_their_seeds_however_many_run_at_a_time(
     assert all(run["steps"] == 20 for run in found["runs"])
     alone = results(*words, "--jobs", "1", folder=tmp_path, environment=environment)
     assert without_time(alone["runs"]) == without_time(found["runs"])
+
+
+def test_a_mirrored_robot_is_at_no_known_place(tmp_path: Path, environment: dict[str, str]) -> None:
+    words = [*ROBOT, "--mirrored", "--steps", "12"]
+    found = results(*words, folder=tmp_path, environment=environment)
+    (run,) = found["runs"]
+    assert found["mirrored"]
+    assert run["truth_probability_mean"] is None
+    states = ("localized", "ambiguous", "lost", "searching")
+    assert math.fsum(run[f"{state}_fraction"] for state in states) == pytest.approx(1.0)
+    assert 0.0 <= run["off_map_probability_mean"] <= 1.0
 
 
 def test_of_a_simulated_robot_every_start_has_a_seed_of_its_own(

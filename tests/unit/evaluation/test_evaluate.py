@@ -113,6 +113,7 @@ def test_without_a_reference_nothing_is_claimed() -> None:
     assert not verdict["localized"]
     assert verdict["confidently_wrong_fraction"] is verdict["truth_probability_mean"] is None
     assert verdict["steps"] == 12
+    assert verdict["localized_fraction"] == 1.0
 
 
 def test_what_is_first_held_where_nobody_knows_the_truth_ends_the_first_search() -> None:

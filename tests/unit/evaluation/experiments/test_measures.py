@@ -13,6 +13,7 @@ from evaluation.experiments.measures import (
     right_at,
 )
 from evaluation.experiments.step_facts import facts_of
+from protocol.answers import State
 from tests.unit.evaluation.experiments.made_up import (
     COPIES,
     NOWHERE,
@@ -168,9 +169,20 @@ def test_updates_that_nobody_can_judge_are_in_no_score() -> None:
     made = measures_of([unknown, told])
     assert made.log_score == pytest.approx(math.log(0.8))
     assert made.brier == pytest.approx(0.04)
-    assert made.elsewhere_probability == 0.2
     assert measures_of([unknown]).brier is measures_of([]).log_score is None
     assert measures_of([facts(1, place(1.0))]).elsewhere_probability is None
+
+
+def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
+    states: list[State] = ["searching", "ambiguous", "lost", "localized", "localized"]
+    run = [
+        facts_of(n, 0, state, [place(0.5)], COPIES if n > 3 else (), 0.5, 0.25 if n > 3 else 0.0)
+        for n, state in enumerate(states)
+    ]
+    made = measures_of(run)
+    assert (made.localized_share, made.ambiguous_share) == (0.4, 0.2)
+    assert (made.lost_share, made.searching_share) == (0.2, 0.2)
+    assert (made.elsewhere_probability, made.off_map_probability) == (0.5, 0.05)
 
 
 def test_a_run_of_nothing_has_no_numbers() -> None:

@@ -1,0 +1,61 @@
+"""A step seen in a mirror is a step of the mirror-image building."""
+
+import itertools
+import math
+
+import msgspec
+import numpy as np
+
+from evaluation.experiments.case import Case, SimulatedRobot
+from evaluation.experiments.course import course_of
+from evaluation.mirrored import mirrored
+from particle_filter.scan_points import points_in_robot
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.steps import LaserBeams, Scan
+
+MOUNT = (0.3, 0.1, 0.4)
+SCAN = Scan(
+    sender="test",
+    step=3,
+    stamp_ns=5,
+    odom_from_robot=(1.0, 2.0, 0.5),
+    robot_from_laser=MOUNT,
+    angle_min_rad=-1.0,
+    angle_step_rad=0.5,
+    range_max_m=10.0,
+    ranges=ArrayBlob.of(np.array([1.0, 2.0, np.inf, 4.0]), "float32"),
+    map_digest="",
+)
+
+
+def ends(laser: Scan | LaserBeams) -> np.ndarray:
+    """(B, 2) where the beams end, in the robot's frame."""
+    ranges = laser.ranges.array().astype(np.float64)
+    angles = laser.angle_min_rad + laser.angle_step_rad * np.arange(len(ranges))
+    return points_in_robot(ranges, angles, np.array(laser.robot_from_laser))
+
+
+def test_beams_end_on_the_other_side_of_the_robot() -> None:
+    other = LaserBeams(
+        robot_from_laser=(-0.3, 0.0, math.pi),
+        angle_min_rad=-0.7,
+        angle_step_rad=0.2,
+        range_max_m=8.0,
+        ranges=ArrayBlob.of(np.array([3.0, 5.0]), "float32"),
+    )
+    scan = msgspec.structs.replace(SCAN, others=(other,))
+    image = mirrored(scan)
+    for before, after in ((scan, image), (other, image.others[0])):
+        np.testing.assert_allclose(ends(after)[::-1], ends(before) * (1.0, -1.0), atol=1e-12)
+    assert image.odom_from_robot == (1.0, -2.0, -0.5)
+    assert mirrored(image) == scan
+
+
+def test_the_course_of_a_mirrored_robot_is_the_mirror_image_of_the_other() -> None:
+    case = Case(name="c", title="c", robot=SimulatedRobot(world="hall"), updates=5, seeds=1)
+    plain = itertools.islice(course_of(case, 1, BridgeSettings()).steps, 5)
+    image = course_of(msgspec.structs.replace(case, mirrored=True), 1, BridgeSettings())
+    for (scan, _), (seen, truth) in zip(plain, image.steps, strict=True):
+        assert seen == mirrored(scan)
+        assert truth is None
