@@ -103,7 +103,7 @@ def _say_where(page: Address, check: Callable[[], None]) -> None:
 
 
 def _view(options: DemoOptions, show: Show) -> View:
-    console = Console(stderr=options.as_json)
+    console = Console(stderr=options.as_json, emoji=False)
     steps = None if show.ends_when_localized else show.steps
     if is_quiet():
         return NoView()

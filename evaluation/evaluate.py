@@ -5,8 +5,12 @@ It is one experiment more, made of a person's options instead of taken from the 
 
 import json
 import os
+import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -124,15 +128,13 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.mirrored:
         title = f"{of}, mirrored: a robot that is nowhere in the map"
     if options.report_file is not None:
-        page = report_page(title, Run(tasks[0]).course.map, traces, _table_text(results))
+        tables = [_table_text(results, columns) for columns in (_POSES, *_MORE_TABLES.values())]
+        page = report_page(title, _made_by(), Run(tasks[0]).course.map, traces, tables)
         write_output_file(options.report_file, page)
-    for columns, text in (
-        (_POSES, title),
-        (_PROBABILITIES, "probability of the true place"),
-        (_STATES, "share of the steps in each state"),
-    ):
-        Console().print(text, soft_wrap=True, highlight=False, markup=False)
-        Console().print(_table(results, columns))
+    console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is no emoji
+    for heading, columns in {title: _POSES, **_MORE_TABLES}.items():
+        console.print(heading, soft_wrap=True)
+        console.print(_table(results, columns))
 
 
 def _check_record(file: Path, runs: int) -> None:
@@ -307,7 +309,7 @@ def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str
 
 def _progress() -> Progress:
     """On standard error, and only where somebody looks."""
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -368,9 +370,20 @@ _PROBABILITIES = {
 }
 
 
-def _table_text(runs: Sequence[dict[str, Any]]) -> TableText:
-    """All columns, for the page."""
-    columns = _POSES | _PROBABILITIES | _STATES
+_MORE_TABLES = {
+    "probability of the true place": _PROBABILITIES,
+    "share of the steps in each state": _STATES,
+}
+
+
+def _made_by() -> str:
+    """What a report says of its origin."""
+    command = shlex.join(["clustermcl", *sys.argv[1:]])
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, version {version('clustermcl')}: {command}"
+
+
+def _table_text(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> TableText:
+    """For the page."""
     rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
     return TableText(list(columns), rows)
 

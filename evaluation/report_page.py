@@ -16,7 +16,7 @@ from protocol.steps import MapMessage
 
 DRAWN_RUNS = 12
 """The first ones are drawn; all are in the table."""
-_WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 34.0, 18.0
+_WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 54.0, 18.0
 """Of a plot, and of what is left and below of its lines [px]."""
 _MOST_ERROR_M = 10.0
 _JUMP_M = 2.0
@@ -42,11 +42,19 @@ svg { width: 100%; height: auto; max-height: 600px; }
 .legend, figcaption { color: var(--soft); }
 figure { margin: 0 0 12px; }
 text { fill: var(--soft); font-size: 11px; }
-table { border-collapse: collapse; overflow-x: auto; display: block; }
+table { border-collapse: collapse; overflow-x: auto; display: block; margin-bottom: 14px; }
 th, td { text-align: right; padding: 3px 9px; white-space: nowrap; }
 th, td { border-bottom: 1px solid var(--line); }
-i { font-style: normal; font-weight: 600; }
-@media (max-width: 800px) { .run { grid-template-columns: 1fr; } }
+i { font-style: normal; font-weight: 600; white-space: nowrap; color: var(--ink); }
+i::before {
+  content: ""; display: inline-block; width: 18px; height: 3px; margin-right: 5px;
+  vertical-align: middle; background: var(--of);
+}
+code { overflow-wrap: anywhere; }
+@media (max-width: 800px) {
+  .run { grid-template-columns: 1fr; }
+  th, td { padding: 3px 4px; font-size: 13px; }
+}
 """
 
 _Curve = tuple[Sequence[tuple[int, float]], str]
@@ -61,23 +69,32 @@ class TableText:
     rows: Sequence[Sequence[str]]
 
 
-def report_page(title: str, grid_map: GridMap, traces: Sequence[Trace], table: TableText) -> str:
+def report_page(
+    title: str,
+    made_by: str,
+    grid_map: GridMap,
+    traces: Sequence[Trace],
+    tables: Sequence[TableText],
+) -> str:
     """The page.
 
     Args:
         title: what was run, and how it went.
+        made_by: when, by which version and command.
         grid_map: that all runs were in.
         traces: of the runs that are drawn.
-        table: of all runs.
+        tables: of all runs.
     """
     small = reduced(to_message(grid_map, "evaluate"))
     runs = "".join(_run(trace, small) for trace in traces if trace.steps)
     shown = html.escape(title)
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{shown}</title>'
-        f"<style>{_STYLE}</style></head><body>\n<h1>{shown}</h1>\n{_table(table)}\n"
-        f'<p class="legend">On the map: <i style="color:{_RIGHT}">the estimate, right</i>, '
-        f'<i style="color:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true way, '
+        f"<style>{_STYLE}</style></head><body>\n<h1>{shown}</h1>\n"
+        f'<p class="legend"><code>{html.escape(made_by)}</code></p>\n'
+        f"{''.join(map(_table, tables))}\n"
+        f'<p class="legend">On the map: <i style="--of:{_RIGHT}">the estimate, right</i>, '
+        f'<i style="--of:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true way, '
         f"dotted. Drawn are the first {DRAWN_RUNS} runs, as far as the true pose is known.</p>\n"
         '<svg width="0" height="0" style="position:absolute"><defs>'
         f"{_shared_map(small)}</defs></svg>\n{runs}</body></html>\n"
@@ -112,8 +129,8 @@ def _run(trace: Trace, grid_map: MapMessage) -> str:
         f"<figure>{_plot([(errors, _WRONG)], last, scale_m, ' m')}<figcaption>how far the most "
         f"probable place is off, up to {_MOST_ERROR_M:.0f} m</figcaption></figure>"
         f"<figure>{_plot([*_of_clusters(placed), (of_truth, _TRUE)], last, 1.0)}<figcaption>"
-        "probability of each place, and of all that are right (dark)</figcaption></figure>"
-        "</div></section>\n"
+        "probability of each place, and of all that are right (the thick line)"
+        "</figcaption></figure></div></section>\n"
     )
 
 
@@ -197,7 +214,7 @@ def _plot(curves: Sequence[_Curve], last: int, most: float, unit: str = "") -> s
         for _, y in [place(0, value)]
     ]
     drawn = [
-        f'<polyline fill="none" stroke-width="1.6" '
+        f'<polyline fill="none" stroke-width="{3.0 if colour == _TRUE else 1.6}" '
         f'stroke="{"currentColor" if colour == _TRUE else colour}" '
         f'points="{" ".join("{:.1f},{:.1f}".format(*place(*point)) for point in curve)}"/>'
         for curve, colour in curves

@@ -138,9 +138,18 @@ def _draw_place(
     draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
     draw.polygon(nose, fill=colour)
     if labelled:
-        text, font = f"{100 * place['p']:.0f} %", ImageFont.load_default(size=24)
+        text, font = percent(place["p"]), ImageFont.load_default(size=24)
         draw.text((x, y - radius - 24), text, fill=_INK, font=font, anchor="mm", stroke_width=5,
                   stroke_fill="white")  # fmt: skip
+
+
+def percent(probability: float) -> str:
+    """As `palette.js` writes it: what is small is not 0."""
+    if probability >= 0.9995:
+        return "100 %"
+    if probability < 0.001:
+        return "< 0.1 %"
+    return f"{100 * probability:.{1 if probability < 0.0995 else 0}f} %"
 
 
 def _ellipse(view: _View, place: Mapping[str, Any]) -> list[tuple[float, float]]:

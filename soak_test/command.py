@@ -112,7 +112,7 @@ def soak(
     given += [f"seed={seed}"] if seed is not None else []
     settings = load_settings(settings_file, [*given, *(assignments or ())])
     stop = stop_on_signals(exit_after_s=_END_WITHIN_S)
-    console = Console()
+    console = Console(emoji=False)
     if not console.is_terminal:
         console.width = 132
     progress = ConsoleProgress(console, minutes)

@@ -81,7 +81,8 @@ class Inbox(Generic[EventT]):
                 waiting.queue and waiting.bytes + _size(state) > self._max_bytes
             ):
                 waiting.popleft()
-                self._dropped[kind] += 1
+                if self._bounds[kind] > 1:  # else only the newest was ever wanted
+                    self._dropped[kind] += 1
             self._append(waiting, state)
 
     def count_refused(self, kind: str) -> None:

@@ -78,7 +78,7 @@ def experiments(
     )
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see above
 
-    console = Console()
+    console = Console(emoji=False)
     if list_only:
         console.print(listing(*available(data)))
         return

@@ -97,3 +97,13 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
         assert code == (-signal.SIGKILL if number == signal.SIGKILL else 130)
         assert evaluation.err == ""
         evaluation.assert_nothing_runs()
+
+
+def test_the_name_of_a_world_is_printed_as_it_is(
+    tmp_path: Path, environment: dict[str, str]
+) -> None:
+    """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""
+    words = ("evaluate", "sim:office", "--steps", "1", *SMALL_FILTER)
+    with typed(*words, folder=tmp_path, environment=environment) as command:
+        assert command.popen.wait(100.0) == 0, command.err
+        assert "cluster-mcl on sim:office: localized in 0 of 1" in command.out

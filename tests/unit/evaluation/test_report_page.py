@@ -19,7 +19,9 @@ def step(update: int, x: float, *, right: bool) -> TraceStep:
 
 
 def page(*steps: TraceStep) -> str:
-    return report_page("cluster-mcl on <sim>", ROOM, [Trace(7, list(steps))], TABLE)
+    return report_page(
+        "cluster-mcl on <sim>", "today, version 1: <x>", ROOM, [Trace(7, list(steps))], [TABLE]
+    )
 
 
 def test_the_page_needs_nothing_from_elsewhere() -> None:
@@ -34,6 +36,7 @@ def test_what_is_named_cannot_break_the_page() -> None:
     assert "<sim>" not in text
     assert "<td><b>" not in text
     assert "&lt;sim&gt;" in text
+    assert "version 1: &lt;x&gt;" in text
 
 
 def test_every_drawing_is_well_formed() -> None:
@@ -67,3 +70,11 @@ def test_a_run_without_a_known_truth_is_in_the_table_alone() -> None:
     text = page()
     assert "seed 7" not in text
     assert "0.07" in text
+
+
+def test_the_longest_label_of_a_plot_has_room() -> None:
+    off = TraceStep(1, (0.0, 0.0, 0.0), True, 1.0, (TracePlace(0, 1.0, (0.04, 0.0)),))
+    labels = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="end">([\d.]+ m)<', page(off))
+    assert [label for _, label in labels] == ["0 m", "0.1 m", "0.2 m"]
+    for right_px, label in labels:
+        assert float(right_px) > 8.0 * len(label), "a digit of 11 px is up to 7 px wide"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from live_view.colour_slots import SLOTS
-from live_view.drawing import PALETTE, drawn_picture
+from live_view.drawing import PALETTE, drawn_picture, percent
 from live_view.static_files import static_files
 from protocol.steps import MapMessage
 from tests.unit.live_view.messages import map_message
@@ -91,3 +91,11 @@ def test_no_place_yet_is_no_problem() -> None:
 def test_any_probability_can_be_drawn(probability: float) -> None:
     place = {**step()["places"][0], "p": probability, "cov": (0.0, 0.0, 0.0, 0.0)}
     assert drawn_picture(room(), step(places=[place])).size == (1448, 748)
+
+
+@pytest.mark.parametrize(
+    ("probability", "written"),
+    [(1.0, "100 %"), (0.994, "99 %"), (0.0312, "3.1 %"), (0.004, "0.4 %"), (2e-5, "< 0.1 %")],
+)
+def test_a_small_probability_is_not_written_as_zero(probability: float, written: str) -> None:
+    assert percent(probability) == written
