@@ -16,8 +16,8 @@ from clustermcl.demo_view import LineView, LiveView, NoView, View
 from clustermcl.loudness import is_verbose
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
-from clustermcl.view import page_address, say_link
-from live_view.admission import Address
+from clustermcl.view import say_link
+from live_view.admission import Address, parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
@@ -82,7 +82,7 @@ def _page_at(view_at: str) -> Address:
     Raises:
         SettingsError: others would reach it: that wants a token, as of `clustermcl view`.
     """
-    address = page_address(view_at)
+    address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
         problem = "--listen: a demo is shown on this machine alone, at a port that is named"
         raise SettingsError(key="--listen", problem=problem)

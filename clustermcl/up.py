@@ -6,9 +6,9 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
-from clustermcl.view import page_address
 from coordinator.last_pose_files import default_state_folder
 from grid_maps.load import load_map_with_obstacles, map_file_of
+from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
@@ -54,7 +54,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
 
 def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
-    address = page_address(view_at)
+    address = parsed_address(view_at)
     return ["--listen", address.netloc, *(["--allow-commands"] if allow_commands else [])]
 
 

@@ -5,14 +5,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, assert_never
+from typing import assert_never
 
 from coordinator.recorder.replay import recorded_bridge, replayed
 from grid_maps.load import load_map, map_file_of
 from grid_maps.map_message import to_message
-from live_view.admission import Address, parsed_address
+from live_view.admission import parsed_address
+from live_view.process import serve_page
+from live_view.recorded_bag import bag_run
+from live_view.recorded_run import RecordedRun, flight_run, serve_recording
+from live_view.serving import PageOptions
 from process_runtime.bag_file import BagFile, is_bag
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
@@ -20,17 +23,6 @@ from process_runtime.stop import stop_on_signals
 from protocol.errors import ClusterMclError, MapFileError, RecordingError
 from protocol.steps import MapMessage
 from robot_simulator.source import simulated_world
-
-if TYPE_CHECKING:
-    from live_view.recorded_run import RecordedRun
-
-
-class PageNotInstalledError(ClusterMclError):
-    """What serves the page is an extra, and it is not there."""
-
-    def __init__(self) -> None:
-        self.package, self.extra = "websockets", "view"
-        super().__init__(f"the page needs {self.package!r}: pip install 'clustermcl[{self.extra}]'")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,34 +42,16 @@ class ViewOptions:
     """Of the recording; None: the one that its settings name."""
 
 
-def page_address(listen: str) -> Address:
-    """Where the page is going to be served.
-
-    Raises:
-        PageNotInstalledError: what serves it is not installed.
-        SettingsError: it is no address.
-    """
-    if find_spec("websockets") is None:
-        raise PageNotInstalledError
-    return parsed_address(listen)
-
-
 def run_view(settings: Settings, options: ViewOptions) -> None:
     """Serve the page; it waits for the system, and for its return.
 
     Raises:
-        PageNotInstalledError: what serves it is not installed.
         SettingsError: the address, a certificate or a name cannot be used.
         InputFileError: there is no recording, or one that cannot be read.
         MapFileError: the map of the recording cannot be read.
     """
-    address = page_address(options.listen)
-    from live_view.process import serve_page  # noqa: PLC0415 - needs the extra
-    from live_view.recorded_run import serve_recording  # noqa: PLC0415 - so does this
-    from live_view.serving import PageOptions  # noqa: PLC0415 - and this
-
     page = PageOptions(
-        address=address,
+        address=parsed_address(options.listen),
         allow_commands=options.allow_commands,
         open_browser=options.open_browser,
         certificate=options.certificate,
@@ -91,11 +65,8 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
 
 
 @contextmanager
-def _opened_run(path: Path, map_file: Path | None) -> "Iterator[RecordedRun]":
+def _opened_run(path: Path, map_file: Path | None) -> Iterator[RecordedRun]:
     """A recording, whichever it is."""
-    from live_view.recorded_bag import bag_run  # noqa: PLC0415 - needs the extra
-    from live_view.recorded_run import RecordedRun, flight_run  # noqa: PLC0415 - so does this
-
     if is_bag(path):
         with BagFile(path, RecordingError) as bag:
             telling = bag_run(bag, path)

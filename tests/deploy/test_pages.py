@@ -23,6 +23,7 @@ REPOSITORY = Path(__file__).parents[2]
 OPERATIONS = (REPOSITORY / "docs" / "operations.md").read_text()
 SECURITY = (REPOSITORY / "docs" / "security.md").read_text()
 PAGES = OPERATIONS + SECURITY
+README = (REPOSITORY / "README.md").read_text()
 DOCS = sorted((REPOSITORY / "docs").rglob("*.md"))
 PYTHON = [
     file.relative_to(REPOSITORY)
@@ -159,6 +160,45 @@ def test_every_fault_that_is_tested_stands_in_the_table_of_failures() -> None:
     table = (REPOSITORY / "docs" / "failures.md").read_text()
     tests = {file.name for file in (REPOSITORY / "tests/integration/faults").glob("test_*.py")}
     assert set(re.findall(r"`(test_\w+\.py)`", table)) == tests
+
+
+def test_the_readme_fits_a_screen() -> None:
+    lines = README.splitlines()
+    assert len(lines) < 100
+    assert [line for line in lines if len(line) > 100] == []
+
+
+def anchors(page: Path) -> set[str]:
+    """The names that a forge gives to the headings of a page."""
+    headings = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_every_link_of_the_readme_leads_somewhere() -> None:
+    links = re.findall(r'\]\(([^)]+)\)|src(?:set)?="([^"]+)"', README)
+    assert len(links) > 10
+    for target, _, anchor in ("".join(link).partition("#") for link in links):
+        page = REPOSITORY / target
+        assert page.is_file(), target
+        assert not anchor or anchor in anchors(page), (target, anchor)
+
+
+def test_the_pictures_of_the_page_are_small() -> None:
+    for scheme in ("light", "dark"):
+        assert (REPOSITORY / "docs" / f"page-{scheme}.webp").stat().st_size < 1_500_000
+
+
+def test_the_gates_name_the_commands_of_the_readme() -> None:
+    """`.ci/run` repeats them in its head, a line each."""
+    head = (REPOSITORY / ".ci" / "run").read_text()
+    commands = [
+        block.replace(" \\\n", " ").strip()
+        for block in re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
+        if "--require-hashes" in block
+    ]
+    assert len(commands) == 2
+    for command in commands:
+        assert f" {command}\n" in head, command
 
 
 def blocks(page: str) -> list[str]:

@@ -9,23 +9,10 @@ from clustermcl.demo import run_demo
 from clustermcl.demo_show import DemoOptions
 from clustermcl.snapshot import save_snapshot
 from coordinator.recorder.replay import FlightRecordingError
-from live_view.admission import Address
 from process_runtime.output_files import OutputError
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.errors import SettingsError
 from robot_simulator.worlds.catalogue import world
-
-
-def test_without_the_extra_a_person_is_told_what_to_install(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(view, "find_spec", lambda _name: None)
-    with pytest.raises(view.PageNotInstalledError, match=r"clustermcl\[view\]"):
-        view.page_address("127.0.0.1:1")
-
-
-def test_with_it_the_address_is_read() -> None:
-    assert view.page_address("127.0.0.1:81") == Address("127.0.0.1", 81)
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8350", "127.0.0.1:0"])
