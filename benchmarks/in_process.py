@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.cases import CELL_M, CENTRE, cells
 from particle_filter import belief
-from particle_filter.evidence_model import counted
+from particle_filter.evidence_model import contenders, counted
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
@@ -44,7 +44,8 @@ def steps(
         scan = _scan(step, seen_m + rng.normal(0.0, 0.02, len(seen_m)), angles)
         reports = [job.advance(scan) for job in jobs]
         evidence = np.array([report.log_weight_sum - np.log(particles) for report in reports])
-        told = counted(evidence, 0.2, settings.belief.evidence_noise)
+        contends = contenders(log_belief)
+        told = counted(evidence, contends, 0.2, settings.belief.evidence_noise)
         log_belief = belief.mixed(belief.updated(log_belief, told), 0.0001)
         yield log_belief
         step += 1

@@ -15,27 +15,56 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Pose
 from particle_filter.settings import BeliefSettings, SensorSettings
 
+CONTENDED = 0.99
+"""The most probable hypotheses with this share of the belief are the contenders."""
 
-def counted(log_evidence: NDArray[np.float64], share: float, noise: float) -> NDArray[np.float64]:
-    """How much each hypothesis has lost against the one that fits best, as it counts.
 
-    What lies within the Monte Carlo error of averages over particles counts next to nothing:
-    d^2 / (d + noise) for a difference of d, so that places that look alike stay alike.
+def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """The most probable hypotheses that together hold `CONTENDED` of the belief.
+
+    Equally probable ones are all contenders, or none of them is.
+
+    Args:
+        log_belief: (K,) natural logarithms of probabilities, at least one of them finite.
+
+    Returns:
+        (K,) never all false.
+    """
+    probability = np.exp(log_belief - np.max(log_belief))
+    ordered = np.sort(probability)
+    up_to = np.cumsum(ordered)
+    no_more_probable = up_to[np.searchsorted(ordered, probability, side="right") - 1]
+    return np.asarray(no_more_probable > (1.0 - CONTENDED) * up_to[-1])
+
+
+def counted(
+    log_evidence: NDArray[np.float64],
+    contends: NDArray[np.bool_],
+    share: NDArray[np.float64] | float,
+    noise: float,
+) -> NDArray[np.float64]:
+    """How much each hypothesis gains on the best-fitting contender, as it counts.
+
+    Differences within the Monte Carlo error of averages over particles count next to nothing:
+    d |d| / (|d| + noise) for a difference of d, so that places that look alike stay alike. Far
+    from zero this is linear. So the reference must be a contender: against an improbable
+    hypothesis that fits far better, the noise between two probable ones would count in full.
 
     Args:
         log_evidence: (K,) log of each one's average likelihood; NaN, a missing report, stays.
-        share: of a difference that counts. One, and a noise of zero, are the paper's update.
+        contends: (K,) which may be the reference; one that has reported at least.
+        share: of a difference that counts, for all or (K,) for each. One, and a noise of zero, are
+            the paper's update.
         noise: Monte Carlo error of a difference [nat].
 
     Returns:
-        (K,) logarithms of at most zero.
+        (K,) logarithms: at most zero for contenders.
     """
-    if np.all(np.isnan(log_evidence)):
-        return log_evidence
-    lost = np.nanmax(log_evidence) - log_evidence
+    gained = log_evidence - np.nanmax(log_evidence[contends])
     if noise > 0.0:
-        lost = lost**2 / (lost + noise)
-    return np.asarray(-share * lost)
+        size = np.abs(gained)
+        gained = gained * size / (size + noise)
+    return np.asarray(share * gained)
 
 
 def share_that_counts(new_view: float, misfit: float, rules: BeliefSettings) -> float:

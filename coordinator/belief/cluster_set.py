@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.evidence_model import counted, misfit, new_view, share_that_counts
+from particle_filter.evidence_model import contenders, counted, misfit, new_view, share_that_counts
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
@@ -142,7 +142,9 @@ class ClusterSet:
         reported = ~np.isnan(evidence)
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
-        told = counted(evidence, self._share_that_counts(reports), self._rules.evidence_noise)
+        contends = contenders(np.where(reported, among, -np.inf))
+        share = self._share_that_counts(reports, contends)
+        told = counted(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
         among = belief.mixed(among, self._rules.transition_probability * news)
         if not math.isnan(elsewhere):
@@ -163,12 +165,21 @@ class ClusterSet:
         log_there = float(np.logaddexp(self.log_elsewhere, log_here + math.log(hazard)))
         return log_here + math.log1p(-hazard), log_there
 
-    def _share_that_counts(self, reports: Mapping[str, TrackReport]) -> float:
-        """Of what tells the clusters apart: the best one's fit decides."""
-        fits = [report.log_likelihood_per_beam for report in reports.values()]
-        best = max((fit for fit in fits if not math.isnan(fit)), default=math.nan)
-        seen = max(new_view(r.moved_m, r.turned_rad, self._rules) for r in reports.values())
-        return share_that_counts(seen, misfit(best, self._sensor), self._rules)
+    def _share_that_counts(
+        self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_]
+    ) -> NDArray[np.float64]:
+        """(K,) of what tells each cluster from the contenders; 0 without a report.
+
+        The best fit of these, the cluster included, decides: what explains a scan may be the one
+        that has been improbable so far.
+        """
+        rules, ordered = self._rules, [reports.get(job_id) for job_id in self.job_ids]
+        fit = np.array([r.log_likelihood_per_beam if r else math.nan for r in ordered])
+        seen = np.array([new_view(r.moved_m, r.turned_rad, rules) if r else 0.0 for r in ordered])
+        fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
+        seen = np.maximum(seen, np.max(seen[contends]))
+        pairs = zip(seen.tolist(), fit.tolist(), strict=True)
+        return np.array([share_that_counts(s, misfit(f, self._sensor), rules) for s, f in pairs])
 
     def _news_of_elsewhere(self, report: TrackReport) -> float:
         return -math.expm1(-report.moved_m / NEWS_M - report.turned_rad / NEWS_RAD)

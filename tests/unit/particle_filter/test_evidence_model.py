@@ -7,41 +7,88 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from particle_filter.evidence_model import counted, misfit, new_view, share_that_counts, way
+from particle_filter.evidence_model import (
+    contenders,
+    counted,
+    misfit,
+    new_view,
+    share_that_counts,
+    way,
+)
 from particle_filter.poses import between
 from particle_filter.settings import BeliefSettings, SensorSettings
 
 RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_misfit=0.5)
 EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
+ALL = np.ones(5, np.bool_)
 
 
 def test_differences_to_the_best_count_by_their_share_and_missing_reports_stay() -> None:
     evidence = np.array([-11.0, np.nan, -10.0, -14.0])
-    np.testing.assert_allclose(counted(evidence, 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
-    np.testing.assert_allclose(counted(evidence, 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
-    np.testing.assert_array_equal(counted(np.full(2, np.nan), 0.5, 0.1), np.full(2, np.nan))
+    np.testing.assert_allclose(counted(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
+    np.testing.assert_allclose(counted(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
 
 
 @given(EVIDENCE)
 def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> None:
-    np.testing.assert_allclose(counted(evidence, 1.0, 0.0), evidence - evidence.max())
+    np.testing.assert_allclose(counted(evidence, ALL, 1.0, 0.0), evidence - evidence.max())
 
 
 def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
     evidence = -np.array([0.0, 0.003, 0.3, 3.0, 300.0])
     expected = [0.0, 0.003 * 0.003 / 0.303, 0.15, 9.0 / 3.3, 300.0 * 300.0 / 300.3]
-    np.testing.assert_allclose(counted(evidence, 0.5, 0.3), -0.5 * np.array(expected))
+    np.testing.assert_allclose(counted(evidence, ALL, 0.5, 0.3), -0.5 * np.array(expected))
 
 
 @given(EVIDENCE, st.floats(0.0, 1.0), st.floats(0.0, 2.0))
 def test_who_fits_better_never_counts_for_less_and_nobody_counts_for_more_than_the_difference(
     evidence: NDArray[np.float64], share: float, noise: float
 ) -> None:
-    told = counted(evidence, share, noise)
+    told = counted(evidence, ALL, share, noise)
     assert np.all(np.diff(told[np.argsort(evidence)]) >= 0.0)
     assert told.max() == 0.0
     lost = evidence.max() - evidence
     assert np.all(-told <= lost * (1.0 + 1e-12))
+
+
+def test_an_improbable_hypothesis_gains_as_much_as_a_probable_one_would_lose_to_it() -> None:
+    evidence, contends = np.array([0.0, -0.3, 5.0]), np.array([True, True, False])
+    expected = [0.0, -0.3 * 0.3 / 0.6, 5.0 * 5.0 / 5.3]
+    np.testing.assert_allclose(counted(evidence, contends, 1.0, 0.3), expected)
+
+
+@given(EVIDENCE, st.floats(0.0, 2.0), st.floats(-1e6, 1e6))
+def test_what_contenders_gain_does_not_depend_on_what_is_no_contender(
+    evidence: NDArray[np.float64], noise: float, other: float
+) -> None:
+    contends = np.array([True, True, True, True, False])
+    one = counted(evidence, contends, 0.5, noise)
+    evidence[-1] = other
+    np.testing.assert_array_equal(counted(evidence, contends, 0.5, noise)[:-1], one[:-1])
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "expected"),
+    [
+        ([1.0], [True]),
+        ([0.5, 0.5], [True, True]),
+        ([0.6, 0.389, 0.011], [True, True, True]),
+        ([0.6, 0.391, 0.009], [True, True, False]),
+        ([0.6, 0.389, 0.0055, 0.0055], [True, True, True, True]),
+        ([0.992, 0.004, 0.004], [True, False, False]),
+        ([0.009, 0.1, 0.891], [False, True, True]),
+        ([0.005] * 200, [True] * 200),
+        ([0.0, 1.0], [False, True]),
+    ],
+)
+def test_contenders_are_the_most_probable_with_99_percent_of_the_belief(
+    probabilities: list[float], expected: list[bool]
+) -> None:
+    """Whatever the sum of all is: of hypotheses without a report nothing is known."""
+    with np.errstate(divide="ignore"):
+        logs = np.log(probabilities)
+    for shift in (0.0, -1000.0):
+        assert contenders(logs + shift).tolist() == expected
 
 
 def test_less_counts_the_worse_the_best_one_fits() -> None:

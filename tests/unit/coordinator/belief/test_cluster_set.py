@@ -132,6 +132,46 @@ def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhe
     assert math.log(one / other) == pytest.approx(math.log(5 / 3) + 0.25 * math.log(4.0))
 
 
+NATS = st.floats(-30.0, 30.0)
+FITS = st.floats(-3.0, 1.0) | st.just(math.nan)
+
+
+@hypothesis.given(
+    st.floats(0.2, 0.8), NATS, NATS, NATS, st.floats(0.0, 0.009), FITS, FITS, FITS,
+    st.floats(0.0, 9.0),
+)  # fmt: skip
+def test_two_places_are_told_apart_as_if_there_were_no_improbable_third(
+    share: float, a: float, b: float, c: float, third: float, fit_a: float, fit_b: float,
+    fit_c: float, way_c_m: float,
+) -> None:  # fmt: skip
+    """However well the third one fits, and however far its worker says that the robot went."""
+    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25, "view_distance_m": 0.8}
+    likelihoods = [math.exp(nat) for nat in (a, b, c)]
+    reports = told(*likelihoods, moved_m=0.5)
+    for (job, report), fit in zip(reports.items(), (fit_a, fit_b, fit_c), strict=True):
+        reports[job] = replace(report, log_likelihood_per_beam=fit)
+    reports["c2"] = replace(reports["c2"], moved_m=way_c_m)
+    two = first(share, 1.0 - share, **rules)
+    three = first(share * (1.0 - third), (1.0 - share) * (1.0 - third), third, **rules)
+    for made in (two, three):
+        made.weigh(reports)
+    with_third, alone = ([c.log_probability for c in made.all()] for made in (three, two))
+    assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
+
+
+def test_an_improbable_place_that_fits_far_better_rises_by_what_explains_the_scan() -> None:
+    """Its own fit, not that of the probable places, which do not explain the scan."""
+    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25, "kidnapping_probability": 0.0}
+    made = first(0.997, 0.003, **rules)
+    reports = told(math.exp(-9.0), 1.0, fit=-1.0)
+    good = math.log(0.75 / (math.sqrt(2.0 * math.pi) * SensorSettings().hit_sigma_m))
+    reports["c1"] = replace(reports["c1"], log_likelihood_per_beam=good)
+    made.weigh(reports)
+    one, other, _ = probabilities(made)
+    gained = math.log(other / one) - math.log(0.003 / 0.997)
+    assert gained == pytest.approx(81.0 / 9.3, rel=0.02)
+
+
 def test_the_longest_way_that_clusters_tell_of_is_how_much_of_a_new_view_a_scan_is() -> None:
     """One that began a moment ago tells of less of the way."""
     both, one = (first(0.6, 0.3, view_distance_m=2.0) for _ in range(2))
