@@ -96,6 +96,11 @@ class Coordinator:
         return self._state.map_digest
 
     @property
+    def filter_settings(self) -> FilterSettings:
+        """The filter's numbers, as workers get them."""
+        return self._state.ensemble.settings
+
+    @property
     def begun(self) -> bool:
         """Whether it knows enough to answer."""
         return self._term.begun

@@ -32,6 +32,8 @@ from coordinator.outgoing import Outgoing
 from coordinator.pose.last_pose import LastPose
 from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
+from coordinator.report_sizes import check_places, has_too_large_snapshot
+from coordinator.step_collector import without_snapshot
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.memory import AfterLargeMessages
@@ -39,7 +41,7 @@ from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief, Relocalize, SetPose, Status
 from protocol.codec import decode
-from protocol.errors import MalformedMessageError, MapMismatchError
+from protocol.errors import MalformedMessageError, MapMismatchError, printable
 from protocol.health import Health
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import OdometryReading, Scan, ScanHistory
@@ -193,10 +195,24 @@ class CoordinatorLoop:
                 mark("decoded", report)
                 self._health.happened("reports")
                 # Who speaks is told by the key, which access control guards; not by the message.
-                return ReportArrived(worker, report)
+                return ReportArrived(worker, self._fitting(worker, report))
             case _:
                 problem = message.key
                 raise MalformedMessageError(expected="key of a coordinator's", problem=problem)
+
+    def _fitting(self, worker: str, report: Report) -> Report:
+        """A report of a size that the settings allow.
+
+        A snapshot that is too large is left out, and the rest counts: the worker may have begun
+        the job by settings of before.
+        """
+        settings = self._coordinator.filter_settings
+        check_places(report, settings)
+        if not has_too_large_snapshot(report, settings):
+            return report
+        detail = f"{worker}, job {printable(report.job_id)}"
+        self._causes.warn(_log, "snapshot with too many particles", detail, time.monotonic())
+        return without_snapshot(report)
 
     def _warn_of_another_map(self, scan: Scan) -> None:
         """Say which map is meant; the coordinator itself counts the scan and drops it."""

@@ -120,14 +120,23 @@ class CoordinatorState:
         self.placement.left(worker)
         self._changed = True
 
-    def on_report(self, report: Report, worker: str) -> None:
-        """A worker's job took a step; of a job that another worker has, it has nothing to say."""
+    def on_report(self, report: Report, worker: str, *, is_told_late: bool = False) -> None:
+        """A worker's job took a step; of a job that another worker has, it has nothing to say.
+
+        Args:
+            report: as the worker sent it.
+            worker: its name.
+            is_told_late: see `StepCollector.has_room_for`.
+        """
         jobs = self.placement.jobs
         if jobs.is_of_another(report.job_id, report.epoch, worker):
             self.counters["report of another worker's job"] += 1
             return
         if not jobs.is_current(report.job_id, report.epoch):
             self.counters["report of an old epoch"] += 1
+            return
+        if not self.collector.has_room_for(report, is_told_late=is_told_late):
+            self.counters["report far ahead, or beside too many"] += 1
             return
         in_time = self.collector.on_report(report)
         self.placement.reported(report, in_time=in_time)

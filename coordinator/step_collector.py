@@ -9,12 +9,16 @@ from coordinator.membership.jobs import HAND_OVER_NS
 from process_runtime.settings import CoordinatorSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
-from protocol.work import Report, SearchReport
+from protocol.work import Report, SearchReport, TrackReport
 
 FETCH_NS = 500_000_000
 """A scan that was lost on its way is waited for so long, while the bridge is asked for it."""
+REPORTS_AHEAD = 300
+"""Reports of steps further above the newest scan are refused; the bridge keeps as many scans."""
 KEPT_AHEAD = 1_000
 """Reports of at most so many different steps are kept."""
+BULKY_REPORTS = 16
+"""Reports of one job with places in them that wait: as many steps as a search is pooled from."""
 
 
 @dataclass
@@ -24,6 +28,20 @@ class OpenStep:
     scan: Scan | None = None
     arrived_ns: int = 0
     reports: dict[str, Report] = field(default_factory=dict)
+
+
+def is_bulky(report: Report) -> bool:
+    """Whether a report carries particles of places, which stay with it while it waits."""
+    return isinstance(report, SearchReport) or (
+        isinstance(report, TrackReport) and len(report.parts) > 0
+    )
+
+
+def without_snapshot(report: Report) -> Report:
+    """The report as it waits for its step: a job's particles are kept with the job, once."""
+    if isinstance(report, TrackReport) and report.snapshot is not None:
+        return msgspec.structs.replace(report, snapshot=None)
+    return report
 
 
 @dataclass(frozen=True)
@@ -125,17 +143,52 @@ class StepCollector:
         for opened in self._open.values():
             opened.arrived_ns = now_ns
 
+    def has_room_for(self, report: Report, *, is_told_late: bool = False) -> bool:
+        """Whether a report may wait for its step.
+
+        Args:
+            report: of a job's present worker.
+            is_told_late: a worker repeats it after a take-over, before the scans are fetched.
+        """
+        if self._is_over(report.step):
+            return True
+        newest = self._newest_scan_step
+        is_far = newest is not None and report.step > newest + REPORTS_AHEAD
+        if report.step not in self._open and len(self._open) > KEPT_AHEAD:
+            return False
+        if is_far and not is_told_late:
+            return False
+        return not is_bulky(report) or self._bulky_of(report) < BULKY_REPORTS
+
+    @property
+    def _newest_scan_step(self) -> int | None:
+        known = [step for step, opened in self._open.items() if opened.scan]
+        return max(known, default=self.before)
+
+    def _bulky_of(self, report: Report) -> int:
+        """How many reports of the same job on other steps wait with particles of places."""
+        return sum(
+            is_bulky(waiting)
+            for step, opened in self._open.items()
+            if step != report.step and (waiting := opened.reports.get(report.job_id)) is not None
+        )
+
     def on_report(self, report: Report) -> bool:
         """A report arrived; False when its step is over and it can tell nothing any more."""
-        if self._applied is not None and report.step <= self._applied.step:
-            if isinstance(report, SearchReport):
-                self._late.append(report)  # a search tells the same a step later
-                return True
+        if not self._is_over(report.step):
+            opened = self._open.setdefault(report.step, OpenStep())
+            opened.reports[report.job_id] = without_snapshot(report)
+            return True
+        if not isinstance(report, SearchReport):
             return False
-        if len(self._open) > KEPT_AHEAD and report.step not in self._open:
-            return False
-        self._open.setdefault(report.step, OpenStep()).reports[report.job_id] = report
+        self._late.append(report)  # a search tells the same a step later
+        of_job = [late for late in self._late if late.job_id == report.job_id]
+        if len(of_job) > BULKY_REPORTS:
+            self._late.remove(min(of_job, key=lambda late: late.step))
         return True
+
+    def _is_over(self, step: int) -> bool:
+        return self._applied is not None and step <= self._applied.step
 
     def ready(
         self,

@@ -13,11 +13,14 @@ from coordinator.failover.term import Term
 from coordinator.instructions import FetchScans, Instruction
 from coordinator.pose.last_pose import LastPose
 from coordinator.state import CoordinatorState
+from coordinator.step_collector import is_bulky, without_snapshot
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Report, SearchReport
 
 NEVER_LATER = 16
 """More steps than this lost before the first scan that is heard, and nobody looks for them."""
+EARLY_REPORTS, EARLY_BULKY_REPORTS = 10_000, 256
+"""Reports that are kept before the beginning, and those of them with particles of places."""
 
 
 class TakeOver:
@@ -91,8 +94,13 @@ class TakeOver:
         """A worker's job took a step; before the beginning nobody knows whether it counts."""
         if self._term.begun:
             self._state.on_report(report, worker)
+            return
+        early = self._early_reports
+        bulky = sum(is_bulky(waiting) for waiting, _ in early) if is_bulky(report) else 0
+        if len(early) < EARLY_REPORTS and bulky < EARLY_BULKY_REPORTS:
+            early.append((without_snapshot(report), worker))
         else:
-            self._early_reports.append((report, worker))
+            self._state.counters["report far ahead, or beside too many"] += 1
 
     # --- what is done
 
@@ -163,4 +171,4 @@ class TakeOver:
         applied = self._state.collector.applied
         for report in told.reports:
             if isinstance(report, SearchReport) or applied is None or report.step > applied.step:
-                self._state.on_report(report, worker)
+                self._state.on_report(report, worker, is_told_late=True)

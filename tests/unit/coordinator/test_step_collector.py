@@ -1,6 +1,13 @@
-from coordinator.step_collector import FETCH_NS, HAND_OVER_NS, StepCollector
+from coordinator.step_collector import (
+    BULKY_REPORTS,
+    FETCH_NS,
+    HAND_OVER_NS,
+    KEPT_AHEAD,
+    REPORTS_AHEAD,
+    StepCollector,
+)
 from process_runtime.settings import CoordinatorSettings
-from tests.unit.coordinator.reports import elsewhere, scan, searched, tracked
+from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked
 
 HERE = (0.0, 0.0, 0.0)
 DEADLINE_NS = 500_000_000
@@ -165,3 +172,63 @@ def test_steps_before_the_first_that_is_searched_for_are_nobodys() -> None:
     made.begin_after(20)
     made.on_scan(scan(7), 2)
     assert made.ready([], never_placed, 3) is not None, "it has begun, and goes on from there"
+
+
+def test_a_report_of_a_step_far_above_all_scans_finds_no_room() -> None:
+    made = collector()
+    made.on_scan(scan(7), 0)
+    assert made.has_room_for(tracked("c0", 7 + REPORTS_AHEAD, 1.0, HERE))
+    far = tracked("c0", 8 + REPORTS_AHEAD, 1.0, HERE)
+    assert not made.has_room_for(far)
+    assert made.has_room_for(far, is_told_late=True), "its scan is still to be fetched"
+    made.ready([], never_placed, 0)
+    assert not made.has_room_for(far)
+    assert made.has_room_for(tracked("c0", 3, 1.0, HERE)), "it is over, and kept nowhere"
+
+
+def test_what_is_told_late_is_of_a_bounded_number_of_steps() -> None:
+    made = collector()
+    made.on_scan(scan(0), 0)
+    for step in range(2 * KEPT_AHEAD):
+        report = tracked("c0", step, 1.0, HERE)
+        if made.has_room_for(report, is_told_late=True):
+            made.on_report(report)
+    assert not made.has_room_for(tracked("c0", KEPT_AHEAD + 1, 1.0, HERE), is_told_late=True)
+    assert made.has_room_for(tracked("c1", KEPT_AHEAD, 1.0, HERE), is_told_late=True)
+
+
+def test_particles_wait_with_no_step() -> None:
+    made = collector()
+    made.on_scan(scan(0), 0)
+    made.on_report(tracked("c0", 0, 1.0, HERE, snapshot=cloud_at(HERE, 0)))
+    ready = made.ready(["c0"], never_placed, 0)
+    assert ready is not None
+    assert ready.reports == (tracked("c0", 0, 1.0, HERE),)
+
+
+def test_of_one_search_a_bounded_number_of_reports_waits() -> None:
+    made = collector()
+    made.on_scan(scan(0), 0)
+    for step in range(BULKY_REPORTS):
+        assert made.has_room_for(searched("s0.0", step, {HERE: 1.0}))
+        made.on_report(searched("s0.0", step, {HERE: 1.0}))
+    assert not made.has_room_for(searched("s0.0", BULKY_REPORTS, {HERE: 1.0}))
+    assert made.has_room_for(searched("s0.0", 3, {HERE: 0.5})), "it takes the other's place"
+    assert made.has_room_for(searched("s0.1", BULKY_REPORTS, {HERE: 1.0}))
+    assert made.has_room_for(tracked("c0", BULKY_REPORTS, 1.0, HERE))
+
+
+def test_of_late_reports_of_one_search_the_newest_are_kept() -> None:
+    made = collector()
+    for step in range(2 * BULKY_REPORTS):
+        made.on_scan(scan(step), 0)
+        made.ready([], never_placed, 0)
+    for step in range(2 * BULKY_REPORTS):
+        assert made.on_report(searched("s0.0", step, {HERE: 1.0}))
+    made.on_report(searched("s0.1", 0, {HERE: 1.0}))
+    made.on_scan(scan(2 * BULKY_REPORTS), 0)
+    ready = made.ready([], never_placed, 0)
+    assert ready is not None
+    kept = [report.step for report in ready.reports if report.job_id == "s0.0"]
+    assert kept == list(range(BULKY_REPORTS, 2 * BULKY_REPORTS))
+    assert len(ready.reports) == BULKY_REPORTS + 1

@@ -1,0 +1,64 @@
+import pytest
+from msgspec.structs import replace
+
+from coordinator.report_sizes import check_places, has_too_large_snapshot
+from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
+from protocol.errors import MalformedMessageError
+from protocol.work import Report
+from tests.unit.coordinator.reports import (
+    cloud_at,
+    elsewhere,
+    found_places,
+    place,
+    searched,
+    tracked,
+)
+
+HERE = (0.0, 0.0, 0.0)
+SETTINGS = FilterSettings(
+    cluster=ClusterSettings(particles=2, split_min_share=0.5),
+    search=SearchSettings(places=3, places_with_particles=1, hand_over_particles=4),
+)
+"""Clouds of two particles, as the tests' are; three places of 4, 1 and 1 particles."""
+
+
+def test_a_snapshot_has_no_more_particles_than_a_cluster() -> None:
+    report = tracked("c0", 1, 1.0, HERE, snapshot=cloud_at(HERE, 1))
+    assert not has_too_large_snapshot(report, SETTINGS)
+    smaller = replace(SETTINGS, cluster=ClusterSettings(particles=1))
+    assert has_too_large_snapshot(report, smaller)
+    assert not has_too_large_snapshot(tracked("c0", 1, 1.0, HERE), smaller)
+    assert not has_too_large_snapshot(elsewhere(1, 0.0), smaller)
+
+
+def found(*counts: int) -> Report:
+    report = searched("s0.0", 1, {})
+    return replace(report, places=found_places([(0.1, HERE)] * len(counts), max(counts)))
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        found(1, 1, 1, 1),
+        found(4, 4),
+        replace(tracked("c0", 1, 1.0, HERE), parts=(place(0.3, HERE, 1),) * 4),
+    ],
+    ids=["places", "particles of places", "parts"],
+)
+def test_more_places_than_a_job_may_hand_over_are_refused(report: Report) -> None:
+    with pytest.raises(MalformedMessageError, match="by the settings") as caught:
+        check_places(report, SETTINGS)
+    assert caught.value.cause.endswith("more than its job allows")
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        found(2, 2, 2),
+        replace(tracked("c0", 1, 1.0, HERE), parts=(place(0.5, HERE, 1),) * 2),
+        elsewhere(1, 0.0),
+    ],
+    ids=["places", "parts", "elsewhere"],
+)
+def test_as_many_as_it_may_are_taken(report: Report) -> None:
+    check_places(report, SETTINGS)
