@@ -19,7 +19,7 @@ def settings_with_nav2(
         assignments: ``section.key=value``.
 
     Returns:
-        the settings, and a line for each parameter of nav2's that means nothing here.
+        the settings, and a line for each thing that is not as nav2's file says.
 
     Raises:
         InputFileError: a file cannot be read, or is not what it should be.
@@ -31,5 +31,4 @@ def settings_with_nav2(
     settings = load_settings(
         settings_file, assignments, beneath=read.values, beneath_from=str(nav2_params)
     )
-    lines = [f"{name} of nav2 has no effect: {why}" for name, why in read.without_effect.items()]
-    return settings, lines
+    return settings, list(read.notes)

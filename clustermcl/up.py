@@ -11,7 +11,7 @@ from grid_maps.load import load_map_with_obstacles, map_file_of
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
-from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
+from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from robot_simulator.source import simulated_world
@@ -84,7 +84,7 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
             _refuse_map(map_file_of(bridge.map, path))
             open_recording(path, bridge)
         case Live():
-            if not is_published(bridge.map, bridge.source):
+            if not is_published(bridge.map, bridge.source, ros2=settings.ros2.enabled):
                 _refuse_map(bridge.map)
         case choice:
             assert_never(choice)
@@ -93,8 +93,7 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
 def _refuse_map(map_file: str) -> None:
     """Refuse a map that is not named or cannot be used."""
     if not map_file:
-        problem = "bridge.map is empty: name the map file there, or by --set bridge.map="
-        raise SettingsError(key="bridge.map", problem=problem)
+        raise SettingsError(key="bridge.map", problem=NO_MAP)
     load_map_with_obstacles(map_file)
 
 

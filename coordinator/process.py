@@ -143,7 +143,7 @@ def lead(
 def state_folder(settings: CoordinatorSettings) -> Path | None:
     """Where the last pose is kept; None for nowhere."""
     named = settings.state_folder
-    if named == "off":
+    if named == "off" or settings.save_pose_every_s == 0.0:
         return None
     try:
         return Path(named).expanduser() if named else default_state_folder()

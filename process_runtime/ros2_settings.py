@@ -55,6 +55,9 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     laser_min_range_m: Annotated[
         float, described("nearer beams are no return; negative: as the scan says", "m")
     ] = -1.0
+    laser_max_range_m: Annotated[
+        float, described("farther beams are no return; 0 or negative: as the scan says", "m")
+    ] = -1.0
     first_map_only: Annotated[bool, described("keep the first map, whatever comes later")] = False
     set_initial_pose: Annotated[
         bool, described("begin at the initial pose below, each time it becomes active")
@@ -65,3 +68,8 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     always_reset_initial_pose: Annotated[
         bool, described("search everywhere after each reset, instead of going on")
     ] = False
+
+    def __post_init__(self) -> None:
+        """ROS 1 put a slash in front of frames; tf2 has none."""
+        for frame in ("global_frame", "odom_frame", "base_frame"):
+            msgspec.structs.force_setattr(self, frame, getattr(self, frame).removeprefix("/"))

@@ -53,7 +53,8 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     map: Annotated[
         str,
         described(
-            "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh: robot publishes it"
+            "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh, or empty with "
+            "ros2.enabled: the robot publishes it"
         ),
     ] = ""
     source: Annotated[
@@ -140,7 +141,7 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
         ),
     ] = ""
     save_pose_every_s: Annotated[
-        float, described("the last pose is written at most so often", "s", gt=0)
+        float, described("the last pose is written at most so often; 0: never", "s", ge=0)
     ] = 5.0
     last_pose_probability: Annotated[
         float,

@@ -28,9 +28,21 @@ class Simulated:
     """The name of a world, or the path of a map file."""
 
 
-def is_published(map_file: str, source: str) -> bool:
-    """Whether the map is ``zenoh`` too: a robot that publishes its readings publishes it."""
-    return map_file == _LIVE and source == _LIVE
+def is_published(map_file: str, source: str, *, ros2: bool) -> bool:
+    """Whether a robot that publishes its readings also publishes the map.
+
+    Args:
+        map_file: ``zenoh``, or empty with ROS: the map comes from ROS's topic.
+        source: of the readings.
+        ros2: the bridge to ROS is enabled.
+    """
+    return source == _LIVE and (map_file == _LIVE or (ros2 and not map_file))
+
+
+NO_MAP = (
+    "bridge.map is empty: name the map file by --set bridge.map=FILE; "
+    "with ros2.enabled=true it comes from ROS's topic"
+)
 
 
 SourceChoice: TypeAlias = Live | Recorded | Simulated

@@ -38,7 +38,7 @@ class LaserScans:
 
     Args:
         frames: what tf has told.
-        settings: frames, how long to wait, the shortest range.
+        settings: frames, how long to wait, the shortest and the longest range.
     """
 
     def __init__(self, frames: FrameBuffer, settings: Ros2Settings) -> None:
@@ -127,7 +127,7 @@ def laser_reading(
         scan: the message.
         base_from_laser: where the laser is on the robot.
         odom_from_robot: odometry at its stamp.
-        settings: the shortest range, and who speaks.
+        settings: the shortest and the longest range, and the sender.
 
     Raises:
         ValueError: the laser does not look along the floor, or is not on the robot.
@@ -139,6 +139,7 @@ def laser_reading(
         ranges[ranges < max(scan.range_min, settings.laser_min_range_m)] = (
             0.0  # no return, whatever it was
         )
+    longest_m = settings.laser_max_range_m
     start, step, ranges = counter_clockwise(
         float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
     )
@@ -148,7 +149,7 @@ def laser_reading(
         ranges=ArrayBlob.of(ranges, "float32"),
         angle_min_rad=start,
         angle_step_rad=step,
-        range_max_m=float(scan.range_max),
+        range_max_m=min(float(scan.range_max), longest_m if longest_m > 0.0 else math.inf),
         robot_from_laser=base_from_laser.planar(),
         odom_from_robot=odom_from_robot,
         laser=frame_name(scan.header.frame_id),

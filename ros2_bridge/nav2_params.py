@@ -9,7 +9,7 @@ import yaml
 
 from process_runtime.settings_file import content_of
 from protocol.errors import InputFileError
-from ros2_bridge.parameter_table import PARAMETERS, Value
+from ros2_bridge.parameter_table import INSTEAD, PARAMETERS, Value
 
 _PARAMETERS = "ros__parameters"
 _ANY_NODE = ("/**", "/*")
@@ -22,11 +22,12 @@ class Nav2Params:
 
     Args:
         values: settings by their dotted names.
-        without_effect: parameters that mean nothing here, and why.
+        notes: a line for each thing that is not as the file says: a value other than nav2's
+            default that means nothing here, or that something stands in for.
     """
 
     values: dict[str, Value]
-    without_effect: dict[str, str]
+    notes: tuple[str, ...]
 
 
 def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
@@ -40,27 +41,31 @@ def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
     Raises:
         InputFileError: the file cannot be read, is no such file, or says nothing of that node.
     """
-    found = dict(_flat(_of_node(_tree(path), node_name, path)))
+    namespace, parameters = _of_node(_tree(path), node_name, path)
     values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": node_name}
-    without_effect: dict[str, str] = {}
-    for name, value in found.items():
+    notes = []
+    if namespace:
+        values["ros2.namespace"] = namespace
+        values |= {"ros2.tf_topic": "tf", "ros2.tf_static_topic": "tf_static"}
+        notes.append(f"{namespace}: tf is {namespace}/tf there, as nav2's launch files remap it")
+    for name, value in _flat(parameters):
         parameter = PARAMETERS.get(name)
         if parameter is None:
-            without_effect[name] = "AMCL has no such parameter"
-        elif not parameter.setting:
-            without_effect[name] = parameter.reason
-        else:
-            if isinstance(value, bool) != isinstance(parameter.default, bool) or (
-                isinstance(value, str) != isinstance(parameter.default, str)
-            ):
-                kind = type(parameter.default).__name__
-                raise InputFileError(path, f"{name} = {value!r}: nav2 takes a {kind}")
-            setting = parameter.to_setting(value)
-            if setting is None:
-                without_effect[name] = f"{value} leaves {parameter.setting} as it is"
-            else:
-                values[parameter.setting] = setting
-    return Nav2Params(values, without_effect)
+            notes.append(f"{name} of nav2 has no effect: AMCL has no such parameter")
+            continue
+        if not parameter.setting:
+            if value != parameter.default:
+                notes.append(f"{name} of nav2 has no effect: {parameter.reason}")
+            continue
+        try:
+            setting = parameter.converted(value)
+        except ValueError as problem:
+            raise InputFileError(path, f"{name} = {value!r}: {problem}") from None
+        if setting is not None:
+            values[parameter.setting] = setting
+        if isinstance(value, str) and (instead := INSTEAD.get((name, value))):
+            notes.append(f"{name} = {value} of nav2 {instead}")
+    return Nav2Params(values, tuple(notes))
 
 
 def _tree(path: Path) -> dict[Any, Any]:
@@ -74,20 +79,24 @@ def _tree(path: Path) -> dict[Any, Any]:
     return tree
 
 
-def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> dict[Any, Any]:
-    """The parameters of a node; those for all nodes first, then its own."""
+def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dict[Any, Any]]:
+    """Namespace and parameters of a node; those for all nodes count less than its own."""
     found: dict[Any, Any] = {}
-    own = False
+    namespaces = set()
     for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
-        last = where[-1].rpartition("/")[2]
+        namespace, _, last = "/".join(("", *where)).replace("//", "/").rpartition("/")
         if where[-1] in _ANY_NODE or last == node_name:
             found |= parameters
-            own = own or last == node_name
-    if not own:
+        if last == node_name:
+            namespaces.add("" if "*" in namespace else namespace)
+    if not namespaces:
         others = ", ".join(sorted({where[-1] for where, _ in _nodes(tree)})) or "none"
         problem = f"no parameters of a node {node_name!r}; it has those of: {others}"
         raise InputFileError(path, problem)
-    return found
+    if len(namespaces) > 1:
+        nodes = ", ".join(f"{namespace}/{node_name}" for namespace in sorted(namespaces))
+        raise InputFileError(path, f"several robots: {nodes}; give each robot its own file")
+    return namespaces.pop(), found
 
 
 def _nodes(

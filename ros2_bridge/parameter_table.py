@@ -26,7 +26,8 @@ class Parameter:
         name: nav2's.
         default: nav2's; it tells the type too.
         setting: ours, by its dotted name; empty: there is none.
-        to_setting: from the parameter's value to the setting's; None: leave ours as it is.
+        to_setting: from the parameter's value to the setting's; None: leave ours as it is. It
+            raises a `ValueError` for what nav2 does not take either.
         from_setting: the way back.
         reason: why there is none.
     """
@@ -37,6 +38,20 @@ class Parameter:
     to_setting: Callable[[Any], Value | None] = lambda value: value
     from_setting: Callable[[Any], Value] = lambda value: value
     reason: str = ""
+
+    def converted(self, value: object) -> Value | None:
+        """The setting's value; None: ours stays as it is.
+
+        Raises:
+            ValueError: nav2 takes no such value.
+        """
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        kind = type(self.default)
+        if isinstance(value, str) and "$(" in value:
+            raise ValueError("only ROS's launch fills in $(...): write the value itself")
+        if not (is_number if kind is float else type(value) is kind):
+            raise ValueError(f"nav2 takes {_KINDS[kind]}")
+        return self.to_setting(value)
 
     @property
     def is_live(self) -> bool:
@@ -56,34 +71,63 @@ class Parameter:
 LIVE = frozenset(
     f"ros2.{key}"
     for key in (
-        *("transform_tolerance_s", "tf_broadcast", "publish", "laser_min_range_m"),
+        *("transform_tolerance_s", "tf_broadcast", "publish"),
+        *("laser_min_range_m", "laser_max_range_m"),
         *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
         *("initial_x_m", "initial_y_m", "initial_heading_rad"),
     )
 )
 
-_MOTION_MODELS = {"differential": "Differential", "omnidirectional": "Omni"}
-_LIKELIHOOD_FIELDS = ("likelihood_field", "likelihood_field_prob")
+_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+_PLUGINS = {
+    "nav2_amcl::DifferentialMotionModel": "differential",
+    "nav2_amcl::OmniMotionModel": "omnidirectional",
+}
+_SENSOR_MODELS = {
+    "likelihood_field": "likelihood_field",
+    "likelihood_field_prob": "likelihood_field",
+    "beam": "beam",
+}
+
+INSTEAD = {
+    ("laser_model_type", "likelihood_field_prob"): (
+        "is the likelihood_field of ours, which multiplies beams' probabilities as it does; "
+        "no beam is skipped: sensor.hidden_weight"
+    )
+}
+"""What stands in for a value that is not built as in nav2."""
+
+
+def _one_of(known: dict[str, str], value: str) -> str:
+    if value not in known:
+        raise ValueError(f"nav2 has {', '.join(known)}")
+    return known[value]
 
 
 def _motion_model(name: str) -> str:
-    return "omnidirectional" if "omni" in name.lower() else "differential"
+    return name if name in _PLUGINS.values() else _one_of(_PLUGINS, name)  # by ROS 1's name
 
 
 def _nav2_motion_model(model: str) -> str:
-    return f"nav2_amcl::{_MOTION_MODELS[model]}MotionModel"
+    return next(plugin for plugin, ours in _PLUGINS.items() if ours == model)
 
 
 def _sensor_model(name: str) -> str:
-    return "likelihood_field" if name in _LIKELIHOOD_FIELDS else name
+    return _one_of(_SENSOR_MODELS, name)
 
 
-def _if_positive(value: float) -> float | None:
-    return value if value > 0.0 else None
+def _period_of(rate_hz: float) -> float:
+    return 1.0 / rate_hz if rate_hz > 0.0 else 0.0
 
 
-def _period_of(rate_hz: float) -> float | None:
-    return 1.0 / rate_hz if rate_hz > 0.0 else None
+def _rate_of(period_s: float) -> float:
+    return 1.0 / period_s if period_s > 0.0 else 0.0
+
+
+def _root(variance: float) -> float:
+    if variance < 0.0:
+        raise ValueError("a variance is not negative")
+    return math.sqrt(variance)
 
 
 def _seed(value: int) -> int | None:
@@ -92,8 +136,10 @@ def _seed(value: int) -> int | None:
 
 def _alpha(number: int, default: float, ours: str) -> Parameter:
     """nav2's is a variance, ours its root."""
-    root, square = math.sqrt, lambda value: round(value * value, 12)
-    return Parameter(f"alpha{number}", default, f"motion.{ours}", root, square)
+    setting = f"motion.{ours}"
+    return Parameter(
+        f"alpha{number}", default, setting, _root, lambda value: round(value * value, 12)
+    )
 
 
 def _without(reason: str, **parameters: Value) -> tuple[Parameter, ...]:
@@ -116,7 +162,7 @@ _ALL = (
     Parameter("initial_pose.yaw", 0.0, "ros2.initial_heading_rad"),
     Parameter("lambda_short", 0.1, "sensor.short_decay_per_m"),
     Parameter("laser_likelihood_max_dist", 2.0, "sensor.max_obstacle_distance_m"),
-    Parameter("laser_max_range", 100.0, "sensor.max_range_m", _if_positive),
+    Parameter("laser_max_range", 100.0, "ros2.laser_max_range_m"),
     Parameter("laser_min_range", -1.0, "ros2.laser_min_range_m"),
     Parameter("laser_model_type", "likelihood_field", "sensor.model", _sensor_model),
     Parameter("map_topic", "map", "ros2.map_topic"),
@@ -130,7 +176,7 @@ _ALL = (
         _motion_model,
         _nav2_motion_model,
     ),
-    Parameter("save_pose_rate", 0.5, "coordinator.save_pose_every_s", _period_of, lambda s: 1 / s),
+    Parameter("save_pose_rate", 0.5, "coordinator.save_pose_every_s", _period_of, _rate_of),
     Parameter("scan_topic", "scan", "ros2.scan_topic"),
     Parameter("set_initial_pose", False, "ros2.set_initial_pose"),
     Parameter("sigma_hit", 0.2, "sensor.hit_sigma_m"),

@@ -108,9 +108,11 @@ class Parameters:
             problem = parameter.reason or f"{parameter.setting} is read at the start"
         if parameter is None or problem:
             raise SettingsError(key=name, problem=problem)
-        self.settings = with_setting(
-            self.settings, parameter.setting, parameter.to_setting(value), name
-        )
+        try:
+            setting = parameter.converted(value)
+        except ValueError as error:
+            raise SettingsError(key=name, problem=f"{name} = {value}: {error}") from None
+        self.settings = with_setting(self.settings, parameter.setting, setting, name)
 
     def _told(self, name: str) -> Any:
         """A parameter as a `ParameterValue`."""

@@ -12,7 +12,7 @@ from grid_maps.grid_map import GridMap
 from grid_maps.load import load_map, map_file_of
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
-from process_runtime.sources import Live, Recorded, Simulated, is_published, parsed_source
+from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
 from sensor_bridge.extension import Extension
@@ -69,14 +69,12 @@ def run_bridge(invocation: Invocation) -> None:
     settings, arguments = invocation.settings.bridge, invocation.arguments
     source = arguments.source or settings.source
     map_file = map_file_of(arguments.map or settings.map, source)
-    if is_published(map_file, source):
+    if is_published(map_file, source, ros2=invocation.settings.ros2.enabled):
         _log.info("waits for a map on %s", keys.MAP_READING)
         serve_robot(invocation, None, None)
         return
     if not map_file:
-        raise SettingsError(
-            key="bridge.map", problem="bridge.map is empty: name the map file there, or by --map"
-        )
+        raise SettingsError(key="bridge.map", problem=NO_MAP)
     grid_map = load_map(map_file)
     serve_robot(invocation, grid_map, source_of(source, settings))
 

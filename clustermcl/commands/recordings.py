@@ -199,6 +199,6 @@ def settings(
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the package
 
-    chosen, without_effect = settings_with_nav2(from_nav2, settings_file, assignments or ())
-    sys.stdout.writelines(f"# {line}\n" for line in without_effect)
+    chosen, notes = settings_with_nav2(from_nav2, settings_file, assignments or ())
+    sys.stdout.writelines(f"# {line}\n" for line in notes)
     sys.stdout.write(settings_as_toml(chosen))

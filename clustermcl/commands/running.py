@@ -106,8 +106,8 @@ def up(
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *(assignments or ())]
-    chosen, without_effect = settings_with_nav2(nav2_params, settings_file, given)
-    for line in without_effect:
+    chosen, notes = settings_with_nav2(nav2_params, settings_file, given)
+    for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
     run_up(chosen, view_at=listen if view else None, allow_commands=allow_commands)
 

@@ -4,17 +4,23 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from process_runtime.settings import ZenohSettings
+from clustermcl.client import Client
+from process_runtime.settings import Settings, ZenohSettings
+from protocol.errors import ClusterMclError
+from robot_simulator.worlds.catalogue import world
+from ros2_bridge.rigid import HERE
 from tests.integration.ros2.conftest import OpenRobot
 from tests.integration.ros2.test_graph import ENDPOINTS, Graph, OpenSession
+from tests.integration.ros2.test_whole_way import put_map
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import wait_until
 
-NAV2 = "amcl:\n  ros__parameters:\n    pf_err: 0.05\n    update_min_d: 0.3\n"
+NAV2 = "amcl:\n  ros__parameters:\n    pf_err: 0.01\n    update_min_d: 0.3\n"
 
 
 @pytest.mark.usefixtures("router")
@@ -25,14 +31,14 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
     short_folder: str,
     tmp_path: Path,
 ) -> None:
-    graph = Graph(open_robot_session())
-    open_robot().put_mounts()
+    graph, robot = Graph(open_robot_session()), open_robot()
+    robot.put_mounts(("laser", HERE))
     nav2_params = tmp_path / "nav2_params.yaml"
-    nav2_params.write_text(NAV2)
+    nav2_params.write_text(f"{NAV2}    autostart_node: true\n")  # no map is named: ROS has it
     words = [
         "up", "--nav2-params", str(nav2_params), "--set", f"zenoh.router={zenoh_settings.router}",
         "--set", "zenoh.start_router=false", "--set", "worker.count=1",
-        "--set", "bridge.source=sim:cross", *SMALL_FILTER,
+        *SMALL_FILTER,
     ]  # fmt: skip
     environment = {
         **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
@@ -43,6 +49,16 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
         modules = {word for process in up.meet_family() for word in process.cmdline()}
         assert "ros2_bridge" in modules
         assert "zenoh_link.router" not in modules
+        in_map = world("cross").map
+        put_map(robot, in_map)
+
+        def is_in_that_map() -> bool:
+            with suppress(ClusterMclError):  # nothing answers yet
+                return client.status().map_digest == in_map.digest
+            return False
+
+        with Client(Settings(zenoh=zenoh_settings)) as client:
+            robot.stand_until(is_in_that_map, deadline_s=60.0)
         assert up.end(signal.SIGINT) == 0
         assert up.err.count("pf_err of nav2 has no effect: ") == 1
         assert "Traceback" not in up.err

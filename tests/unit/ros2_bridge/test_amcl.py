@@ -139,6 +139,25 @@ def test_ranges_below_the_least_are_no_return() -> None:
     np.testing.assert_array_equal(reading.ranges.array(), [1.0, 2.0, 3.0])
 
 
+def test_the_longest_range_is_the_shorter_of_the_lasers_and_the_settings() -> None:
+    for longest_m, expected in ((4.0, 4.0), (40.0, 10.0), (0.0, 10.0), (-1.0, 10.0)):
+        robot = Robot(Ros2Settings(laser_max_range_m=longest_m))
+        (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
+        assert reading.range_max_m == expected
+
+
+def test_slashes_in_front_of_frames_mean_nothing() -> None:
+    slashes = {"global_frame": "/map", "odom_frame": "/odom", "base_frame": "/base_footprint"}
+    robot = Robot(Ros2Settings(**slashes))
+    (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
+    (told, *_) = published(robot.believe(reading.stamp_ns), topics.AMCL_POSE)
+    assert told.header.frame_id == "map"
+    assert [at for at, _ in map_from_odom(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))] == [3 * SECOND]
+    message = pose_stamped((1.0, 2.0, 0.5), COVARIANCE, 0, "/map")
+    (given,) = robot.amcl.on_initial_pose(message)
+    assert isinstance(given, GivePose)
+
+
 def test_a_laser_upside_down_has_its_beams_put_in_order() -> None:
     robot = Robot()
     overhead = link("base_footprint", "roof", Rigid(0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))

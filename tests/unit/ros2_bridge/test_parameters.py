@@ -4,8 +4,10 @@ import re
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+from coordinator.process import state_folder
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -18,7 +20,7 @@ from ros2_bridge.nav2_params import read_nav2_params
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.services import Services
-from ros2_bridge.topics import PARAMETER_EVENTS
+from ros2_bridge.topics import PARAMETER_EVENTS, Topics
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
 BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
@@ -40,7 +42,7 @@ def test_every_value_comes_back_from_its_setting() -> None:
         if parameter.setting:
             section, _, key = parameter.setting.rpartition(".")
             ours = getattr(getattr(settings, section) if section else settings, key)
-            assert parameter.to_setting(value) == pytest.approx(ours), parameter.name
+            assert parameter.converted(value) == pytest.approx(ours), parameter.name
 
 
 def test_the_page_tells_what_each_parameter_becomes() -> None:
@@ -64,10 +66,11 @@ amcl:
   ros__parameters:
     alpha1: 0.25
     base_frame_id: "base_link"
-    laser_max_range: -1.0
+    beam_skip_distance: 0.5
+    laser_max_range: -1
     laser_model_type: "likelihood_field_prob"
     max_beams: 90
-    pf_err: 0.05
+    pf_err: 0.01
     robot_model_type: "nav2_amcl::OmniMotionModel"
     save_pose_rate: 0.5
     transform_tolerance: 2
@@ -97,13 +100,14 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
         initial_x_m=7.0,
         initial_y_m=-2.0,
         initial_heading_rad=0.5,
+        laser_max_range_m=-1.0,  # the laser's own
     )
-    assert read.without_effect == {
-        "laser_max_range": "-1.0 leaves sensor.max_range_m as it is",
-        "pf_err": PARAMETERS["pf_err"].reason,
-        "initial_pose.z": PARAMETERS["initial_pose.z"].reason,
-        "invented": "AMCL has no such parameter",
-    }
+    assert read.notes == (  # and nothing of what is as nav2 has it by itself
+        "laser_model_type = likelihood_field_prob of nav2 is the likelihood_field of ours, which "
+        "multiplies beams' probabilities as it does; no beam is skipped: sensor.hidden_weight",
+        f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
+        "invented of nav2 has no effect: AMCL has no such parameter",
+    )
 
 
 @pytest.mark.parametrize(
@@ -120,6 +124,38 @@ def test_the_node_is_found_in_its_namespace_and_its_own_values_count(
     assert read_nav2_params(write(tmp_path, text)).values["sensor.max_beams"] == 90
 
 
+@pytest.mark.parametrize(
+    ("text", "namespace"),
+    [
+        ("robot1:\n  amcl:\n    ros__parameters: {}\n", "/robot1"),
+        ("/fleet/robot1/amcl:\n  ros__parameters: {}\n", "/fleet/robot1"),
+        ("/amcl:\n  ros__parameters: {}\n", ""),
+        ("/**/amcl:\n  ros__parameters: {}\n", ""),
+    ],
+)
+def test_the_namespace_of_the_root_key_is_the_nodes_and_so_is_its_tf(
+    tmp_path: Path, text: str, namespace: str
+) -> None:
+    read = read_nav2_params(write(tmp_path, text))
+    ros2 = load_settings(None, [], beneath=read.values).ros2
+    assert ros2.namespace == namespace
+    assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
+    assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
+    assert bool(read.notes) == bool(namespace)
+
+
+@pytest.mark.parametrize(("rate", "period_s"), [(0.0, 0.0), (-1, 0.0), (0.5, 2.0)])
+def test_a_rate_of_0_or_less_turns_saving_the_pose_off(
+    tmp_path: Path, rate: float, period_s: float
+) -> None:
+    text = f"amcl:\n  ros__parameters: {{save_pose_rate: {rate}}}\n"
+    settings = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text)).values)
+    assert settings.coordinator.save_pose_every_s == period_s
+    kept = msgspec.structs.replace(settings.coordinator, state_folder=str(tmp_path))
+    assert state_folder(kept) == (tmp_path if period_s else None)
+    assert PARAMETERS["save_pose_rate"].value(settings) == max(rate, 0.0)
+
+
 def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
     text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
     assert read_nav2_params(write(tmp_path, text)).values["ros2.use_sim_time"] is True
@@ -131,8 +167,26 @@ def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
         ("a: [", "not YAML"),
         ("- 1", "it is not a mapping"),
         ("planner:\n  ros__parameters: {x: 1}\n", "it has those of: planner"),
-        ("amcl:\n  ros__parameters: {max_beams: many}\n", "max_beams = 'many': nav2 takes a int"),
-        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 takes a bool"),
+        ("amcl:\n  ros__parameters: {max_beams: many}\n", "max_beams = 'many': nav2 takes a whole"),
+        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 takes true or"),
+        ("amcl:\n  ros__parameters: {alpha1: -0.2}\n", "alpha1 = -0.2: a variance is not neg"),
+        ("amcl:\n  ros__parameters: {alpha1: [0.2]}\n", r"alpha1 = \[0.2\]: nav2 takes a number"),
+        ("amcl:\n  ros__parameters: {max_beams: [6]}\n", r"max_beams = \[6\]: nav2 takes a whole"),
+        ("amcl:\n  ros__parameters: {odom_frame_id: null}\n", "odom_frame_id = None: nav2 takes"),
+        (
+            "amcl:\n  ros__parameters: {robot_model_type: my::MotionModel}\n",
+            "nav2 has nav2_amcl::DifferentialMotionModel, nav2_amcl::OmniMotionModel",
+        ),
+        ("amcl:\n  ros__parameters: {laser_model_type: ndt}\n", "nav2 has likelihood_field, like"),
+        (
+            "amcl:\n  ros__parameters: {base_frame_id: $(var base)}\n",
+            r"base_frame_id = '\$\(var base\)': only ROS's launch fills in",
+        ),
+        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch fills in"),
+        (
+            "a/amcl:\n  ros__parameters: {}\nb/amcl:\n  ros__parameters: {}\n",
+            "several robots: /a/amcl, /b/amcl",
+        ),
     ],
 )
 def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
