@@ -20,7 +20,6 @@ from coordinator.recorder.records import (
     Head,
     Record,
     Started,
-    started_without_bulk,
     without_bulk,
 )
 from coordinator.recorder.ring import Ring
@@ -51,7 +50,7 @@ class FlightRecorder:
 
     def __init__(self, coordinator: Coordinator, started: Started, ring: Ring | None) -> None:
         self._coordinator, self._ring = coordinator, ring
-        self._started = started_without_bulk(started)
+        self._started = without_bulk(started)
         self._queue: deque[Record | Head] = deque()
         self._events = self._dropped = 0
         self._recording, self._begin_file = (
@@ -152,16 +151,10 @@ class FlightRecorder:
                 ring.begin(head)
                 self._failed = False
             elif records and ring.is_open:
-                ring.write([_small(record) for record in records])
+                ring.write([without_bulk(record) for record in records])
                 return
         except OSError as error:
             if not self._failed:
                 _log.warning("the flight recorder cannot write, and will try again: %s", error)
             self._failed, self._retry_s = True, time.monotonic() + RETRY_S
         self._unwritten += sum(isinstance(record, EventTold) for record in records)
-
-
-def _small(record: Record) -> Record:
-    if isinstance(record, EventTold):
-        return EventTold(record.now_ns, without_bulk(record.event))
-    return record

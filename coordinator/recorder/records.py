@@ -4,7 +4,10 @@ No belief is computed from particles or beams in the coordinator: it passes part
 and leaves beams alone. Both are left out, which makes a step a hundred times smaller.
 """
 
-from typing import TypeAlias
+import dataclasses
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, TypeAlias, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -12,15 +15,7 @@ from msgspec.structs import replace
 
 from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
-from coordinator.events import (
-    CheckpointHeard,
-    Event,
-    HistoryArrived,
-    ReportArrived,
-    ScanArrived,
-    WorkerToldState,
-)
-from coordinator.failover.state_recovery import Told
+from coordinator.events import Event
 from coordinator.membership.jobs import JobState
 from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings
@@ -28,17 +23,9 @@ from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
+from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
-from protocol.work import (
-    Assignment,
-    Checkpoint,
-    ElsewhereReport,
-    Particles,
-    Place,
-    Report,
-    SearchReport,
-    TrackJob,
-)
+from protocol.work import Checkpoint, Particles, TrackJob
 
 NO_BEAMS = ArrayBlob(dtype="float32", shape=(0,), data=b"")
 NO_POSES = ArrayBlob(dtype="float64", shape=(0, 3), data=b"")
@@ -100,78 +87,53 @@ Record: TypeAlias = EventTold | BeliefsSaid
 """What follows the head of a file."""
 
 
-def without_bulk(event: Event) -> Event:
-    """The event without particles and beams."""
-    match event:
-        case ReportArrived(worker, report):
-            return ReportArrived(worker, _report(report))
-        case ScanArrived(scan):
-            return ScanArrived(without_beams(scan))
-        case HistoryArrived(scans):
-            return HistoryArrived(tuple(map(without_beams, scans)))
-        case CheckpointHeard(checkpoint):
-            return CheckpointHeard(_checkpoint(checkpoint))
-        case WorkerToldState(worker, told):
-            return WorkerToldState(worker, _told(told))
+T = TypeVar("T")
+
+
+def without_bulk(value: T) -> T:
+    """Leave out particles and beams, however deep in a value they are."""
+    return cast(T, _without_bulk(value))
+
+
+def _without_bulk(value: Any) -> Any:  # noqa: PLR0911 - a branch for each type
+    match value:
+        case int() | float() | str() | None | (int() | float() | str(), *_):
+            return value  # most values; no list that begins with a number or a name holds more
+        case Particles():
+            return replace(value, map_from_robot=NO_POSES, log_weights=NO_WEIGHTS)
+        case Scan():
+            return replace(value, ranges=NO_BEAMS, others=())
+        case FoundPlaces():
+            none = ArrayBlob.of(np.zeros(len(value), np.int32), "int32")
+            return replace(value, count=none, particles=NO_PARTICLES)
+        case Checkpoint():
+            return _checkpoint(value)
+        case msgspec.Struct():
+            fields = {name: getattr(value, name) for name in _looked_at(type(value))}
+            changed = _changed(fields)
+            return replace(value, **changed) if changed else value
+        case tuple() | list():
+            return type(value)(map(_without_bulk, value))
+        case dict():
+            return value | _changed(value)
+        case _ if dataclasses.is_dataclass(value):
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            return dataclasses.replace(value, **_changed(fields))  # type: ignore[type-var] # no class
         case _:
-            return event
+            return value
 
 
-def started_without_bulk(started: Started) -> Started:
-    """The same without particles."""
-    return replace(started, known=started.known and _checkpoint(started.known))
+@cache
+def _looked_at(kind: type[msgspec.Struct]) -> tuple[str, ...]:
+    """Fields that may hold something large; most hold a number, a name or a pose."""
+    small = (int, float, str, bool, PoseTuple, Covariance)
+    return tuple(field.name for field in msgspec.structs.fields(kind) if field.type not in small)
 
 
-def no_particles(particles: Particles) -> Particles:
-    """An empty cloud of the same step."""
-    return replace(particles, map_from_robot=NO_POSES, log_weights=NO_WEIGHTS)
-
-
-def without_beams(scan: Scan) -> Scan:
-    """The scan without its ranges."""
-    return replace(scan, ranges=NO_BEAMS, others=())
-
-
-def _report(report: Report) -> Report:
-    if isinstance(report, ElsewhereReport):
-        return report
-    if isinstance(report, SearchReport):
-        return replace(report, places=_without_particles(report.places))
-    if report.snapshot is None and not report.parts:
-        return report
-    return replace(
-        report,
-        snapshot=report.snapshot and no_particles(report.snapshot),
-        parts=tuple(map(_place, report.parts)),
-    )
-
-
-def _without_particles(found: FoundPlaces) -> FoundPlaces:
-    none = ArrayBlob.of(np.zeros(len(found), np.int32), "int32")
-    return replace(found, count=none, particles=NO_PARTICLES)
-
-
-def _place(place: Place) -> Place:
-    return replace(place, sample=no_particles(place.sample))
-
-
-def _told(told: Told) -> Told:
-    return replace(
-        told,
-        holds=tuple(map(_assignment, told.holds)),
-        checkpoint=told.checkpoint and _checkpoint(told.checkpoint),
-        reports=tuple(map(_report, told.reports)),
-        earlier=tuple(map(_checkpoint, told.earlier)),
-        copies=tuple(map(_assignment, told.copies)),
-    )
-
-
-def _assignment(held: Assignment) -> Assignment:
-    return replace(held, job=_job(held.job)) if isinstance(held.job, TrackJob) else held
-
-
-def _job(job: TrackJob) -> TrackJob:
-    return replace(job, start=no_particles(job.start))
+def _changed(values: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Those that have changed."""
+    lighter = ((name, value, _without_bulk(value)) for name, value in values.items())
+    return {name: light for name, value, light in lighter if light is not value}
 
 
 def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:

@@ -1,7 +1,9 @@
 """A recording told to the real coordinator once more: what happened, and whether it is the same."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -25,8 +27,8 @@ from coordinator.instructions import (
     PublishCheckpoint,
     PublishEvents,
 )
-from coordinator.recorder.blocks import Contents, UnreadableError, read
-from coordinator.recorder.records import EventTold, Head, Record
+from coordinator.recorder.blocks import BlockReader, UnreadableError
+from coordinator.recorder.records import BeliefsSaid, EventTold, Head, Record
 from coordinator.recorder.ring import files_in, series_of
 from coordinator.recorder.snapshot import thaw
 from process_runtime.settings import BridgeSettings
@@ -89,7 +91,7 @@ def replayed(
         FlightRecordingError: there is no recording, or one that cannot be read.
     """
     series = _by_term(folder, version)
-    if all(contents_of(path, version).head is None for files in series for path in files):
+    if all(_head_of(path, version) is None for files in series for path in files):
         raise FlightRecordingError(folder, "all that is in it is cut off within its beginning")
     for files in series:
         yield from SeriesReplay(files, version, map_digest).run()
@@ -117,12 +119,12 @@ class SeriesReplay:
 
     def _run(self) -> Iterator[Happening]:
         for path in self._files:
-            contents = contents_of(path, self._version)
-            if contents.head is not None:
-                yield from self._begin_file(path, contents.head)
-                yield from self._tell(path, contents.head, contents.records)
-            if contents.cut_bytes or contents.head is None:
-                yield Happened("cut off", f"{path.name}, {contents.cut_bytes} bytes")
+            with opened(path, self._version) as reader:
+                if reader.head is not None:
+                    yield from self._begin_file(path, reader.head)
+                    yield from self._tell(path, reader.head, reader.records())
+                if reader.cut_bytes or reader.head is None:
+                    yield Happened("cut off", f"{path.name}, {reader.cut_bytes} bytes")
 
     def _begin_file(self, path: Path, head: Head) -> Iterator[Happening]:
         """Go on, or where events are missing, from what the file's head knows."""
@@ -132,31 +134,42 @@ class SeriesReplay:
         if missing:
             yield Happened("not recorded", f"{missing} events before {path.name}")
         try:
-            self._coordinator = thaw(head.snapshot) if head.snapshot else head.started.coordinator()
+            started, snapshot = head.started, head.snapshot
+            self._coordinator = thaw(started, snapshot) if snapshot else started.coordinator()
         except ValueError as error:
             raise FlightRecordingError(path, str(error)) from error
         self._events = head.first_event
         yield Happened("recording", f"{path.name}, made with {head.made_with}")
 
-    def _tell(self, path: Path, head: Head, records: list[Record]) -> Iterator[Happening]:
+    def _tell(self, path: Path, head: Head, records: Iterator[Record]) -> Iterator[Happening]:
         """Tell the events of a file; the beliefs that were published follow their event."""
         coordinator = self._coordinator
         assert coordinator is not None  # the file's head has made one
-        for index, record in enumerate(records):
+        for record, after in pairwise(chain(records, (None,))):
             if not isinstance(record, EventTold):
                 continue
             self._events += 1
             self._wall_ns = head.wall_ns + record.now_ns - head.now_ns
             yield from _before(record.event, coordinator)
             had_begun = coordinator.begun
-            instructions = coordinator.handle(record.event, record.now_ns)
+            instructions = self._handled(path, coordinator, record)
             self._check_map(path, coordinator)
             if coordinator.begun and not had_begun:
                 yield _begins(instructions)
             yield from _after(instructions)
-            after = records[index + 1] if index + 1 < len(records) else None
-            recorded = () if after is None or isinstance(after, EventTold) else after.beliefs
+            recorded = after.beliefs if isinstance(after, BeliefsSaid) else ()
             yield from self._believed(instructions, recorded, known=after is not None)
+
+    def _handled(
+        self, path: Path, coordinator: Coordinator, record: EventTold
+    ) -> list[Instruction]:
+        try:
+            return coordinator.handle(record.event, record.now_ns)
+        except Exception as error:  # a bug that was recorded, or a forged file
+            problem = f"the coordinator fails at event {self._events}"
+            raise FlightRecordingError(
+                path, f"{problem}: {type(error).__name__}: {error}"
+            ) from error
 
     def _believed(
         self, instructions: list[Instruction], recorded: tuple[Belief, ...], *, known: bool
@@ -182,23 +195,30 @@ def recorded_bridge(folder: Path, version: str) -> BridgeSettings | None:
         FlightRecordingError: there is no recording, or one that cannot be read.
     """
     for path in (path for files in _by_term(folder, version) for path in files):
-        if (head := contents_of(path, version).head) is not None:
+        if (head := _head_of(path, version)) is not None:
             return head.started.bridge
     return None
 
 
-def contents_of(path: Path, version: str) -> Contents:
-    """What a file holds.
+@contextmanager
+def opened(path: Path, version: str) -> Iterator[BlockReader]:
+    """Read a file of a recording.
 
     Raises:
         FlightRecordingError: it cannot be read.
     """
     try:
-        return read(path.read_bytes(), version)
+        with path.open("rb") as file:
+            yield BlockReader(file, version)
     except OSError as error:
         raise FlightRecordingError(path, error.strerror or str(error)) from error
     except UnreadableError as error:
         raise FlightRecordingError(path, str(error)) from error
+
+
+def _head_of(path: Path, version: str) -> Head | None:
+    with opened(path, version) as reader:
+        return reader.head
 
 
 def _by_term(folder: Path, version: str) -> list[list[Path]]:
@@ -224,9 +244,10 @@ def _term(files: list[Path], version: str) -> int:
     """Of the first belief; before there was one, the term that it meant to have."""
     meant = series_of(files[0])[0]
     for path in files:
-        for record in contents_of(path, version).records:
-            if not isinstance(record, EventTold) and record.beliefs:
-                return record.beliefs[0].term
+        with opened(path, version) as reader:
+            for record in reader.records():
+                if isinstance(record, BeliefsSaid) and record.beliefs:
+                    return record.beliefs[0].term
     return meant
 
 

@@ -97,8 +97,9 @@ class Ring:
 
 
 def files_in(folder: Path) -> list[Path]:
-    """The files of a recording, oldest first."""
-    return sorted(path for path in folder.glob("*.flight") if _NAME.fullmatch(path.name))
+    """The files of a recording, oldest first; a pipe would never end."""
+    found = (path for path in folder.glob("*.flight") if _NAME.fullmatch(path.name))
+    return sorted(path for path in found if path.is_file())
 
 
 def series_of(path: Path) -> tuple[int, int]:

@@ -1,77 +1,219 @@
-"""All that a coordinator knows between two events, as bytes, but for particles and beams.
+"""The whole state of a coordinator between two events as typed data, without particles and beams.
 
-A checkpoint is what another coordinator needs to carry on, told again by the workers what it
-leaves out. Here nobody can be asked, and not one wait may end otherwise: so it is every attribute
-of every part, pickled. Reading makes objects of the named packages' classes and of nothing else.
+A checkpoint leaves out what workers report again after a take-over. A replay has no workers to
+ask, so a snapshot also keeps open steps, deadlines and unanswered orders. Reading one creates only
+the data types below: the coordinator is built from its settings, and its attributes are set.
 """
 
-import io
-import pickle
 from collections import Counter, deque
+from collections.abc import Callable, Iterable, Mapping
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any
 
 import msgspec
 
+from coordinator.belief.cluster_set import Cluster
+from coordinator.belief.outcome import Outcome
+from coordinator.belief.prior_pose import PriorPose
+from coordinator.belief.search_pool import SearchPool
+from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
-from coordinator.recorder.records import no_particles, without_beams
+from coordinator.failover.state_recovery import Told
+from coordinator.membership import order_delivery, second_keepers, straggler_policy
+from coordinator.membership.jobs import PlacedJob
+from coordinator.pose.lateness import Lateness
+from coordinator.recorder.records import Started, without_bulk
+from coordinator.step_collector import OpenStep
+from protocol.job_events import JobEvent, NumberedEvent
+from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
-from protocol.work import Particles
+from protocol.work import Checkpoint, Job, Report, SearchReport
 
-OURS = ("coordinator", "protocol", "particle_filter", "process_runtime")
-_CONTAINERS = {("collections", kind.__name__): kind for kind in (Counter, deque)}
+ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
+    {
+        "_term": {"_number": int, "_begun": bool, "_outranked_by": int | None},
+        "_take_over": {"_early_reports": list[tuple[Report, str]]},
+        "_take_over._recovery": {
+            "_asked_ns": dict[str, int | None],
+            "_told": dict[str, Told],
+            "_heard": list[Checkpoint],
+            "_kept": dict[str, tuple[Checkpoint, ...]],
+        },
+        "_checkpoints": {"_last": Checkpoint | None, "_last_ns": int},
+        "_step_resets": {"_last": tuple[int, int] | None, "_in_a_row": int},
+        "_state": {
+            "outcome": Outcome | None,
+            "counters": dict[str, int],
+            "steps_applied": int,
+            "reports_missing": int,
+            "_map_digest": str,
+            "_founded": bool,
+            "_changed": bool,
+        },
+        "_state.ensemble": {
+            "_prior_pose": PriorPose | None,
+            "_begin": dict[str, Job],
+            "_events": list[JobEvent],
+        },
+        "_state.ensemble.clusters": {
+            "_clusters": dict[int, Cluster],
+            "_next_cluster": int,
+            "log_elsewhere": float,
+        },
+        "_state.ensemble._search": {
+            "begun": int,
+            "_next_step": int,
+            "_means": dict[int, dict[str, PoseTuple]],
+        },
+        "_state.ensemble._search.evidence": {
+            "_log_elsewhere": float,
+            "_gathered": dict[int, float],
+            "_total": float,
+            "_explained": float,
+        },
+        "_state.ensemble._search._pool": {
+            "search": int,
+            "first_step": int,
+            "progress": float,
+            "_reports": dict[int, dict[str, SearchReport]],
+        },
+        "_state.placement.jobs": {
+            "_jobs": dict[str, PlacedJob],
+            "_newest_epoch": int,
+            "_missed_until_ns": dict[str, int],
+        },
+        "_state.placement._keepers": {"_copies": dict[str, second_keepers._Copy]},
+        "_state.placement.delivery": {
+            "_workers": dict[str, order_delivery._Record],
+            "_orders": int,
+        },
+        "_state.placement._stragglers": {"_records": dict[str, straggler_policy._Record]},
+        "_state.collector": {
+            "_open": dict[int, OpenStep],
+            "_late": list[SearchReport],
+            "_applied": Scan | None,
+            "_steps_lost": int,
+            "_base": int | None,
+        },
+        "_state.pose": {
+            "_outcome": Outcome | None,
+            "_odom_now": PoseTuple,
+            "_stamp_ns": int,
+            "_arrived_ns": int | None,
+            "_has_heard": bool,
+            "_waiting_ns": dict[int, int],
+            "_scan_ns": int | None,
+            "_by_scan": bool,
+        },
+        "_state.pose.history": {"_poses": list[tuple[int, PoseTuple]]},
+        "_state.pose._blind": {"_counted": PoseTuple | None, "gates": float},
+        "_state.pose._since_step": {
+            "_covariance": Covariance,
+            "_step": PoseTuple,
+            "_piece": PoseTuple,
+            "_now": PoseTuple,
+        },
+        "_state.pose._lateness": {
+            "_begun_ns": int | None,
+            "_least_ns": int,
+            "_least_before_ns": int,
+        },
+        "_state.event_log": {
+            "_kept": list[NumberedEvent],
+            "_count": int,
+            "_news": list[NumberedEvent],
+        },
+        "_state.commands": {
+            "_problems": dict[str, str],
+            "_set_poses": int,
+            "_waiting": Commanded | None,
+        },
+        "_state.overload": {"_waits_ns": list[int], "_overloaded": bool},
+        "_state._map_changes": {"_digest": str, "_step": int, "_in_a_row": int},
+        "": {"_linked": bool},
+    }
+)
+"""What changes in each part of a coordinator; all other attributes follow from its settings.
+`test_snapshot.py` fails when one is missing."""
+
+
+def _search_pool(course: Any, part: Any) -> SearchPool:
+    return SearchPool(part.search, part.first_step, course._settings.search)
+
+
+OPTIONAL: Mapping[str, Callable[[Any, Any], object]] = MappingProxyType(
+    {
+        "_state.ensemble._search._pool": _search_pool,
+        "_state.pose._lateness": lambda _owner, _part: Lateness(),
+    }
+)
+"""Parts that are None at times, and how they are made."""
+
+
+def _struct_of(path: str) -> Any:
+    fields = list(ATTRIBUTES[path].items())
+    kind = msgspec.defstruct(path or "coordinator", fields, forbid_unknown_fields=True)
+    return kind | None if path in OPTIONAL else kind
+
+
+_SNAPSHOTS: msgspec.msgpack.Decoder[tuple[Any, ...]] = msgspec.msgpack.Decoder(
+    tuple[*map(_struct_of, ATTRIBUTES)]  # type: ignore[misc] # made at run time
+)
 
 
 def freeze(coordinator: Coordinator) -> bytes:
-    """All that it knows."""
-    buffer = io.BytesIO()
-    _Pickler(buffer, protocol=5).dump(coordinator)
-    return buffer.getvalue()
+    """Encode all that it knows."""
+    parts = ((_part(coordinator, path), names) for path, names in ATTRIBUTES.items())
+    return msgspec.msgpack.encode([_values(part, names) for part, names in parts])
 
 
-def thaw(data: bytes) -> Coordinator:
-    """A coordinator that decides from here on just as the other one.
+def thaw(started: Started, data: bytes) -> Coordinator:
+    """Make a coordinator that decides from here on just as the other one.
+
+    Args:
+        started: what the other one was made with.
+        data: what `freeze` returned.
 
     Raises:
-        ValueError: the bytes are no coordinator, or one of another version.
+        ValueError: the bytes are no snapshot of this version.
     """
     try:
-        found = _Unpickler(io.BytesIO(data)).load()
-    except Exception as error:  # noqa: BLE001 - broken pickles raise nearly anything
+        snapshot = _SNAPSHOTS.decode(data)
+    except (msgspec.DecodeError, RecursionError) as error:
         raise ValueError(f"not a coordinator's snapshot: {error}") from None
-    if not isinstance(found, Coordinator):
-        raise ValueError("not a coordinator's snapshot")
-    return found
+    coordinator = started.coordinator()
+    for (path, attributes), values in zip(ATTRIBUTES.items(), snapshot, strict=True):
+        if path in OPTIONAL:
+            owner, _, name = path.rpartition(".")
+            parent = _part(coordinator, owner)
+            setattr(parent, name, values and OPTIONAL[path](parent, values))
+        for name in attributes if values else ():
+            part = _part(coordinator, path)
+            setattr(part, name, _like(getattr(part, name), getattr(values, name)))
+    return coordinator
 
 
-def _made(kind: type[msgspec.Struct], *values: Any) -> msgspec.Struct:
-    return kind(**dict(zip(kind.__struct_fields__, values, strict=True)))
+def _part(coordinator: Coordinator, path: str) -> Any:
+    return attrgetter(path)(coordinator) if path else coordinator
 
 
-class _Pickler(pickle.Pickler):
-    def reducer_override(self, value: Any) -> Any:
-        """How our structures are taken apart; leaves all else to pickle."""
-        match value:
-            case Particles():
-                value = no_particles(value)
-            case Scan():
-                value = without_beams(value)
-            case MappingProxyType():
-                return dict, (), None, None, iter(value.items())
-        if not isinstance(value, msgspec.Struct):
-            return NotImplemented
-        return _made, (type(value), *(getattr(value, name) for name in value.__struct_fields__))
+def _values(part: Any, names: Iterable[str]) -> dict[str, Any] | None:
+    if part is None:
+        return None
+    values = {name: getattr(part, name) for name in names}
+    return {
+        name: without_bulk(list(value) if isinstance(value, deque) else value)
+        for name, value in values.items()
+    }
 
 
-class _Unpickler(pickle.Unpickler):
-    def find_class(self, module: str, name: str) -> Any:
-        """Classes of ours, and those containers that they are made of."""
-        if (module, name) == (_made.__module__, _made.__name__):
-            return _made
-        if kind := _CONTAINERS.get((module, name)):
-            return kind
-        if module.partition(".")[0] in OURS:
-            found = super().find_class(module, name)
-            if isinstance(found, type) and found.__module__ == module:
-                return found
-        raise pickle.UnpicklingError(f"{module}.{name} is no part of a coordinator")
+def _like(now: object, value: Any) -> Any:
+    """The value in the container that the attribute has; MessagePack knows only lists and maps."""
+    match now:
+        case deque():
+            return deque(value, now.maxlen)
+        case Counter():
+            return Counter(value)
+        case _:
+            return value

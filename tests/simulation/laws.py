@@ -10,7 +10,7 @@ from coordinator import events
 from coordinator.checkpoint import arrival, state_in
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.recorder.records import Started, started_without_bulk, without_bulk
+from coordinator.recorder.records import Started, without_bulk
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import ReadyStep
 from protocol.answers import Belief, PoseAnswer
@@ -131,7 +131,7 @@ class Life:
 
     def replay(self) -> None:
         """A coordinator that is told the same says the same."""
-        again = started_without_bulk(self.started).coordinator()
+        again = without_bulk(self.started).coordinator()
         said = [
             do.belief
             for now_ns, event in self.told

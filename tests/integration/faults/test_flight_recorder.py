@@ -5,12 +5,15 @@ import os
 import shutil
 import signal
 import subprocess
+from importlib.metadata import version
 from itertools import groupby, pairwise
 from pathlib import Path
 
 import msgspec
+import pytest
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
+from coordinator.recorder.blocks import SIGNATURE, BlockWriter
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
@@ -21,6 +24,7 @@ from tests.integration.faults.system import System
 from tests.integration.faults.test_coordinator_dies import PATIENT, kill_and_mend
 from tests.integration.system.commands import COMMAND
 from tests.integration.waiting import wait_until
+from tests.unit.coordinator.recorder.test_blocks import head
 
 MOST_LOST = 5
 """Beliefs just before a kill -9: what waits for the disk is lost; here some five a second."""
@@ -109,3 +113,36 @@ def test_what_was_heard_while_processes_were_killed_is_replayed_bit_for_bit(tmp_
     assert refused.returncode == 2
     assert grid_map.digest in refused.stderr
     assert len(refused.stderr.splitlines()) == 1
+
+
+def pickled_attack(marker: Path) -> bytes:
+    """A pickle of the product's own classes alone that starts a process while it is read.
+
+    Opcode ADDITEMS calls `.add()` of any object: `Supervisor([]).add(ChildSpec(command))`.
+    """
+    command = b"".join(b"V%s\na" % word.encode() for word in ("touch", str(marker)))
+    module = b"cprocess_runtime.supervisor\n"
+    spec = module + b"ChildSpec\n(Vx\n]" + command + b"tR"
+    return b"\x80\x04" + module + b"Supervisor\n]\x85R(" + spec + b"\x90."
+
+
+@pytest.mark.parametrize("signature", [b"MCLFLY1\n", SIGNATURE])
+def test_a_recording_that_somebody_has_made_up_starts_no_process(
+    tmp_path: Path, signature: bytes
+) -> None:
+    marker = tmp_path / "marker"
+    made_up = head(version("clustermcl"))
+    made_up = msgspec.structs.replace(made_up, snapshot=pickled_attack(marker), first_event=1)
+    data = signature + BlockWriter().first(made_up)[len(SIGNATURE) :]
+    folder = tmp_path / "flight"
+    folder.mkdir()
+    (folder / f"{7:017d}-000001.flight").write_bytes(data)
+    done = replay(folder)
+    assert not marker.exists()
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    looked = subprocess.run(
+        [*COMMAND, "view", str(folder), "--listen", "127.0.0.1:0"],
+        capture_output=True, text=True, timeout=60.0, check=False,
+    )  # fmt: skip
+    assert not marker.exists()
+    assert looked.returncode == 2, looked.stderr

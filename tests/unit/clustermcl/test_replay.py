@@ -1,6 +1,7 @@
 """`clustermcl replay`: what it prints, and what it says of folders that it cannot replay."""
 
 import json
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -11,7 +12,9 @@ from typer.testing import CliRunner, Result
 from clustermcl import replay
 from clustermcl.command import app
 from coordinator.belief import cluster_set
+from coordinator.events import WorkerReturned
 from coordinator.recorder.blocks import BlockWriter
+from coordinator.recorder.records import EventTold
 from coordinator.recorder.ring import files_in
 from particle_filter.evidence_model import counted
 from particle_filter.sensor_model import SensorModel
@@ -113,6 +116,7 @@ def test_folders_that_are_no_recording_are_told_in_a_line(recording: Path, tmp_p
             BlockWriter().first(msgspec.structs.replace(head(), snapshot=b"nonsense")),
             "not a coordinator's snapshot",
         ),
+        (b"MCLFLY1\n" + bytes(100), "in a form that is not read any more"),
     ],
 )
 def test_files_that_cannot_be_read_are_told_in_a_line(
@@ -133,6 +137,23 @@ def test_a_cut_off_end_is_told_and_the_rest_is_replayed(recording: Path, tmp_pat
 def test_nothing_but_cut_heads_is_told_as_nothing_recorded(tmp_path: Path) -> None:
     (tmp_path / f"{7:017d}-000000.flight").write_bytes(b"MCL")
     assert "cut off within its beginning" in complaint(tmp_path)
+
+
+def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
+    pipe = recording / f"{8:017d}-000000.flight"
+    os.mkfifo(pipe)
+    try:
+        assert run(recording).exit_code == 0
+    finally:
+        pipe.unlink()
+
+
+def test_where_the_coordinator_fails_is_told_in_a_line(tmp_path: Path) -> None:
+    """A bug that was recorded, or a file that somebody has made up."""
+    writer = BlockWriter()
+    data = writer.first(head()) + writer.next([EventTold(1, WorkerReturned("never seen"))])
+    (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)
+    assert "the coordinator fails at event 1: KeyError: 'never seen'" in complaint(tmp_path)
 
 
 def test_the_map_must_be_the_one_of_the_recording(recording: Path, tmp_path: Path) -> None:

@@ -1,11 +1,23 @@
 """A recording's file, whole, cut off, broken, and of others."""
 
+import io
 import random
+import resource
+import zlib
+from dataclasses import dataclass
 
 import pytest
 
 from coordinator.events import ReportArrived, TimePassed, WorkerJoined
-from coordinator.recorder.blocks import SIGNATURE, BlockWriter, UnreadableError, read
+from coordinator.recorder import blocks
+from coordinator.recorder.blocks import (
+    LEVEL,
+    MAX_BLOCK_BYTES,
+    SIGNATURE,
+    BlockReader,
+    BlockWriter,
+    UnreadableError,
+)
 from coordinator.recorder.records import (
     BeliefsSaid,
     EventTold,
@@ -51,6 +63,18 @@ def file_of(blocks: list[list[Record]]) -> bytes:
     return writer.first(head()) + b"".join([writer.next(records) for records in blocks])
 
 
+@dataclass
+class Contents:
+    head: Head | None
+    records: list[Record]
+    cut_bytes: int
+
+
+def read(data: bytes, version: str) -> Contents:
+    reader = BlockReader(io.BytesIO(data), version)
+    return Contents(reader.head, list(reader.records()), reader.cut_bytes)
+
+
 def test_what_was_written_is_read() -> None:
     contents = read(file_of(BLOCKS), VERSION)
     assert contents.head == head()
@@ -94,6 +118,8 @@ def test_of_a_file_with_any_bytes_changed_nothing_wrong_is_read() -> None:
 def test_what_is_no_recording_or_of_another_version_is_refused() -> None:
     with pytest.raises(UnreadableError, match="no flight recording"):
         read(b"P5 800 600 255", VERSION)
+    with pytest.raises(UnreadableError, match="recorded by an older version, in a form"):
+        read(b"MCLFLY1\n" + bytes(100), VERSION)
     writer = BlockWriter()
     with pytest.raises(UnreadableError, match=r"recorded by version 0\.9, this is test"):
         read(writer.first(head("0.9")), VERSION)
@@ -103,4 +129,35 @@ def test_what_is_no_record_is_refused_although_its_checksum_is_right() -> None:
     writer = BlockWriter()
     data = writer.first(head()) + writer._block(b"\x93\x01\x02\x03")
     with pytest.raises(UnreadableError, match="checksums are right"):
+        read(data, VERSION)
+
+
+def test_many_records_are_written_in_blocks_of_a_bounded_size(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As a disk that was slow for long leaves them."""
+    monkeypatch.setattr(blocks, "MAX_BLOCK_BYTES", 2 * blocks.BLOCK_BYTES)
+    large: Record = EventTold(1, WorkerJoined("w" * 300_000))
+    assert read(file_of([[large] * 40]), VERSION).records == [large] * 40
+
+
+def test_records_of_a_file_are_never_all_in_memory_at_once() -> None:
+    """A file of 3 MB that holds 2 GB."""
+    data = file_of([[EventTold(1, WorkerJoined("w" * 1_000_000))] * 10] * 200)
+    assert len(data) < 20_000_000
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    reader = BlockReader(io.BytesIO(data), VERSION)
+    assert sum(1 for _ in reader.records()) == 2_000
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
+
+
+@pytest.mark.parametrize("unpacked", [MAX_BLOCK_BYTES + 1, 2_000_000_000])
+def test_a_block_that_unpacks_without_end_is_refused(unpacked: int) -> None:
+    writer = BlockWriter()
+    data = writer.first(head())
+    packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS)
+    packed = b"".join(packer.compress(bytes(1_000_000)) for _ in range(unpacked // 1_000_000 + 1))
+    packed += packer.flush(zlib.Z_SYNC_FLUSH)
+    data += blocks._LENGTH_AND_CHECKSUM.pack(len(packed), zlib.crc32(packed)) + packed
+    with pytest.raises(UnreadableError, match="too large"):
         read(data, VERSION)

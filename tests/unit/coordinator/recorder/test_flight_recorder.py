@@ -11,14 +11,13 @@ import pytest
 from coordinator.events import Event, HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from coordinator.recorder import flight_recorder
 from coordinator.recorder import ring as ring_module
-from coordinator.recorder.blocks import read
 from coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
 from coordinator.recorder.records import EventTold, without_bulk
 from coordinator.recorder.replay import Happened
 from coordinator.recorder.ring import FILES, Ring, files_in
 from protocol.work import TrackReport
 from tests.unit.coordinator.recorder.recorded import VERSION, RecordedCoordinator, Recordings
-from tests.unit.coordinator.recorder.test_blocks import head
+from tests.unit.coordinator.recorder.test_blocks import head, read
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 STARTED = head().started
