@@ -11,13 +11,13 @@ import pytest
 import zenoh
 from pytest_benchmark.fixture import BenchmarkFixture
 
+from grid_maps.map_writer import write_map
 from process_runtime.settings import BridgeSettings, WorkerSettings
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
-from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from zenoh_link.wire import Publisher
 

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points, version
+from importlib.metadata import version
 from typing import Annotated
 
 import typer
@@ -27,7 +27,6 @@ app = typer.Typer(
 _NUMBERS_MAY_BE_NEGATIVE = {"ignore_unknown_options": True}
 COMMANDS: dict[str, Callable[..., None]] = {
     "experiments": experiments,
-    **{entry.name: entry.load() for entry in entry_points(group="clustermcl.commands")},
     "demo": running.demo,
     "up": running.up,
     "ros2": running.ros2,
@@ -48,7 +47,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "replay": recordings.replay,
     "settings": recordings.settings,
 }
-"""In the order of the help. Packages above this one bring theirs by an entry point."""
+"""In the order of the help."""
 for _name, _command in COMMANDS.items():
     app.command(_name, context_settings=_NUMBERS_MAY_BE_NEGATIVE if _name == "set-pose" else None)(
         _command

@@ -8,12 +8,13 @@ from pathlib import Path
 import msgspec
 import psutil
 
+from grid_maps.map_writer import write_map
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.settings_table import settings_as_toml
+from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
+from robot_simulator.source import simulated_world
 from soak_test.cables import set_cables
-from soak_test.map_file import write_map
-from soak_test.robot import soak_world
 from zenoh_link.configuration import as_json5, router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
@@ -70,9 +71,10 @@ class Fleet:
         if cables:
             children.append(self._cables(endpoint))
             endpoint = f"{_SOCKET}{folder}/{CABLES}.sock"
-        for number, one in enumerate(settings):
+        grid_map = simulated_world(Simulated(world)).map
+        for one in settings:
             robot = one.robot.name
-            map_file = write_map(soak_world(world, number).map, folder, f"{robot}-map")
+            map_file = write_map(grid_map, folder, f"{robot}-map")
             bridge = msgspec.structs.replace(one.bridge, map=str(map_file))
             own = msgspec.structs.replace(one, bridge=bridge)
             file, far_file = folder / f"{robot}.toml", folder / f"{robot}-far.toml"
@@ -81,12 +83,12 @@ class Fleet:
             far_file.write_text(
                 settings_as_toml(msgspec.structs.replace(own, zenoh=zenoh)), "utf-8"
             )
-            drive = ("--world", world, "--room", str(number), "--rate-hz", repr(rate_hz))
+            drive = ("--world", world, "--rate-hz", repr(rate_hz))
             children += [
                 self._child(f"{robot}/{WORKERS}", "worker", far_file),
                 *self._coordinators(robot, far_file, coordinators),
                 self._child(f"{robot}/{BRIDGE}", "sensor_bridge", file),
-                self._child(f"{robot}/{ROBOT}", "soak_test.robot", file, *drive),
+                self._child(f"{robot}/{ROBOT}", "robot_simulator.driver", file, *drive),
             ]
         self._supervisor = Supervisor(children)
 

@@ -1,24 +1,24 @@
-"""Does the faults: signals to processes, rubbish to keys. What is begun is ended in time."""
+"""Injects the faults: signals to processes, cut links, malformed messages. Each ends in time."""
 
 import signal
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 import psutil
 
+from robot_simulator.driver import KIDNAP_KEY
 from soak_test import malformed
-from soak_test.availability import DoneFault
 from soak_test.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
-from soak_test.link_cuts import LinkCuts, SetCables
-from soak_test.robot import KIDNAP_KEY
+from soak_test.promise import DoneFault
 from soak_test.schedule import Fault, Kind
 
 TRY_FOR_S = 10.0
-"""A fault whose victim is just not there, being restarted, is put off for so long."""
+"""A fault whose victim is just being restarted is put off for at most this time."""
 _SLICE_S = 0.1
-"""Of a slow network: the router stands still so long, runs so long, and so on."""
+"""Of a slow network: the router stands still and runs in turns of this length."""
 
 _KILLED = {
     Kind.WORKER_KILLED: WORKER,
@@ -35,39 +35,53 @@ _FROZEN = {
     Kind.ROUTER_FROZEN: ROUTER,
     Kind.SLOW_NETWORK: ROUTER,
 }
+_DIRECTIONS = {
+    "both ways": {"to_router": False, "from_router": False},
+    "to the router": {"to_router": False, "from_router": True},
+    "from the router": {"to_router": True, "from_router": False},
+}
+"""What a cut link still lets through."""
+
+
+class SetCables(Protocol):
+    """Configures the relay between processes and router."""
+
+    def __call__(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
+        """What the links of these processes let through."""
 
 
 @dataclass(frozen=True)
-class RobotSide:
-    """What the injector needs of one robot."""
+class Targets:
+    """What the injector knows of the robot's processes, and how it reaches them."""
 
+    parts: Callable[[], list[Part]]
     trackers: Callable[[int], list[str]]
-    """Names of the workers that track clusters now."""
-    acting: Callable[[], str]
-    """Name of the coordinator that acts."""
+    """Names of the workers that track clusters at a time [ns]."""
+    leader: Callable[[], str]
+    """Name of the coordinator that leads."""
     seen: Mapping[str, bytes]
-    """The newest good messages by key."""
-    say: Callable[[str, bytes], None]
-    ask: Callable[[str, bytes], None]
+    """The newest well-formed message of each key."""
+    set_cables: SetCables
+    publish: Callable[[str, bytes], None]
+    query: Callable[[str, bytes], None]
 
 
 class Injector:
-    """Told the time, does what is due."""
+    """Told the time, does what is due.
 
-    def __init__(
-        self,
-        faults: Sequence[Fault],
-        start_ns: int,
-        robots: Mapping[str, RobotSide],
-        parts: Callable[[], list[Part]],
-        set_cables: SetCables,
-        seed: int,
-    ) -> None:
+    Args:
+        faults: in the order of time.
+        start_ns: their times count from here.
+        targets: the processes.
+        seed: of the malformed messages.
+    """
+
+    def __init__(self, faults: Sequence[Fault], start_ns: int, targets: Targets, seed: int) -> None:
         self._waiting = list(faults)
-        self._start_ns, self._robots, self._parts = start_ns, robots, parts
+        self._start_ns, self._targets = start_ns, targets
         self._rng = np.random.default_rng([seed, 0xBAD])
         self._later: list[tuple[int, Callable[[], object]]] = []
-        self._cuts = LinkCuts(set_cables)
+        self._cut_off: set[int] = set()
         self._stopped: set[psutil.Process] = set()
         self.skipped: list[Fault] = []
 
@@ -89,10 +103,11 @@ class Injector:
             self._waiting.pop(0)
         return done
 
-    def wake_all(self) -> None:
-        """Let everybody run again who is frozen, and mend all cables."""
+    def end_all(self) -> None:
+        """Continue all frozen processes, and mend all links."""
         self._later.clear()
-        self._cuts.mend_all()
+        if self._cut_off:
+            self._mend(sorted(self._cut_off))
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
 
@@ -100,72 +115,67 @@ class Injector:
         return self._start_ns + int(fault.at_s * 1e9)
 
     def _begin(self, fault: Fault, now_ns: int) -> list[DoneFault]:
-        """What was done; nothing where there is nobody to hit now."""
-        robot = sorted(self._robots)[int(fault.choice * len(self._robots))]
+        """What was done; nothing where no victim is there now."""
         if fault.kind is Kind.WORKER_AND_COORDINATOR_KILLED:
             together = (Kind.COORDINATOR_KILLED, Kind.WORKER_KILLED)
-            return self._kill([replace(fault, kind=kind) for kind in together], robot, now_ns)
+            return self._kill([replace(fault, kind=kind) for kind in together], now_ns)
         if fault.kind in _KILLED:
-            return self._kill([fault], robot, now_ns)
+            return self._kill([fault], now_ns)
         if fault.kind in _FROZEN:
-            victim = self._victim(_FROZEN[fault.kind], robot, fault, now_ns)
+            victim = self._victim(_FROZEN[fault.kind], fault, now_ns)
             if victim is None or not self._freeze(victim.process, fault, now_ns):
                 return []
             return [_done(fault, victim, now_ns)]
         if fault.kind in _LINK_CUT:
-            return self._cut(fault, robot, now_ns)
-        said = self._speak(fault.kind, self._robots[robot])
-        return [DoneFault(fault.kind, now_ns, now_ns, robot, said)] if said else []
+            return self._cut(fault, now_ns)
+        sent = self._send(fault.kind)
+        return [DoneFault(fault.kind, now_ns, now_ns, sent)] if sent else []
 
-    def _kill(self, faults: Sequence[Fault], robot: str, now_ns: int) -> list[DoneFault]:
-        """All of them, where each has somebody to hit; told one by one."""
-        victims = [self._victim(_KILLED[fault.kind], robot, fault, now_ns) for fault in faults]
-        hit = [
-            (fault, victim)
-            for fault, victim in zip(faults, victims, strict=True)
-            if victim is not None
-        ]
-        if len(hit) < len(faults):
+    def _kill(self, faults: Sequence[Fault], now_ns: int) -> list[DoneFault]:
+        """All of them, where each has a victim; reported one by one."""
+        victims = [self._victim(_KILLED[fault.kind], fault, now_ns) for fault in faults]
+        if None in victims:
             return []
         return [
             _done(fault, victim, now_ns)
-            for fault, victim in hit
-            if self._signal(victim.process, signal.SIGKILL)
+            for fault, victim in zip(faults, victims, strict=True)
+            if victim is not None and self._signal(victim.process, signal.SIGKILL)
         ]
 
-    def _cut(self, fault: Fault, robot: str, now_ns: int) -> list[DoneFault]:
-        """Cut the links of one coordinator, or of every other worker: theirs is another machine."""
-        role, share = _LINK_CUT[fault.kind], self._share(fault)
-        everybody = self._candidates(role, robot)
-        victims = everybody[int(share * 6) % 2 :: 2] if role == WORKER else everybody
-        if not victims or self._cuts.any_cut_off([one.process.pid for one in everybody]):
+    def _cut(self, fault: Fault, now_ns: int) -> list[DoneFault]:
+        """Cut the links of the leader, or of every other worker as if on another machine."""
+        role = _LINK_CUT[fault.kind]
+        candidates = self._candidates(role)
+        half = int(fault.choice * 6) % 2
+        victims = candidates[half::2] if role == WORKER else candidates
+        if not victims or not self._cut_off.isdisjoint(one.process.pid for one in candidates):
             return []  # two cuts together could leave no worker
         pids = [victim.process.pid for victim in victims]
-        how = self._cuts.cut(pids, share)
+        how = list(_DIRECTIONS)[int(fault.choice * len(_DIRECTIONS))]
+        self._targets.set_cables(pids, **_DIRECTIONS[how])
+        self._cut_off.update(pids)
         until_ns = now_ns + int(fault.lasts_s * 1e9)
-        self._later.append((until_ns, partial(self._cuts.mend, pids)))
+        self._later.append((until_ns, partial(self._mend, pids)))
         names = " ".join(victim.own_name for victim in victims)
-        return [DoneFault(fault.kind, now_ns, until_ns, robot, names, how)]
+        return [DoneFault(fault.kind, now_ns, until_ns, names, how)]
 
-    def _candidates(self, role: str, robot: str) -> list[Part]:
-        """Processes of a role; of coordinators the one that acts."""
-        owner = "" if role == ROUTER else robot
-        found = [part for part in self._parts() if part.role == role and part.robot == owner]
+    def _mend(self, pids: Sequence[int]) -> None:
+        self._targets.set_cables(pids, to_router=True, from_router=True)
+        self._cut_off -= set(pids)
+
+    def _candidates(self, role: str) -> list[Part]:
+        """Processes of a role; of coordinators the leader."""
+        found = [part for part in self._targets.parts() if part.role == role]
         if role == COORDINATOR:
-            acting = self._robots[robot].acting()
-            found = [part for part in found if part.own_name == acting]
+            found = [part for part in found if part.own_name == self._targets.leader()]
         return sorted(found, key=lambda part: part.name)
 
-    def _share(self, fault: Fault) -> float:
-        """Digits of the choice that have not chosen the robot."""
-        return fault.choice * len(self._robots) % 1.0
-
-    def _victim(self, role: str, robot: str, fault: Fault, now_ns: int) -> Part | None:
-        candidates = self._candidates(role, robot)
+    def _victim(self, role: str, fault: Fault, now_ns: int) -> Part | None:
+        candidates = self._candidates(role)
         if role == WORKER:
-            busy = set(self._robots[robot].trackers(now_ns))
+            busy = set(self._targets.trackers(now_ns))
             candidates = [part for part in candidates if part.own_name in busy]
-        return candidates[int(self._share(fault) * len(candidates))] if candidates else None
+        return candidates[int(fault.choice * len(candidates))] if candidates else None
 
     def _freeze(self, process: psutil.Process, fault: Fault, now_ns: int) -> bool:
         if process in self._stopped or not self._signal(process, signal.SIGSTOP):
@@ -183,7 +193,7 @@ class Injector:
         return True
 
     def _signal(self, process: psutil.Process, number: signal.Signals) -> bool:
-        """Whether the process was there to get it."""
+        """Whether the process was there to receive it."""
         (self._stopped.add if number is signal.SIGSTOP else self._stopped.discard)(process)
         try:
             process.send_signal(number)
@@ -192,24 +202,24 @@ class Injector:
             return False
         return True
 
-    def _speak(self, kind: Kind, side: RobotSide) -> str:
-        """What was said; nothing where nothing has been heard yet that could be spoiled."""
+    def _send(self, kind: Kind) -> str:
+        """What was sent; nothing where no message was seen yet that could be spoiled."""
+        targets = self._targets
         if kind is Kind.ROBOT_KIDNAPPED:
-            side.say(KIDNAP_KEY, b"")
+            targets.publish(KIDNAP_KEY, b"")
             return ROBOT
         if kind is Kind.WRONG_READINGS:
-            messages = malformed.wrong_readings(side.seen)
+            messages = malformed.wrong_readings(targets.seen)
         else:
-            messages = malformed.malformed(self._rng, side.seen)
+            messages = malformed.malformed(self._rng, targets.seen)
         for key, payload in messages:
-            asked = key in malformed.ASKED
-            if asked:
-                side.ask(key, payload)
+            if key in malformed.ASKED:
+                targets.query(key, payload)
             if key in malformed.PUBLISHED:
-                side.say(key, payload)
+                targets.publish(key, payload)
         return f"{len(messages)} messages" if messages else ""
 
 
 def _done(fault: Fault, victim: Part, now_ns: int) -> DoneFault:
     until_ns = now_ns + int(fault.lasts_s * 1e9)
-    return DoneFault(fault.kind, now_ns, until_ns, victim.robot, victim.own_name)
+    return DoneFault(fault.kind, now_ns, until_ns, victim.own_name)

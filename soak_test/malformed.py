@@ -1,4 +1,4 @@
-"""Messages that nobody should send: what is malformed, and what is well-formed but wrong."""
+"""Messages that no honest process publishes: malformed ones, and well-formed but wrong ones."""
 
 import math
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ Sent = tuple[str, bytes]
 PUBLISHED = (
     keys.ODOMETRY_READING, keys.LASER_READING, keys.SCAN, keys.ODOMETRY, keys.BELIEF, keys.POSE,
     keys.CHECKPOINT, keys.BRIDGE_HEALTH, keys.worker_health("worker-0"),
-    keys.worker_report("worker-0"), keys.worker_report("stranger"),
+    keys.worker_report("worker-0"), keys.worker_report("unknown"),
 )  # fmt: skip
 ASKED = (
     keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS, keys.MAP,
@@ -33,11 +33,11 @@ ASKED = (
 
 
 def malformed(rng: np.random.Generator, seen: Mapping[str, bytes]) -> list[Sent]:
-    """Rubbish for every key that is published on or asked.
+    """Malformed messages for each key that is published on or queried.
 
     Args:
         rng: chooses.
-        seen: a good message of some keys, to be spoiled.
+        seen: a good message of some keys, of which malformed ones are made.
     """
     sent = []
     for key in (*PUBLISHED, *ASKED):

@@ -1,6 +1,7 @@
 """All worlds by name."""
 
 from robot_simulator.worlds.cross import cross, cross_feature
+from robot_simulator.worlds.eight_rooms import eight_rooms
 from robot_simulator.worlds.halls import hall, hall_last_year, hall_moved, hall_symmetric
 from robot_simulator.worlds.office import office
 from robot_simulator.worlds.rooms import gates, rectangle
@@ -10,7 +11,7 @@ _WORLDS = {
     draw.__name__: draw
     for draw in (
         cross, cross_feature, rectangle, gates, office, hall, hall_symmetric, hall_moved,
-        hall_last_year,
+        hall_last_year, eight_rooms,
     )
 }  # fmt: skip
 

@@ -33,7 +33,7 @@ ROBOT = """
 [Unit]
 StartLimitIntervalSec=0
 [Service]
-ExecStart=/opt/clustermcl/bin/python -I -m soak_test.robot --settings ${DRIVER} --world hall
+ExecStart=/opt/clustermcl/bin/python -I -m robot_simulator.driver --settings ${DRIVER} --world hall
 Environment=DRIVER=/etc/clustermcl/settings.toml
 EnvironmentFile=-/etc/clustermcl/driver
 Restart=always
@@ -44,7 +44,7 @@ WantedBy=multi-user.target
 EDIT = """
 /opt/clustermcl/bin/python -I -c 'from pathlib import Path
 from robot_simulator.worlds.catalogue import world
-from soak_test.map_file import write_map
+from grid_maps.map_writer import write_map
 write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
 sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
 systemctl enable --now robot-driver

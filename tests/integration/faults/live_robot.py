@@ -12,6 +12,7 @@ import numpy as np
 import zenoh
 
 from clustermcl.stack import COORDINATOR
+from grid_maps.map_writer import write_map
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.stop import StopFlag
@@ -23,7 +24,6 @@ from protocol.pose_arrays import covariance_matrix
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
-from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
@@ -110,7 +110,7 @@ def with_live_robot(
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
-            command = python_module("soak_test.robot", *words, "--rate-hz", str(rate_hz))
+            command = python_module("robot_simulator.driver", *words, "--rate-hz", str(rate_hz))
             wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
             robot = RunningProcess(command, Path(folder), "robot")
             try:

@@ -14,11 +14,11 @@ import pytest
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
 from coordinator.recorder.blocks import SIGNATURE, BlockWriter
+from grid_maps.map_writer import write_map
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief
 from robot_simulator.source import simulated_world
-from soak_test.map_file import write_map
 from tests.integration.faults.live_robot import WORLD, with_live_robot
 from tests.integration.faults.system import System
 from tests.integration.faults.test_coordinator_dies import PATIENT, kill_and_mend

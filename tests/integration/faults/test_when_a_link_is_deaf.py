@@ -19,7 +19,7 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
-from soak_test.listener import Heard, Listener
+from soak_test.listener import Listener, Received
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
@@ -164,7 +164,9 @@ def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
 
     def hears(session: zenoh.Session) -> bool:
         session.put(keys.EVENTS, b"x")
-        return any(one.key == keys.EVENTS for one in listener.arrived() if isinstance(one, Heard))
+        return any(
+            one.key == keys.EVENTS for one in listener.arrived() if isinstance(one, Received)
+        )
 
     with closing(Listener(opened)) as listener:
         wait_until(lambda: hears(here), 60.0)

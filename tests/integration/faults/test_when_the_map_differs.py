@@ -10,11 +10,11 @@ from msgspec.structs import replace
 from clustermcl.stack import COORDINATOR, WORKERS
 from grid_maps.load import load_map
 from grid_maps.map_message import to_message
+from grid_maps.map_writer import write_map
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.steps import Scan
 from robot_simulator.worlds.catalogue import world
-from soak_test.map_file import write_map
 from tests.integration.faults.system import SIMULATOR, SMALL, System, system
 from tests.integration.waiting import wait_until
 from tests.integration.worlds import world_of

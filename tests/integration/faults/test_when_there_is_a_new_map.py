@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from grid_maps.load import load_map
+from grid_maps.map_writer import write_map
 from protocol.answers import PoseAnswer
 from protocol.job_events import Ended
 from robot_simulator.worlds.catalogue import world
-from soak_test.map_file import write_map
 from tests.integration.faults.live_robot import BRIDGE, Robot, with_bridge
 from tests.integration.faults.system import System
 from tests.integration.waiting import wait_until

@@ -24,6 +24,7 @@ from clustermcl.stack import COORDINATOR
 from coordinator.process import filter_settings
 from evaluation.in_process import outcomes
 from grid_maps.grid_map import GridMap
+from grid_maps.map_writer import write_map
 from particle_filter.poses import compose, wrap_angle
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
@@ -41,7 +42,6 @@ from ros2_bridge.messages_out import header, pose
 from ros2_bridge.rigid import flat
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
 from sensor_bridge.step_maker import StepMaker, steps_from
-from soak_test.map_file import write_map
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.ros2.robot import RosRobot, planar
 from tests.integration.waiting import stretched_s, wait_until

@@ -26,11 +26,13 @@ SMALL_FILTER = [
 class TypedCommand:
     """A command that runs, with all processes that it has started so far."""
 
-    def __init__(self, words: tuple[str, ...], folder: Path, environment: dict[str, str]) -> None:
+    def __init__(
+        self, words: tuple[str, ...], folder: Path, environment: dict[str, str], module: str
+    ) -> None:
         self._out, self._err = folder / "out.txt", folder / "err.txt"
         with self._out.open("wb") as out, self._err.open("wb") as err:
             self.popen = subprocess.Popen(
-                [*COMMAND, *words],
+                [sys.executable, "-I", "-m", module, *words],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=err,
@@ -72,9 +74,11 @@ class TypedCommand:
 
 
 @contextmanager
-def typed(*words: str, folder: Path, environment: dict[str, str]) -> Iterator[TypedCommand]:
+def typed(
+    *words: str, folder: Path, environment: dict[str, str], module: str = "clustermcl"
+) -> Iterator[TypedCommand]:
     """Start a command; whatever of it still runs at the end is killed."""
-    command = TypedCommand(words, folder, environment)
+    command = TypedCommand(words, folder, environment, module)
     try:
         yield command
     finally:

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 import psutil
 import pytest
 
+from robot_simulator.driver import KIDNAP_KEY
 from soak_test.fleet import COORDINATOR, WORKER, Part
-from soak_test.injector import TRY_FOR_S, Injector, RobotSide
-from soak_test.robot import KIDNAP_KEY
+from soak_test.injector import TRY_FOR_S, Injector, Targets
 from soak_test.schedule import Fault, Kind
 
 BOTH = Fault(at_s=1.0, kind=Kind.WORKER_AND_COORDINATOR_KILLED, lasts_s=0.0, choice=0.3)
@@ -28,7 +28,7 @@ def sleepers() -> Iterator[dict[str, subprocess.Popen[bytes]]]:
 
 
 class Cables:
-    """Writes down what is cut."""
+    """Records what is cut."""
 
     def __init__(self) -> None:
         self.set: list[tuple[set[int], bool, bool]] = []
@@ -44,20 +44,22 @@ def injector(
     cables: Cables | None = None,
     said: list[str] | None = None,
 ) -> Injector:
-    side = RobotSide(
-        trackers=lambda _: trackers,
-        acting=lambda: "coordinator",
-        seen={},
-        say=lambda key, _payload: said.append(key) if said is not None else None,
-        ask=lambda _key, _payload: None,
-    )
     parts = [
         Part("r", role, f"r/{name}", psutil.Process(sleepers[name].pid))
         for role, name in (
             (COORDINATOR, "coordinator"), (WORKER, "worker-0"), (WORKER, "worker-1")
         )
     ]  # fmt: skip
-    return Injector(faults, 0, {"r": side}, lambda: parts, cables or Cables(), seed=1)
+    targets = Targets(
+        parts=lambda: parts,
+        trackers=lambda _: trackers,
+        leader=lambda: "coordinator",
+        seen={},
+        set_cables=cables or Cables(),
+        publish=lambda key, _payload: said.append(key) if said is not None else None,
+        query=lambda _key, _payload: None,
+    )
+    return Injector(faults, 0, targets, seed=1)
 
 
 def test_a_worker_and_the_coordinator_are_killed_at_once_and_told_one_by_one(
@@ -126,8 +128,8 @@ def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_o
     assert cables.set == [(coordinator, False, False), (worker, False, False)]
     assert tested.tick(6 * AT_NS) == []
     assert cables.set[2:] == [(coordinator, True, True)]
-    tested.wake_all()
-    tested.wake_all()
+    tested.end_all()
+    tested.end_all()
     assert cables.set[3:] == [(worker, True, True)]
 
 

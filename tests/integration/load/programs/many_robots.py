@@ -28,8 +28,8 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
+from robot_simulator.driver import TRUTH_KEY, TrueMotion
 from soak_test.fleet import Fleet, robots_settings
-from soak_test.robot import TRUTH_KEY, TrueMotion
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 WORLD = "hall"

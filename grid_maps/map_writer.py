@@ -1,4 +1,4 @@
-"""A map as files of ROS's map_server, for the bridge to read as a person's map."""
+"""Writes a map as files of ROS's map_server."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ _FREE_GREY, _UNKNOWN_GREY, _OCCUPIED_GREY = 254, 205, 0
 
 
 def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
-    """Write ``name.yaml`` and ``name.pgm`` into a folder; returns the first."""
+    """Write ``name.yaml`` and ``name.pgm`` into a folder; returns the path of the first."""
     grey = np.full(grid_map.cells.shape, _UNKNOWN_GREY, np.uint8)
     grey[grid_map.cells == FREE] = _FREE_GREY
     grey[grid_map.cells == OCCUPIED] = _OCCUPIED_GREY

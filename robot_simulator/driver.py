@@ -1,7 +1,7 @@
-"""A simulated robot that publishes its readings over Zenoh, as a real one's driver does.
+"""A simulated robot that publishes its readings over Zenoh, as a real robot's driver does.
 
-``python -I -m soak_test.robot --settings FILE --world WORLD --rate-hz 10``. It is not part
-of what is tested: the bridge that reads it can die and come back, and the robot drives on.
+``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The bridge that
+reads it can die and return while the robot drives on.
 """
 
 import argparse
@@ -19,37 +19,25 @@ from protocol.message import Message, PoseTuple
 from protocol.steps import OdometryReading
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import simulated_world
-from robot_simulator.worlds.world import World
-from soak_test.rooms import eight_rooms
 from zenoh_link.session import open_session
 from zenoh_link.wire import Publisher
 
-TRUTH_KEY = "soak/truth"
-KIDNAP_KEY = "soak/kidnap"
-"""Whatever is published there lifts the robot to another place."""
-ROOMS = "eight_rooms"
+TRUTH_KEY = "simulator/truth"
+KIDNAP_KEY = "simulator/kidnap"
+"""Any message there moves the robot to another place."""
 SIMULATED_HZ = 10.0
 """Scans a second of simulated time; at another rate the robot's time passes faster or slower."""
-_LATE_NS = 200_000_000
-"""Who is later was frozen."""
+_FROZEN_NS = 200_000_000
+"""A driver that is later than this was frozen."""
 
 
-class TrueMotion(Message, frozen=True, kw_only=True, tag="soak_truth/1"):
-    """Where the robot really was when it took a scan. On ``soak/truth``, once a scan."""
+class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
+    """The robot's true pose when it took a scan. On ``simulator/truth``, once a scan."""
 
     stamp_ns: int
     map_from_robot: PoseTuple
     kidnapped: int = 0
-    """How often the robot was lifted to another place till then."""
-
-
-def soak_world(name: str, room: int) -> World:
-    """A simulated world by name, or the eight rooms with the robot in one of them.
-
-    Raises:
-        UnknownWorldError: there is no such world.
-    """
-    return eight_rooms(room) if name == ROOMS else simulated_world(Simulated(name))
+    """How often the robot was moved to another place until then."""
 
 
 def main() -> None:
@@ -58,16 +46,15 @@ def main() -> None:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--world", default=ROOMS, help=f"simulated world (default: {ROOMS})")
-    parser.add_argument("--room", type=int, default=0, help="room of the eight it is in")
+    parser.add_argument("--world", default="hall", help="simulated world (default: hall)")
     parser.add_argument("--rate-hz", type=float, default=SIMULATED_HZ, help="scans a second")
 
 
 def run_robot(invocation: Invocation) -> None:
-    """Drive and publish until told to stop."""
+    """Drive and publish until the stop flag is set."""
     settings, arguments = invocation.settings, invocation.arguments
-    world = soak_world(arguments.world, arguments.room)
-    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # each tick tells the truth
+    world = simulated_world(Simulated(arguments.world))
+    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # each tick has its truth
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
 
@@ -106,7 +93,7 @@ class _Clock:
     """Simulated time to the time of day; time in which the robot was frozen has not passed.
 
     Args:
-        seconds_each: a second of simulated time takes so long.
+        seconds_each: real seconds for one second of simulated time.
     """
 
     def __init__(self, seconds_each: float) -> None:
@@ -114,10 +101,10 @@ class _Clock:
         self._zero_ns = time.time_ns()
 
     def stamp_ns(self, simulated_ns: int) -> int:
-        """When something is due that happens at a simulated time."""
+        """The time of day at which something is due that happens at a simulated time."""
         due_ns = self._zero_ns + int(simulated_ns * self._seconds_each)
         late_ns = time.time_ns() - due_ns
-        if late_ns > _LATE_NS:
+        if late_ns > _FROZEN_NS:
             self._zero_ns += late_ns
             return due_ns + late_ns
         return due_ns

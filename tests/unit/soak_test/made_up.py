@@ -1,9 +1,9 @@
-"""What a soak hears, made up."""
+"""Messages and faults of a soak, made up."""
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
-from soak_test.availability import DoneFault
-from soak_test.pose_checks import Question
+from soak_test.pose_promises import Question
+from soak_test.promise import DoneFault, Outages
 from soak_test.schedule import Kind
 
 SECOND = 1_000_000_000
@@ -15,8 +15,14 @@ def at(seconds: float) -> int:
     return START + round(seconds * SECOND)
 
 
+def outages(*faults: DoneFault) -> Outages:
+    known = Outages()
+    known.faults += faults
+    return known
+
+
 def fault(kind: Kind, begin_s: float, lasts_s: float = 0.0, target: str = "") -> DoneFault:
-    return DoneFault(kind, at(begin_s), at(begin_s + lasts_s), "robot", target)
+    return DoneFault(kind, at(begin_s), at(begin_s + lasts_s), target)
 
 
 def place(cluster: int, probability: float, mean: PoseTuple = (0.0, 0.0, 0.0)) -> Hypothesis:

@@ -1,6 +1,6 @@
-"""Eight rooms exactly alike: a belief that has eight places for ever, so that none may go missing.
+"""Eight rooms exactly alike: eight places stay possible however long the robot drives.
 
-In a world that tells its places apart the number of places is luck; here every cluster that is
+In a world that tells its places apart the number of places is luck. Here each cluster that is
 lost on the way, or counted twice, shows.
 """
 
@@ -17,15 +17,11 @@ PLACES = COLUMNS * ROWS
 _WIDTH_M, _HEIGHT_M = 6.0, 5.0
 _GAP_M = 0.5
 _START = (1.0, 1.0, 0.0)
-"""In its room, from the lower left corner."""
+"""In the first room, from its lower left corner."""
 
 
-def eight_rooms(room: int = 0) -> World:
-    """The rooms; the robot starts in one of them and cannot leave it.
-
-    Args:
-        room: which; another one is another robot's.
-    """
+def eight_rooms() -> World:
+    """The rooms; the robot starts in the first one and cannot leave it."""
     plan = Canvas(COLUMNS * (_WIDTH_M + _GAP_M) + 1.0, ROWS * (_HEIGHT_M + _GAP_M) + 1.0)
     corners = [_corner(number) for number in range(PLACES)]
     for x, y in corners:
@@ -37,10 +33,10 @@ def eight_rooms(room: int = 0) -> World:
         plan.block(x + 4.2, y, x + 5.0, y + 0.5)  # a chest
         plan.block(x + 5.5, y + 3.0, x + _WIDTH_M, y + 3.8)  # a shelf
     grid_map = plan.grid_map()
-    x, y = corners[room % PLACES]
+    x, y = corners[0]
     return World(
         name="eight_rooms",
-        summary="eight rooms exactly alike: eight places stay possible for ever",
+        summary="eight rooms exactly alike: eight places stay possible",
         map=grid_map,
         truth=grid_map,
         start=(x + _START[0], y + _START[1], _START[2]),
@@ -48,7 +44,7 @@ def eight_rooms(room: int = 0) -> World:
 
 
 def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
-    """Where a robot would be in each room that sees what it sees; in its own, where it is.
+    """The pose in each room from which a robot sees the same; in its own room, its pose.
 
     Args:
         map_from_robot: (3,) its pose, in any of the rooms.

@@ -1,0 +1,104 @@
+"""`python -m soak_test`: the command."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from process_runtime.main import EXIT_ERROR
+from process_runtime.output_files import check_output_file, check_output_folder, write_output_file
+from process_runtime.settings_file import load_settings
+from process_runtime.stop import StoppedError, stop_on_signals
+from protocol.errors import ClusterMclError
+from soak_test.report import Progress, as_json, print_result
+from soak_test.schedule import Kind
+from soak_test.soak import SoakOptions, run_soak
+
+EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
+_END_WITHIN_S = 60.0
+
+
+def soak(
+    minutes: Annotated[float, typer.Option(min=0.1, help="After the first search.")] = 10.0,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Worker processes: for 8 clusters, and 2 spare.")
+    ] = 10,
+    coordinators: Annotated[int, typer.Option(min=1, help="One leads, the others stand by.")] = 1,
+    rate_hz: Annotated[float, typer.Option(min=0.1, help="Scans a second; each is a step.")] = 10.0,
+    chaos: Annotated[bool, typer.Option("--chaos", help="Inject faults.")] = False,
+    fault_every_s: Annotated[
+        float, typer.Option(min=1.0, help="Mean time between two faults [s].")
+    ] = 20.0,
+    only: Annotated[
+        list[Kind] | None, typer.Option(metavar="FAULT", help="With --chaos; may be repeated.")
+    ] = None,
+    world: Annotated[
+        str, typer.Option(metavar="NAME", help="Simulated world; eight_rooms are all alike.")
+    ] = "eight_rooms",
+    seed: Annotated[int | None, typer.Option(min=0, help="Of robot and faults.")] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write all figures there, as JSON.")
+    ] = None,
+    keep: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Keep logs and flight recordings there.")
+    ] = None,
+    settings_file: Annotated[
+        Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
+    ] = None,
+    assignments: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated."),
+    ] = None,
+) -> None:
+    """Run the real processes on a simulated robot, inject faults, and check six promises.
+
+    Exit code 1 if a promise was broken, 130 after Ctrl-C, with the results so far.
+    """
+    if output is not None:
+        check_output_file(output)
+    if keep is not None:
+        check_output_folder(keep)
+    options = SoakOptions(
+        minutes=minutes,
+        coordinators=coordinators,
+        rate_hz=rate_hz,
+        world=world,
+        chaos=chaos,
+        fault_every_s=fault_every_s,
+        only=tuple(only or ()),
+        keep=keep,
+    )
+    given = [
+        "bridge.source=zenoh", "bridge.gate_distance_m=0", "bridge.gate_turn_rad=0",
+        "belief.max_clusters=8", f"worker.count={workers}",
+    ]  # fmt: skip
+    given += [f"seed={seed}"] if seed is not None else []
+    settings = load_settings(settings_file, [*given, *(assignments or ())])
+    stop = stop_on_signals(exit_after_s=_END_WITHIN_S)
+    console = Console()
+    if not console.is_terminal:
+        console.width = 132
+    result = run_soak(options, settings, stop, Progress(console, minutes))
+    print_result(result, console)
+    if output is not None:
+        write_output_file(output, as_json(result))
+    if result.is_broken:
+        sys.exit(EXIT_BROKEN)
+    stop.check()
+
+
+def main() -> None:
+    """Run the command; an error that a person can mend is one line and exit code 2."""
+    try:
+        typer.run(soak)
+    except StoppedError:
+        sys.exit(EXIT_INTERRUPTED)
+    except ClusterMclError as error:
+        sys.stderr.write(f"soak_test: {' '.join(str(error).split())}\n")
+        sys.exit(EXIT_ERROR)
+
+
+if __name__ == "__main__":
+    main()

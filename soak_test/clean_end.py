@@ -1,0 +1,106 @@
+"""Promise: a clean end: no process ends by itself, and nothing is left when all have stopped."""
+
+import os
+import re
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+
+from process_runtime.supervisor import ChildExit
+from soak_test.promise import Break, DoneFault, Verdict
+from soak_test.schedule import Kind
+
+STOP_WITHIN_S = 3.0
+_KILLED_NS = 10_000_000_000
+_TROUBLE = re.compile(r"Traceback|a bug ended|panicked at|Fatal Python error")
+_KILLS = {
+    Kind.ALL_WORKERS_KILLED, Kind.COORDINATOR_KILLED, Kind.BRIDGE_KILLED, Kind.ROUTER_KILLED,
+}  # fmt: skip
+
+
+@contextmanager
+def temporary_files_in(folder: Path) -> Iterator[Path]:
+    """Make all processes started meanwhile put their temporary files into a folder.
+
+    So what they leave behind is seen, and not mixed up with other programs' files.
+    """
+    left, before = folder / "left", os.environ.get("TMPDIR")
+    left.mkdir()
+    os.environ["TMPDIR"] = str(left)
+    try:
+        yield left
+    finally:
+        if before is None:
+            del os.environ["TMPDIR"]
+        else:
+            os.environ["TMPDIR"] = before
+
+
+def processes_left(known: Iterable[psutil.Process], folder: Path, wait_s: float = 2.0) -> list[str]:
+    """Processes that still run, or have ended and were not reaped.
+
+    Args:
+        known: all that were ever seen.
+        folder: theirs; a process that was never seen has it on its command line.
+        wait_s: how long they may take to end.
+    """
+    deadline_s = time.monotonic() + wait_s
+    while True:
+        left = {process for process in known if process.is_running()}
+        left |= {
+            process
+            for process in psutil.process_iter(["cmdline"])
+            if str(folder) in " ".join(process.info["cmdline"] or ())
+        }
+        if not left or time.monotonic() > deadline_s:
+            return [str(process.pid) for process in left]
+        time.sleep(0.05)
+
+
+def clean_end_verdict(
+    exits: Sequence[tuple[int, ChildExit]],
+    faults: Sequence[DoneFault],
+    logs: Sequence[Path],
+    processes: Sequence[str],
+    files: Path,
+    stop_s: float,
+) -> Verdict:
+    """On processes that ended though nothing killed them, and on what is left at the end.
+
+    Args:
+        exits: all processes that ended before the stop [time ns, exit].
+        faults: that were injected.
+        logs: of the processes.
+        processes: that are left; see `processes_left`.
+        files: folder of the processes' temporary files.
+        stop_s: how long all took to end.
+    """
+    left = sorted(str(path.relative_to(files)) for path in files.rglob("*") if path.is_file())
+    breaks = [
+        Break(at_ns, f"{ended.name} ended with code {ended.code}: {ended.last_words}")
+        for at_ns, ended in exits
+        if not any(_explains(fault, at_ns, ended.name) for fault in faults)
+    ]
+    troubled = [log.name for log in logs if _TROUBLE.search(log.read_text(errors="replace"))]
+    breaks += [Break(0, f"{name} has a traceback") for name in troubled]
+    breaks += [Break(0, f"process {one} is left") for one in processes]
+    breaks += [Break(0, f"file {one} is left") for one in left]
+    if stop_s > STOP_WITHIN_S:
+        breaks.append(Break(0, f"the processes took {stop_s:.1f} s to end"))
+    return Verdict(
+        promise="a clean end",
+        target=f"nothing left, {STOP_WITHIN_S:g} s after the stop",
+        measured=f"{len(exits)} exits; {len(troubled)} logs with a traceback; {len(processes)} "
+        f"processes and {len(left)} files left; {stop_s:.1f} s",
+        kept=not breaks,
+        breaks=tuple(breaks),
+        figures={"exits": len(exits), "processes": len(processes), "stop_s": stop_s},
+    )
+
+
+def _explains(fault: DoneFault, at_ns: int, name: str) -> bool:
+    is_hit = fault.kind in _KILLS and fault.target == name.rpartition("/")[2]
+    return is_hit and fault.at_ns <= at_ns <= fault.at_ns + _KILLED_NS

@@ -1,0 +1,125 @@
+"""Promise: nothing leaks: no process's memory or open files grow, nor the router's keys."""
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import psutil
+import zenoh
+from scipy.stats import theilslopes
+
+from process_runtime.settings import Settings
+from soak_test.promise import Verdict
+from zenoh_link.configuration import as_zenoh, client_configuration
+
+WARM_UP_S = 180.0
+"""Of each process: caches fill and histories grow to their bound. A worker's memory rises by some
+3 MB in its first 100 to 160 s at 10 Hz, and then stays."""
+LEAST_SPAN_S = 600.0
+"""Of one process after its warm-up; what grows over a shorter time need not grow without bound."""
+APART_S = 60.0
+"""Between two samples that count: those of one minute are correlated."""
+MEMORY_MB_PER_H, FILES_PER_H = 1.0, 5.0
+_COUNTED = ("/subscriber/", "/queryable/", "/token/", "/publisher/")
+
+
+@dataclass
+class _Life:
+    """One process while it has one role: standing by is another role than leading."""
+
+    begun_s: float
+    times_s: list[float] = field(default_factory=list)
+    memory_mb: list[float] = field(default_factory=list)
+    files: list[float] = field(default_factory=list)
+
+
+class NothingLeaks:
+    """Samples of all processes, by name, process id and role."""
+
+    def __init__(self) -> None:
+        self._lives: dict[tuple[str, int, bool], _Life] = {}
+        self._router_keys: list[int] = []
+
+    def sample(self, processes: Iterable[tuple[str, psutil.Process, bool]]) -> None:
+        """Look at each process; one that ends meanwhile is left out.
+
+        Args:
+            processes: (name, process, whether it is the leading coordinator).
+        """
+        for name, process, leads in processes:
+            try:
+                with process.oneshot():
+                    begun_s = process.create_time()
+                    # USS, what this process alone has: shares of forked memory (PSS) change
+                    # with every sibling that ends.
+                    memory_mb = process.memory_full_info().uss / 1e6
+                    files = process.num_fds()
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+            now_s, key = time.time(), (name, process.pid, leads)
+            if key not in self._lives:
+                changed_role = (name, process.pid, not leads) in self._lives
+                self._lives[key] = _Life(now_s if changed_role else begun_s)
+            life = self._lives[key]
+            if not life.times_s or now_s >= life.times_s[-1] + APART_S:
+                life.times_s.append(now_s)
+                life.memory_mb.append(memory_mb)
+                life.files.append(float(files))
+
+    def count_router_keys(self, session: zenoh.Session, timeout_s: float = 1.0) -> None:
+        """Count the router's own keys; a router that does not answer is not counted."""
+        replies = session.get("@/*/router/**", timeout=timeout_s)
+        found = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        if counted := sum(any(word in key for word in _COUNTED) for key in found):
+            self._router_keys.append(counted)
+
+    def verdict(self) -> Verdict:
+        """Broken only where the 95 % interval of a slope lies above its target."""
+        memory = self._slopes(lambda life: life.memory_mb)
+        files = self._slopes(lambda life: life.files)
+        keys = self._router_keys or [0]
+        promise, target = "nothing leaks", f"< {MEMORY_MB_PER_H:g} MB an hour"
+        if not memory:
+            measured = "no process ran for 13 minutes"
+            return Verdict(promise=promise, target=target, measured=measured, kept=None)
+        worst = max(memory, key=lambda name: memory[name][0])
+        slope, low, high = memory[worst]
+        leaks = [name for name, (_, at_least, _) in memory.items() if at_least > MEMORY_MB_PER_H]
+        leaks += [f"{n}'s files" for n, (_, least, _) in files.items() if least > FILES_PER_H]
+        leaks += ["the router's keys"] if keys[-1] > keys[0] else []
+        return Verdict(
+            promise=promise,
+            target=target,
+            measured=f"{worst} {slope:+.2f} MB an hour ({low:+.2f} to {high:+.2f}); router's keys "
+            f"{keys[0]} to {keys[-1]}; leaks: {', '.join(leaks) or 'none'}",
+            kept=not leaks,
+            figures={f"{name} MB per hour": each for name, (each, _, _) in memory.items()},
+        )
+
+    def _slopes(self, values: Callable[[_Life], list[float]]) -> dict[str, tuple[float, ...]]:
+        """Slope per hour with its 95 % interval, of each process that ran long enough.
+
+        References:
+            Sen (1968), Estimates of the regression coefficient based on Kendall's tau.
+        """
+        found: dict[str, tuple[float, ...]] = {}
+        for (name, pid, _), life in self._lives.items():
+            times_s = np.array(life.times_s)
+            warm = times_s >= life.begun_s + WARM_UP_S
+            if not warm.any() or np.ptp(times_s[warm]) < LEAST_SPAN_S:
+                continue
+            slope = theilslopes(np.array(values(life))[warm], times_s[warm] / 3600.0)
+            found[f"{name} ({pid})"] = slope.slope, slope.low_slope, slope.high_slope
+        return found
+
+
+def open_without_namespace(settings: Settings) -> zenoh.Session:
+    """A session that can query the router's own keys.
+
+    Raises:
+        zenoh.ZError: there is no router.
+    """
+    configuration = client_configuration(settings.zenoh, settings.robot)
+    del configuration["namespace"]
+    return zenoh.open(as_zenoh(configuration))

@@ -1,0 +1,55 @@
+from collections.abc import Iterable
+
+from soak_test.promise import Outages
+from soak_test.schedule import Kind
+from soak_test.step_promise import StepsOnce
+from tests.unit.soak_test.made_up import at, belief, fault, outages, place
+
+
+def published(steps: Iterable[int], known: Outages | None = None) -> StepsOnce:
+    """A belief each second, of these steps."""
+    promise = StepsOnce(known or outages(), longest_s=2.0)
+    for second, step in enumerate(steps):
+        promise.on_belief(at(second), belief(step, place(0, 1.0)))
+    return promise
+
+
+def test_each_step_once_keeps_the_promise() -> None:
+    assert published([4, 5, 6]).verdict().kept is True
+
+
+def test_a_step_that_is_missing_is_lost() -> None:
+    verdict = published([1, 2, 5]).verdict()
+    assert [broken.what for broken in verdict.breaks] == ["2 steps before step 5 are lost"]
+    assert verdict.figures["lost"] == 2
+
+
+def test_a_step_lost_while_the_network_is_down_is_excused_and_counted() -> None:
+    verdict = published([1, 2, 5], outages(fault(Kind.ROUTER_KILLED, 1.5))).verdict()
+    assert verdict.kept is True
+    assert verdict.figures["lost_in_outages"] == 2
+
+
+def test_a_killed_worker_excuses_no_lost_step() -> None:
+    assert published([1, 2, 5], outages(fault(Kind.WORKER_KILLED, 1.5))).verdict().kept is False
+
+
+def test_a_step_decided_again_without_a_fault_breaks_it() -> None:
+    assert published([1, 2, 2]).verdict().kept is False
+
+
+def test_a_new_coordinator_may_publish_the_same_belief_again_but_no_other() -> None:
+    promise = published([1, 2, 2], outages(fault(Kind.COORDINATOR_KILLED, 1.5)))
+    assert promise.verdict().kept is True
+    assert promise.verdict().figures["repeated"] == 1
+    promise.on_belief(at(4.0), belief(2, place(0, 0.5), place(1, 0.5)))
+    assert promise.verdict().kept is False
+
+
+def test_a_step_that_takes_too_long_breaks_it() -> None:
+    promise = StepsOnce(outages(), longest_s=2.0)
+    for step, delay_s in ((1, 0.5), (2, 2.5)):
+        promise.on_scan(at(10.0 * step), step)
+        promise.on_belief(at(10.0 * step + delay_s), belief(step, place(0, 1.0)))
+    assert [broken.what for broken in promise.verdict().breaks] == ["step 2 took 2.50 s"]
+    assert promise.verdict().figures["longest_s"] == 2.5
