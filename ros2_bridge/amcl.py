@@ -12,7 +12,13 @@ from protocol.work import Particles
 from ros2_bridge import topics
 from ros2_bridge.frames import FrameBuffer, Kept, TransformMissingError
 from ros2_bridge.initial_pose import given_pose, initial_pose
-from ros2_bridge.laser_scans import LaserScans, frame_name, stamp_of
+from ros2_bridge.laser_scans import (
+    LaserScans,
+    frame_name,
+    nanoseconds,
+    stamp_of,
+    time_problem,
+)
 from ros2_bridge.map_from_odom import MapFromOdom
 from ros2_bridge.markers import markers
 from ros2_bridge.messages_out import (
@@ -77,6 +83,19 @@ class Amcl:
             yield SearchEverywhere()
         self._was_reset = False
 
+    def resume(self, held: int | None) -> None:
+        """Go on where a bridge was killed: with the place that it held.
+
+        Args:
+            held: number of the cluster.
+        """
+        self.is_active, self._choice.held = True, held
+
+    @property
+    def held(self) -> int | None:
+        """The cluster that is published as the pose."""
+        return self._choice.held
+
     def deactivate(self) -> None:
         """Pause: scans are not used, and nothing is told."""
         self.is_active = False
@@ -91,7 +110,10 @@ class Amcl:
 
     def on_clock(self, message: Any) -> Iterator[Output]:
         """Take simulated time."""
-        now_ns = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+        now_ns = nanoseconds(message.clock)
+        if problem := time_problem(now_ns):
+            yield Refused("clock refused", problem)
+            return
         before_ns, self.clock_ns = self.clock_ns, now_ns
         if before_ns is not None and now_ns < before_ns:
             yield from self._on_clock_set_back("/clock", before_ns - now_ns)
@@ -111,10 +133,10 @@ class Amcl:
                 continue
             try:
                 link = rigid_of(one.transform.translation, one.transform.rotation)
+                stamp_ns = stamp_of(one.header)
             except ValueError as problem:
                 yield Refused("transform refused", f"{parent!r} -> {child!r}: {problem}")
                 continue
-            stamp_ns = stamp_of(one.header)
             match self._frames.add(stamp_ns, parent, child, link, fixed=fixed):
                 case Kept.NO:
                     yield Refused("late transform", f"{parent!r} -> {child!r} at {stamp_ns} ns")
@@ -125,9 +147,13 @@ class Amcl:
 
     def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
         """Take a `sensor_msgs/LaserScan`; it may wait for its transforms."""
-        if self.is_active:
+        if not self.is_active:
+            return
+        try:
             yield from self._scans.add(message, now_ns)
-            yield from self._ready_scans(now_ns)
+        except ValueError as problem:
+            yield Refused("laser scan refused", str(problem))
+        yield from self._ready_scans(now_ns)
 
     def on_tick(self, now_ns: int) -> Iterator[Output]:
         """Time has passed: scans may have waited long enough."""

@@ -32,6 +32,8 @@ class BondThread:
 
     def __init__(self, publisher: Sender, node_name: str) -> None:
         self._publisher, self._node_name = publisher, node_name
+        self.instance_id = ""
+        """Of the bond that was begun last."""
         self._over: threading.Event | None = None
         self._thread: threading.Thread | None = None
 
@@ -41,11 +43,12 @@ class BondThread:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def begin(self) -> None:
-        """Begin a bond; nothing, if there is one."""
+    def begin(self, instance_id: str = "") -> None:
+        """Begin a bond, or go on with a killed bridge's; nothing, if there is one."""
         if self._thread is None:
             self._over = threading.Event()
-            arguments = (self._over, str(uuid.uuid4()))
+            self.instance_id = instance_id or str(uuid.uuid4())
+            arguments = (self._over, self.instance_id)
             self._thread = threading.Thread(target=self._send, args=arguments, name="bond")
             self._thread.start()
 

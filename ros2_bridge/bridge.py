@@ -10,6 +10,7 @@ from ros2_bridge.bond import BondThread
 from ros2_bridge.core_link import HEARD, CoreLink
 from ros2_bridge.loop import BridgeLoop, InboxEvent
 from ros2_bridge.node import RosNode
+from ros2_bridge.restart_file import restart_file
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
@@ -46,7 +47,9 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
         bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
         resources.enter_context(bond)
-        loop = BridgeLoop(settings, inbox, CoreLink(core, process, inbox), publishers, bond)
+        file = resources.enter_context(restart_file(settings, name.topic(name.name)))
+        link = CoreLink(core, process, inbox)
+        loop = BridgeLoop(settings, inbox, link, publishers, bond, file)
         for service, ros_type in loop.services.types().items():
             node.serve(service, ros_type, inbox)
         for topic in names.read():

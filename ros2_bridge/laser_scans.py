@@ -17,6 +17,7 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
+from ros2_bridge.messages_out import LAST_NS
 from ros2_bridge.outputs import Refused
 from ros2_bridge.rigid import Rigid
 from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
@@ -57,6 +58,9 @@ class LaserScans:
         Args:
             scan: a `sensor_msgs/LaserScan`.
             now_ns: on a clock that does not jump.
+
+        Raises:
+            ValueError: its stamp is no time of ROS.
         """
         waiting = _Waiting(scan, frame_name(scan.header.frame_id), stamp_of(scan.header), now_ns)
         self._waiting.append(waiting)
@@ -157,8 +161,27 @@ def laser_reading(
 
 
 def stamp_of(header: Any) -> int:
-    """The time in a message's header [ns]."""
-    return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+    """The time in a message's header [ns].
+
+    Raises:
+        ValueError: it is no time of ROS.
+    """
+    stamp_ns = nanoseconds(header.stamp)
+    if problem := time_problem(stamp_ns):
+        raise ValueError(problem)
+    return stamp_ns
+
+
+def nanoseconds(time: Any) -> int:
+    """A `builtin_interfaces/Time` [ns]."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def time_problem(time_ns: int) -> str:
+    """Why this is no time of ROS, whose seconds have 31 bits; empty: it is one."""
+    if 0 <= time_ns <= LAST_NS:
+        return ""
+    return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
 
 
 def frame_name(name: str) -> str:

@@ -18,7 +18,7 @@ from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.bond import BondThread
 from ros2_bridge.core_link import CoreLink
-from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE
+from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
 from ros2_bridge.node import Called, FromRos, RosPublisher
@@ -32,6 +32,7 @@ from ros2_bridge.outputs import (
     Refused,
     SearchEverywhere,
 )
+from ros2_bridge.restart_file import Doing, RestartFile
 from ros2_bridge.robot_session import node_name
 from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
@@ -74,6 +75,7 @@ class BridgeLoop:
         link: to our system.
         publishers: of the robot's topics, by their names.
         bond: the sign of life.
+        file: what a bridge was doing that was killed.
     """
 
     def __init__(
@@ -83,9 +85,10 @@ class BridgeLoop:
         link: CoreLink,
         publishers: Mapping[str, RosPublisher],
         bond: BondThread,
+        file: RestartFile,
     ) -> None:
         self._settings, self._inbox, self._link = settings, inbox, link
-        self._publishers, self._bond = publishers, bond
+        self._publishers, self._bond, self._file = publishers, bond, file
         self._amcl = Amcl(settings.ros2)
         name = node_name(settings.ros2)
         node = name.topic(name.name)
@@ -98,7 +101,10 @@ class BridgeLoop:
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop."""
-        if self._settings.ros2.autostart:
+        before = self._file.read()
+        if before is not None and before.state is not State.UNCONFIGURED:
+            self._resume(before)
+        elif self._settings.ros2.autostart:
             self._do(self.services.change(CONFIGURE))
             self._do(self.services.change(ACTIVATE))
         while not stop.is_set():
@@ -110,6 +116,21 @@ class BridgeLoop:
             if event is None or time.monotonic() >= (self._places_until_s or math.inf):
                 self._tell_all_places()
             self._every_second()
+            state, bond, held = (
+                self.services.lifecycle.state,
+                self._bond.instance_id,
+                self._amcl.held,
+            )
+            self._file.keep(Doing(state=state, bond=bond, held=held), time.monotonic())
+
+    def _resume(self, before: Doing) -> None:
+        """Go on where a bridge was killed; the system knows where the robot is."""
+        _log.info("%s again, as the bridge was that was killed", before.state.label)
+        self.services.lifecycle.state = before.state
+        if before.state is State.ACTIVE:
+            self._amcl.resume(before.held)
+            self._bond.begin(before.bond)
+            self._do([LookOnce()])  # a robot that stands has no next belief otherwise
 
     def _on_event(self, event: InboxEvent | None) -> None:
         match event:

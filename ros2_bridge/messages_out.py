@@ -16,13 +16,15 @@ from ros2_bridge.rigid import flat
 
 _PLANAR = (0, 1, 5)
 """Rows of ROS's covariance over x, y, z and the turns about them that a plane has."""
+LAST_NS = 2**31 * 1_000_000_000 - 1
+"""ROS's seconds have 31 bits [ns]."""
 _OK, _WARNING, _ERROR = 0, 1, 2
 _HEALTHY = ("localized", "ambiguous")
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """A `std_msgs/Header`."""
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
+    """A `std_msgs/Header`; a time that ROS cannot tell is the nearest one that it can."""
+    seconds, nanoseconds = divmod(min(max(stamp_ns, 0), LAST_NS), 1_000_000_000)
     stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
@@ -115,8 +117,8 @@ def particle_cloud(
     rows[:, 5], rows[:, 6] = np.sin(map_from_robot[:, 2] / 2), np.cos(map_from_robot[:, 2] / 2)
     rows[:, 7] = weights
     name = frame.encode() + b"\0"
-    seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
-    start = struct.pack("<iII", seconds, nanoseconds, len(name)) + name
+    stamp = header(stamp_ns, frame).stamp
+    start = struct.pack("<iII", stamp.sec, stamp.nanosec, len(name)) + name
     start = _filled(start, 4) + struct.pack("<I", len(rows))
     if len(rows):
         start = _filled(start, 8)

@@ -49,7 +49,8 @@ class PoseChoice:
 
     def __init__(self, publish: Publish) -> None:
         self.publish = publish
-        self._held: int | None = None
+        self.held: int | None = None
+        """The cluster of the place that was told last."""
 
     def choose(self, belief: Belief, expected: PoseTuple | None) -> Chosen | None:
         """The place to tell after a step; None: there is none.
@@ -59,7 +60,7 @@ class PoseChoice:
             expected: where the place told last would be now, by odometry alone.
         """
         hypothesis = self._chosen(belief, expected)
-        self._held = hypothesis.cluster if hypothesis else None
+        self.held = hypothesis.cluster if hypothesis else None
         if hypothesis is None:
             return None
         covariance = hypothesis.covariance
@@ -83,10 +84,10 @@ class PoseChoice:
 
     def _kept(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         """The cluster that is held; what it has become part of; else the best one."""
-        if self._held is None:
+        if self.held is None:
             return None
         for hypothesis in belief.hypotheses:
-            if hypothesis.cluster == self._held:
+            if hypothesis.cluster == self.held:
                 return hypothesis
         near = [one for one in belief.hypotheses if expected and _same(one.mean, expected)]
         return (near or belief.hypotheses)[0]

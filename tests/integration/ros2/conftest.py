@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
-from process_runtime.settings import RobotSettings, Settings, ZenohSettings
+from process_runtime.settings import CoordinatorSettings, RobotSettings, Settings, ZenohSettings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
@@ -75,7 +75,8 @@ def start_bridge(
     ) -> RunningProcess:
         nonlocal count
         count += 1
-        settings = Settings(zenoh=zenoh_settings, robot=RobotSettings(name=robot))
+        kept = CoordinatorSettings(state_folder=str(tmp_path))
+        settings = Settings(zenoh=zenoh_settings, robot=RobotSettings(name=robot), coordinator=kept)
         file = tmp_path / f"bridge-{count}.toml"
         ros2 = ros2 or Ros2Settings()
         file.write_text(settings_as_toml(msgspec.structs.replace(settings, ros2=ros2)))

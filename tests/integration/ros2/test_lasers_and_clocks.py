@@ -76,6 +76,9 @@ def test_simulated_time_that_is_set_back_begins_anew_and_the_pose_follows(
     bridge = start_bridge(settings)
     told, poses = robot.listen(DIAGNOSTICS), robot.listen(AMCL_POSE)
     tick = 1000 * SECOND
+    for seconds in (-1, 2**31 - 1):
+        no_time = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=2 * SECOND)
+        robot.put(CLOCK, new(types.CLOCK, clock=no_time))
 
     def go_on() -> list[LaserReading]:
         nonlocal tick
@@ -96,4 +99,5 @@ def test_simulated_time_that_is_set_back_begins_anew_and_the_pose_follows(
     assert poses[-1].pose.pose.position.x == 7.0
     wait_until(lambda: go_on() and transforms)
     assert transforms[-1].transforms[0].header.stamp.sec < 900
+    assert "clock refused" in bridge.err
     wait_until(lambda: go_on() and told[-1].header.stamp.sec < 900)

@@ -1,7 +1,10 @@
 """A double of nav2's lifecycle manager: what it asks, in its order, and the bond it waits for."""
 
+import os
+import signal
 import time
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -158,3 +161,65 @@ def test_a_pose_given_before_activation_is_used_then(
     key, command = system.commands[0]
     assert key == "command/set_pose"
     assert command["map_from_robot"] == pytest.approx([3.0, 1.0, 0.5])
+
+
+def test_a_bridge_that_is_killed_goes_on_where_it_was_and_the_manager_sees_one_bond(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    robot, system = open_robot(), open_system()
+    robot.put_mounts(("laser", HERE))
+    bridge = start_bridge(Ros2Settings(set_initial_pose=True))
+    manager, poses = Manager(robot), robot.listen(AMCL_POSE)
+    assert manager.change(CONFIGURE)
+    assert manager.change(ACTIVATE)
+    robot.stand_until(lambda: system.lasers)
+    stamp_ns = system.lasers[-1].stamp_ns
+    system.believe(stamp_ns, (5, 0.95, (1.0, 2.0, 0.0)), state="localized")
+    wait_until(lambda: poses)
+    del system.commands[:], poses[:]
+    bridge.kill()
+    killed_s, count = time.monotonic(), len(manager.bonds)
+    start_bridge(Ros2Settings(set_initial_pose=True))
+    wait_until(lambda: len(manager.bonds) > count)
+    assert manager.bond_at_s[count] - killed_s < min(stretched_s(3.0), BOND_TIMEOUT_S)
+    assert manager.bonds[count].instance_id == manager.bonds[0].instance_id
+    assert manager.state() == "active"
+    wait_until(lambda: system.commands)
+    assert [key for key, _ in system.commands] == ["command/update"]  # and no initial pose
+    heard = len(system.lasers)
+    robot.stand_until(lambda: len(system.lasers) > heard)
+    places = [(4, 0.6, (9.0, 9.0, 0.0)), (5, 0.4, (1.0, 2.0, 0.0))]
+    system.believe(system.lasers[-1].stamp_ns, *places, state="ambiguous")
+    wait_until(lambda: poses)
+    assert poses[-1].pose.pose.position.y == 2.0  # the place that it held
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_bridge_that_was_stopped_or_comes_too_late_begins_unconfigured(
+    open_robot: OpenRobot, start_bridge: StartBridge, tmp_path: Path, *, is_late: bool
+) -> None:
+    robot = open_robot()
+    robot.put_mounts()
+    bridge, manager = start_bridge(), Manager(robot)
+    assert manager.change(CONFIGURE)
+    wait_until(lambda: list(tmp_path.glob("ros2-*.json")))
+    bridge.send_signal(signal.SIGKILL if is_late else signal.SIGTERM)
+    bridge.wait()
+    kept = list(tmp_path.glob("ros2-*.json"))
+    assert len(kept) == is_late
+    for file in kept:
+        long_ago_s = time.time() - BOND_TIMEOUT_S
+        os.utime(file, (long_ago_s, long_ago_s))
+    start_bridge()
+    assert manager.state() == "unconfigured"
+
+
+@pytest.mark.parametrize("content", ["", "{}", '{"state":99,"bond":"","held":null}', "[" * 5000])
+def test_a_broken_file_of_a_killed_bridge_is_named_and_not_used(
+    open_robot: OpenRobot, start_bridge: StartBridge, tmp_path: Path, content: str
+) -> None:
+    open_robot().put_mounts()
+    (tmp_path / "ros2-robot-0%2Famcl.json").write_text(content)
+    bridge = start_bridge(ACTIVE, expect="ros2-robot-0%2Famcl.json is not used: ")
+    bridge.wait_for("is there, in ROS domain")
+    assert bridge.is_running()

@@ -17,7 +17,7 @@ from ros2_bridge import message_types as types
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.laser_scans import MAX_WAITING
-from ros2_bridge.message_types import decode, new
+from ros2_bridge.message_types import decode, encode, new
 from ros2_bridge.messages_out import header, pose, pose_stamped, transform
 from ros2_bridge.outputs import GiveMap, GivePose, Output, Publish, Refused, SearchEverywhere
 from ros2_bridge.rigid import Rigid, flat
@@ -41,7 +41,8 @@ def scan(
 ) -> Any:
     fields = {"angle_min": -0.5, "angle_increment": 0.25, "range_min": 0.1, "range_max": 10.0}
     values = np.array(list(ranges), np.float32)
-    return new(types.LASER_SCAN, header=header(stamp_ns, frame), ranges=values, **fields | more)
+    fields = {"header": header(stamp_ns, frame), "ranges": values, **fields}
+    return new(types.LASER_SCAN, **fields | more)
 
 
 CELLS = (0, 100, -1, 50, 0, 0)
@@ -144,6 +145,33 @@ def test_the_longest_range_is_the_shorter_of_the_lasers_and_the_settings() -> No
         robot = Robot(Ros2Settings(laser_max_range_m=longest_m))
         (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
         assert reading.range_max_m == expected
+
+
+@pytest.mark.parametrize(("seconds", "more_ns"), [(-1, 0), (2**31 - 1, 2 * 10**9), (-(2**31), 0)])
+def test_times_that_ros_has_not_are_refused_wherever_they_stand(seconds: int, more_ns: int) -> None:
+    robot = Robot(Ros2Settings(use_sim_time=True))
+    stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=more_ns)
+    at = new("std_msgs/msg/Header", stamp=stamp, frame_id="odom")
+    clock = list(robot.amcl.on_clock(new(types.CLOCK, clock=stamp)))
+    assert causes(clock) == ["clock refused"]
+    assert robot.amcl.clock_ns is None
+    moved = transform((0.0, 0.0, 0.0), 0, "odom", "base_footprint")
+    moved.transforms[0].header = at
+    assert causes(list(robot.amcl.on_transforms(moved, 0, fixed=False))) == ["transform refused"]
+    assert causes(list(robot.amcl.on_scan(scan(0, header=at), 0))) == ["laser scan refused"]
+    assert readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
+
+
+def test_what_is_stamped_at_the_end_of_ros_time_can_be_written() -> None:
+    last_ns = 2**31 * SECOND - 1
+    robot = Robot()
+    robot.drive(last_ns, (0.0, 0.0, 0.0))
+    told = robot.believe(last_ns) + robot.drive(last_ns, (0.0, 0.0, 0.0)) + robot.scan(last_ns)
+    sent = [one for one in told if isinstance(one, Publish)]
+    assert {one.topic.name for one in sent} >= {"amcl_pose", "/tf"}
+    for one in sent:
+        if not isinstance(one.message, bytes):
+            encode(one.message, one.topic.ros_type)
 
 
 def test_slashes_in_front_of_frames_mean_nothing() -> None:

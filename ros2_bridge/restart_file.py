@@ -1,0 +1,110 @@
+"""What a killed bridge was doing: the next one goes on with it, if it comes soon enough.
+
+Nav2's manager waits for 4 s for a sign of life; then it shuts its nodes down and brings all of them
+up again. So a bridge that is back earlier goes on in the same state with the same bond. One that
+comes later begins unconfigured, as the manager then expects.
+"""
+
+import logging
+import os
+import tempfile
+import time
+from pathlib import Path
+from urllib.parse import quote
+
+import msgspec
+
+from coordinator.last_pose_files import default_state_folder
+from process_runtime.settings import Settings
+from ros2_bridge.bond import TIMEOUT_S
+from ros2_bridge.lifecycle import State
+
+_EVERY_S = 0.5
+_MAX_BYTES = 1024
+
+_log = logging.getLogger(__name__)
+
+
+class Doing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a bridge is doing."""
+
+    state: State
+    bond: str
+    """The bond's instance id: to the manager, another one is another node."""
+    held: int | None
+    """The cluster that is published as the pose."""
+
+
+class RestartFile:
+    """Exists as long as the bridge lives, or since it was killed; use it in a ``with`` block.
+
+    Args:
+        path: of the file; None: nowhere.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self._path = path
+        self._kept: Doing | None = None
+        self._again_s = 0.0
+
+    def __enter__(self) -> "RestartFile":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+
+    def read(self) -> Doing | None:
+        """What a bridge was doing that was killed just now; None: there was none."""
+        path = self._path
+        try:
+            if path is None or not path.is_file():
+                return None
+            with path.open("rb") as file:
+                about, content = os.fstat(file.fileno()), file.read(_MAX_BYTES)
+            doing = msgspec.json.decode(content, type=Doing)
+        except (OSError, msgspec.DecodeError) as error:
+            _log.warning("%s is not used: %s", path, error)
+            return None
+        return doing if 0.0 <= time.time() - about.st_mtime < TIMEOUT_S else None
+
+    def keep(self, doing: Doing, now_s: float) -> None:
+        """Write it where it has changed; show twice a second that the bridge lives."""
+        if self._path is None or (doing == self._kept and now_s < self._again_s):
+            return
+        try:
+            if doing == self._kept:
+                os.utime(self._path)
+            else:
+                _replace(self._path, msgspec.json.encode(doing))
+        except OSError as error:
+            _log.warning("a bridge that is killed will begin anew: %s", error)
+            self._path = None
+        self._kept, self._again_s = doing, now_s + _EVERY_S
+
+
+def restart_file(settings: Settings, node: str) -> RestartFile:
+    """The file of a node; in the folder where the coordinator keeps the last pose.
+
+    Args:
+        settings: of all processes.
+        node: its full name.
+    """
+    named = settings.coordinator.state_folder
+    if named == "off":
+        return RestartFile(None)
+    try:
+        folder = Path(named).expanduser() if named else default_state_folder()
+    except RuntimeError:  # a service without a home
+        return RestartFile(None)
+    name = quote(f"{settings.robot.name}-{settings.ros2.domain_id}{node}", safe="")
+    return RestartFile(folder / f"ros2-{name}.json")
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Whoever reads finds the old content or the new one, whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    number, part = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
+    with os.fdopen(number, "wb") as file:
+        file.write(content)
+    Path(part).replace(path)
