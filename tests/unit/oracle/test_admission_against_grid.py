@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import NEWS_M, NEWS_RAD
@@ -36,7 +37,6 @@ REACH_M, REACH_RAD = 0.8, 0.6
 """Of a place round its source point: all that is left of the belief about it lies within."""
 GRID_ERROR = 0.03
 SEARCH = SearchSettings(
-    shards=1,
     source_radius_m=REACH_M,
     source_heading_rad=REACH_RAD,
     min_place_share=0.0,
@@ -45,12 +45,12 @@ SEARCH = SearchSettings(
 )
 
 
-def searching(seed: int) -> FilterSettings:
+def searching(seed: int, shards: int) -> FilterSettings:
     """A search begins at every step at which none runs; its places have to earn their weight."""
     rules = settings(
         seed, search_every_steps=1, kidnapping_probability=HAZARD, newcomer_probability=0.0
     )
-    return replace(rules, search=SEARCH)
+    return replace(rules, search=replace(SEARCH, shards=shards))
 
 
 def at_last() -> Array:
@@ -89,12 +89,16 @@ def exact_log_weight(drive: Drive) -> float:
     return log_evidence + math.log(share)
 
 
-def test_a_new_place_is_as_probable_as_an_exact_filter_has_it() -> None:
-    """B(elsewhere) when the search began x its evidence x share, beside what is tracked."""
+@pytest.mark.parametrize("shards", [1, 3])
+def test_a_new_place_is_as_probable_as_an_exact_filter_has_it(shards: int) -> None:
+    """B(elsewhere) when the search began x its evidence x share, beside what is tracked.
+
+    The search's evidence is the average of its shards', however many they are.
+    """
     drive = Drive(plain_room(), TRUTH, STEPS)
     found = []
     for seed in SEEDS:
-        steps = ensemble_steps(plain_room(), drive, [(1.0, MIRRORED)], searching(seed))
+        steps = ensemble_steps(plain_room(), drive, [(1.0, MIRRORED)], searching(seed, shards))
         *_, (outcome, _) = steps
         logs = {h.cluster: h.log_probability for h in outcome.hypotheses}
         fresh = [h for h in outcome.hypotheses if h.age_steps == 0]

@@ -178,14 +178,21 @@ def test_two_places_that_look_alike_stay_alike() -> None:
     assert max(abs(odds) for odds in found) < 0.3, "not in the mean only"
 
 
-def test_a_place_that_is_not_heard_of_keeps_its_probability() -> None:
+@pytest.mark.parametrize("hazard", [0.0, 0.02])
+def test_a_place_that_is_not_heard_of_keeps_its_probability(hazard: float) -> None:
+    """Elsewhere is compared with the average over the places that reported, not with their sum."""
     shares = {"truth": 0.4, "mirrored": 0.35, "beside": 0.25}
+    if hazard > 0.0:
+        shares = {"truth": 0.4, "mirrored": 0.3, "elsewhere": 0.3}
     exact = exact_log_odds(
         np.log(list(shares.values())),
         np.stack([evidence("plain", place) for place in shares]),
-        unheard={2: 1, 4: 0},
+        hazard=hazard,
+        unheard={2: 1, STEPS: 0},
     )
-    found = log_odds("plain", shares, unheard={2: "c1", 4: "c0"})
+    tracked = {place: share for place, share in shares.items() if place != "elsewhere"}
+    lost = {2: "c1", STEPS: "c0"}
+    found = log_odds("plain", tracked, unheard=lost, kidnapping_probability=hazard)
     for other in range(2):
         assert_is_mean_of(exact[other], [odds[other] for odds in found], GRID_ERROR)
 

@@ -148,7 +148,8 @@ def ensemble_steps(
     ensemble = Ensemble(given)
     begin = ensemble.begin_at(0)
     found = _places(places, rng)
-    outcome = ensemble.advance(0, [_search_report(found)])
+    shards = range(given.search.shards)
+    outcome = ensemble.advance(0, [_search_report(found, shard) for shard in shards])
     standing = {job_id: job for job_id, job in begin.items() if isinstance(job, ElsewhereJob)}
     jobs: dict[str, RunningJob] = {}
     for scan in drive.scans:
@@ -218,10 +219,10 @@ def _places(given: Sequence[tuple[float, Array]], rng: np.random.Generator) -> F
     )
 
 
-def _search_report(found: FoundPlaces) -> SearchReport:
+def _search_report(found: FoundPlaces, shard: int) -> SearchReport:
     return SearchReport(
         sender="w",
-        job_id="s0.0",
+        job_id=f"s0.{shard}",
         epoch=0,
         step=0,
         log_evidence=0.0,

@@ -1,15 +1,18 @@
 """A robot that has not gone where its odometry says."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.arrays import Pose
+from particle_filter.arrays import Pose, Poses
 from particle_filter.cluster_filter import Cloud, Weighed, advanced
+from particle_filter.motion import move
 from particle_filter.poses import compose
-from particle_filter.settings import ClusterSettings, MotionSettings
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from particle_filter.slip import slipped
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
@@ -18,7 +21,21 @@ FORWARDS, BACKWARDS = np.array([0.4, 0.0, 0.0]), np.array([-0.4, 0.0, 0.0])
 NONE, EVERY_TENTH = slice(0), slice(None, None, 10)
 WITH = MotionSettings()
 WITHOUT = replace(WITH, slip_probability=0.0)
+EAGER = replace(WITH, slip_below_fit=10.0)
+"""A slip is thought of at every step."""
 MODEL = model_of(plain_room())
+
+
+def particles() -> Poses:
+    """(1000, 3) of the cloud before the drive."""
+    return BEFORE + np.random.default_rng(5).normal(0.0, [0.03, 0.03, 0.02], (1000, 3))
+
+
+def after_forwards() -> tuple[Poses, Poses]:
+    """Where `after_a_drive` tries those particles: by odometry, and one in four as slipped."""
+    rng = np.random.default_rng(6)
+    moved = move(particles(), FORWARDS, WITH, rng)
+    return moved, slipped(particles()[::4], moved[::4], FORWARDS, rng)
 
 
 def after_a_drive(
@@ -28,10 +45,9 @@ def after_a_drive(
 
     Somebody stands half way in some beams, which are cut.
     """
-    spread = np.random.default_rng(5).normal(0.0, [0.03, 0.03, 0.02], (1000, 3))
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
     beams.ranges[cut] *= 0.5
-    cloud, rng = Cloud.even(BEFORE + spread), np.random.default_rng(6)
+    cloud, rng = Cloud.even(particles()), np.random.default_rng(6)
     return advanced(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
 
 
@@ -79,6 +95,51 @@ def test_a_slip_is_as_improbable_as_it_is_said_to_be() -> None:
     )
     # What odometry says fits worse by ten nats: its share of the sum is under a tenth.
     assert often - seldom == pytest.approx(math.log(10.0), abs=0.1)
+
+
+def test_the_scan_is_as_likely_as_bayes_rule_has_it_of_a_robot_that_may_have_slipped() -> None:
+    """(1 - p) times its likelihood where odometry says, p times that where slips lead.
+
+    Particles that weigh more weigh more as slipped ones, too.
+    """
+    probability, beams = 0.4, seen_from(compose(BEFORE, BACKWARDS), plain_room())
+    weights = np.exp((particles()[:, 2] - BEFORE[2]) / 0.02)
+    weights /= weights.sum()
+    # A small exponent: what odometry says fits badly, and still counts.
+    sensor = SensorSettings(scan_likelihood_exponent=0.01, visibility_particles=0)
+    result = advanced(
+        Cloud(particles(), np.log(len(weights) * weights)), FORWARDS, beams,
+        computed_model(MODEL.grid, sensor), replace(WITH, slip_probability=probability),
+        ClusterSettings(resample_below_ess=0.1), np.random.default_rng(6),
+    )  # fmt: skip
+    moved, back = (np.exp(0.01 * MODEL.log_likelihood(at, beams)) for at in after_forwards())
+    by_odometry = (1.0 - probability) * (weights @ moved)
+    by_slip = probability * (weights[::4] @ back) / 0.25
+    assert 0.1 < by_odometry / by_slip < 10.0, "both count"
+    likelihood = result.log_weight_sum - math.log(len(weights))
+    assert likelihood == pytest.approx(math.log(by_odometry + by_slip), abs=1e-9)
+
+
+def test_a_slip_is_thought_of_only_where_scans_fit_badly() -> None:
+    """However much better it fits: `slip_below_fit` says what is bad."""
+    fits_badly = after_a_drive(BACKWARDS, WITHOUT).log_likelihood_per_beam
+    for least, follows in ((fits_badly - 0.01, False), (fits_badly + 0.01, True)):
+        result = after_a_drive(BACKWARDS, replace(WITH, slip_below_fit=least))
+        assert (error_m(result, BACKWARDS) < 0.25) == follows
+
+
+def test_a_slip_has_to_fit_better_by_four_tenths_of_a_nat_a_beam() -> None:
+    gains, taken = [], []
+    for x_m, turn in product(np.linspace(0.3, 0.1, 6), (-0.2, -0.1, 0.0, 0.1, 0.2)):
+        true_motion = np.array([x_m, 0.0, turn])
+        eager, without = (after_a_drive(true_motion, s) for s in (EAGER, WITHOUT))
+        beams = seen_from(compose(BEFORE, true_motion), plain_room())
+        moved, back = (MODEL.log_likelihood(at, beams).max() for at in after_forwards())
+        gains.append((back - moved) / beams.count)
+        poses = [result.cloud.map_from_robot for result in (eager, without)]
+        taken.append(not np.array_equal(*poses))
+    assert taken == [gain > 0.4 for gain in gains]
+    assert {True, False} == {0.3 < gain < 0.4 for gain in gains if gain < 0.5}, "near it, too"
 
 
 def test_a_slipped_robot_is_behind_where_odometry_says() -> None:

@@ -284,6 +284,22 @@ def test_clusters_under_the_threshold_are_dropped_where_one_is_set() -> None:
     assert outcome.events == (Ended("c2", "improbable", (), pytest.approx(9 / 91)),)
 
 
+def test_what_later_places_of_a_search_explain_goes_from_elsewhere_to_its_places() -> None:
+    """In the end its own places, and elsewhere, are as probable as its shares say."""
+    made = ensemble(max_clusters=4, merge_every_steps=100, kidnapping_probability=1e-12)
+    made.begin_at(0)
+    first = {NORTH: 0.3, SOUTH: 0.1, EAST: 0.0}
+    outcome = made.advance(0, [searched(f"s0.{n}", 0, first) for n in range(2)])
+    assert probabilities(outcome) == pytest.approx({0: 0.3, 1: 0.1})
+    assert outcome.elsewhere_probability == pytest.approx(0.6)
+    tracks: list[Report] = [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)]
+    tracks.append(elsewhere(1, math.log(0.1)))
+    later = {NORTH: 0.45, SOUTH: 0.15, EAST: 0.2}
+    outcome = made.advance(1, [*tracks, *(searched(f"s0.{n}", 1, later) for n in range(2))])
+    assert probabilities(outcome) == pytest.approx({0: 0.45, 1: 0.15, 2: 0.2})
+    assert outcome.elsewhere_probability == pytest.approx(0.2)
+
+
 def test_places_of_a_search_that_has_found_the_clusters_go_on_to_enter() -> None:
     """What it shares with the clusters tells what its shares are worth."""
     made = ensemble(max_clusters=4, merge_every_steps=100)

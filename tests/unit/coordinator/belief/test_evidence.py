@@ -67,6 +67,21 @@ def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
     assert not pool.finished(pooled, 1)
 
 
+@pytest.mark.parametrize(("weight", "gap"), [(1.0, 1.0), (0.05, 1.0), (1e-4, 7.0)])
+def test_what_a_shard_without_weight_has_left_out_does_not_count(weight: float, gap: float) -> None:
+    """The least gap of those that have found something: a search ends when it is large."""
+    pool = SearchPool(0, 0, SearchSettings(shards=3))
+    for shard, (evidence, left_out) in enumerate([(1.0, 9.0), (weight, 1.0), (1.0, 7.0)]):
+        log_evidence = math.log(evidence)
+        report = searched(
+            f"s0.{shard}", 0, {NORTH: 1.0}, log_evidence=log_evidence, left_out_gap=left_out
+        )
+        pool.add(report)
+    pooled = pool.pooled()
+    assert pooled is not None
+    assert pooled.left_out_gap == gap
+
+
 def test_only_a_step_that_all_shards_have_reached_is_pooled() -> None:
     pool = SearchPool(0, 0, SearchSettings(shards=2))
     pool.add(searched("s0.0", 3, {NORTH: 1.0}))
