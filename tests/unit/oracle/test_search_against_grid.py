@@ -1,5 +1,7 @@
 """A global search's evidence and shares against an exact filter over the whole of a small room."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -7,7 +9,7 @@ from msgspec.structs import replace
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings, SearchSettings
+from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.work import Assignment, SearchJob, SearchReport
 from tests.unit.coordinator.reports import literal_bayes
 from tests.unit.oracle.grid_filter import ExactField
@@ -60,27 +62,67 @@ def exact(drive: Drive) -> tuple[float, float]:
     return log_evidence, float(grid.mass[grid.xs < 0.5 * cells.shape[1] * CELL_M].sum())
 
 
+def exact_joined(drive: Drive, exponent: float) -> tuple[float, float]:
+    """As `exact`, of all scans at once, placed by odometry as if it did not err."""
+    cells = small_room()
+    grid, field = exact_everywhere(cells), ExactField(cells, CELL_M, BLUNT)
+    x, y, heading = drive.scans[-1].odom_from_robot
+    log_likelihood = np.zeros(grid.mass.shape)
+    for scan, hits in zip(drive.scans, drive.hits, strict=True):
+        then = scan.odom_from_robot
+        turn = then[2] - heading
+        ahead, left = (
+            np.cos(heading) * (then[0] - x) + np.sin(heading) * (then[1] - y),
+            np.cos(heading) * (then[1] - y) - np.sin(heading) * (then[0] - x),
+        )
+        along = ahead + np.cos(turn) * hits[:, 0] - np.sin(turn) * hits[:, 1]
+        across = left + np.sin(turn) * hits[:, 0] + np.cos(turn) * hits[:, 1]
+        from_now = np.stack([along, across], axis=-1)
+        log_likelihood += field.log_weight(grid.x, grid.y, grid.heading, from_now, exponent)
+    mass = grid.mass * np.exp(log_likelihood)
+    left_half = mass[grid.xs < 0.5 * cells.shape[1] * CELL_M].sum()
+    return float(np.log(mass.sum())), float(left_half / mass.sum())
+
+
+def found(
+    drive: Drive, rules: SearchSettings, sensor: SensorSettings
+) -> tuple[list[float], list[float]]:
+    """Log evidence of all steps, and the share of the left half, of every seed and shard."""
+    evidences, shares = [], []
+    model = computed_model(Grid(small_room(), CELL_M, np.zeros(3)), sensor)
+    for seed, shard in product(SEEDS, range(rules.shards)):
+        settings = FilterSettings(
+            seed=seed, motion=MOTION, sensor=sensor, search=rules, belief=literal_bayes()
+        )
+        search = SearchJob(search=0, shard=shard, first_step=0)
+        order = Assignment(job_id=f"s0.{shard}", epoch=0, job=search)
+        job = running(order, model, settings, sender="w")
+        for scan in drive.scans:
+            report = job.advance(scan)
+        assert isinstance(report, SearchReport)
+        evidences.append(report.log_evidence)
+        # A place reaches 0.15 m; those across the middle count by where their mean is.
+        middle = 0.5 * small_room().shape[1] * CELL_M
+        share, mean = report.places.share.array(), report.places.mean.array()
+        shares.append(float(share[mean[:, 0] < middle].sum() / share.sum()))
+    return evidences, shares
+
+
 def test_evidence_and_shares_are_those_of_the_grid(drive: Drive) -> None:
     """Each shard is a filter of its own: 16 seeds are 32 of them."""
     log_evidence, left = exact(drive)
     assert 0.1 < left < 0.9, "both halves are possible, else there is nothing to compare"
-    evidences, shares = [], []
-    for seed in SEEDS:
-        settings = FilterSettings(
-            seed=seed, motion=MOTION, sensor=BLUNT, search=RULES, belief=literal_bayes()
-        )
-        model = computed_model(Grid(small_room(), CELL_M, np.zeros(3)), BLUNT)
-        for shard in range(RULES.shards):
-            search = SearchJob(search=0, shard=shard, first_step=0)
-            order = Assignment(job_id=f"s0.{shard}", epoch=0, job=search)
-            job = running(order, model, settings, sender="w")
-            for scan in drive.scans:
-                report = job.advance(scan)
-            assert isinstance(report, SearchReport)
-            evidences.append(report.log_evidence)
-            # A place reaches 0.15 m; those across the middle count by where their mean is.
-            middle = 0.5 * small_room().shape[1] * CELL_M
-            share, mean = report.places.share.array(), report.places.mean.array()
-            shares.append(float(share[mean[:, 0] < middle].sum() / share.sum()))
+    evidences, shares = found(drive, RULES, BLUNT)
+    assert_is_mean_of(log_evidence, evidences, GRID_ERROR)
+    assert_is_mean_of(left, shares, GRID_ERROR)
+
+
+def test_where_all_is_searched_again_all_scans_count_where_odometry_places_them(
+    drive: Drive,
+) -> None:
+    """So blunt that one scan leaves more possible than is kept: four scans are joined."""
+    bluntest = replace(BLUNT, scan_likelihood_exponent=0.05)
+    log_evidence, left = exact_joined(drive, bluntest.scan_likelihood_exponent)
+    evidences, shares = found(drive, replace(RULES, poses=4_000), bluntest)
     assert_is_mean_of(log_evidence, evidences, GRID_ERROR)
     assert_is_mean_of(left, shares, GRID_ERROR)

@@ -10,7 +10,7 @@ from particle_filter import global_search
 from particle_filter.arrays import UNKNOWN, Points
 from particle_filter.global_search import GlobalSearch, _Kept
 from particle_filter.grid_search import GridSearch, SearchSpace
-from particle_filter.poses import heading_distance
+from particle_filter.poses import compose, heading_distance
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
 from tests.unit.particle_filter.rooms import (
@@ -104,6 +104,24 @@ def test_the_more_it_had_to_leave_out_the_more_scans_it_waits_for_to_search_agai
         search.advance(before, pose, seen_from(pose, cells), rng)
         before = pose
     assert [count // hits[0] for count in hits] == searches
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("poses", [4, 20])
+def test_scans_joined_by_odometry_show_the_place_to_a_search_that_keeps_few_poses(
+    poses: int, seed: int
+) -> None:
+    """The robot turns and drives a metre between scans, so each is of use only at its own pose."""
+    cells, rng = plain_room(), np.random.default_rng(seed)
+    settings = FilterSettings(belief=LITERAL, search=SearchSettings(poses=poses, shards=1))
+    search = GlobalSearch(model_of(cells), settings, shard=0)
+    before, pose = None, START
+    for _ in range(4):
+        search.advance(before, pose, seen_from(pose, cells), rng)
+        before, pose = pose, compose(pose, np.array([0.9, 0.0, 0.7]))
+    best = search.places(np.random.default_rng(0))[0]
+    assert before is not None
+    assert is_near(best.mean, before)
 
 
 def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where() -> None:
