@@ -6,6 +6,7 @@ from typing import Any
 from grid_maps.occupancy_grid import grid_map_of
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.answers import Belief
+from protocol.message import PoseTuple
 from protocol.reading_checks import pose_problem
 from protocol.steps import OdometryReading
 from protocol.work import Particles
@@ -51,6 +52,8 @@ class Amcl:
         """The newest time on `/clock`."""
         self.belief: Belief | None = None
         """The newest one."""
+        self.last_pose: PoseTuple | None = None
+        """The pose that was published or given last."""
         self._untold: Belief | None = None
         self._frames = FrameBuffer()
         self._scans = LaserScans(self._frames, settings)
@@ -182,9 +185,12 @@ class Amcl:
             self._remembered_pose = message
             return
         try:
-            yield given_pose(message, self.settings, self._frames)
+            given = given_pose(message, self.settings, self._frames)
         except ValueError as problem:
             yield Refused("initial pose refused", str(problem))
+            return
+        self.last_pose = given.map_from_robot
+        yield given
 
     # --- from the system
 
@@ -209,6 +215,7 @@ class Amcl:
         if chosen is not None:
             told = pose_stamped(chosen.map_from_robot, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, told)
+            self.last_pose = chosen.map_from_robot
         yield Publish(topics.STATE, text(belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
         yield Publish(topics.PROBABILITY, number(probable))

@@ -12,6 +12,7 @@ from ros2_bridge.loop import BridgeLoop, InboxEvent
 from ros2_bridge.node import RosNode
 from ros2_bridge.restart_file import restart_file
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
+from ros2_bridge.ros_log import log_to_ros
 from ros2_bridge.topics import Topics
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -45,14 +46,16 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
         node = RosNode(robot, name, humble=humble)
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
+        full_name = name.topic(name.name)
+        resources.enter_context(log_to_ros(publishers[topics.ROSOUT.name], full_name))
         bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
         resources.enter_context(bond)
-        file = resources.enter_context(restart_file(settings, name.topic(name.name)))
+        file = resources.enter_context(restart_file(settings, full_name))
         link = CoreLink(core, process, inbox)
         loop = BridgeLoop(settings, inbox, link, publishers, bond, file)
         for service, ros_type in loop.services.types().items():
             node.serve(service, ros_type, inbox)
         for topic in names.read():
             node.subscribe(topic, inbox, own=topic != names.tf)
-        _log.info("%s is there, in ROS domain %d", name.topic(name.name), name.domain_id)
+        _log.info("%s is there, in ROS domain %d", full_name, name.domain_id)
         loop.run(stop)

@@ -76,6 +76,14 @@ class Parameters:
         result = self._set_all(request.parameters)
         return new(response_of(types.SET_PARAMETERS_ATOMICALLY), result=result)
 
+    def replace(self, values: dict[str, Value]) -> list[Any]:
+        """Set parameters to values that are known to fit; as `Parameter` messages."""
+        for name, value in values.items():
+            setting = PARAMETERS[name].setting
+            self.settings = with_setting(self.settings, setting, value, name)
+        kind = "rcl_interfaces/msg/Parameter"
+        return [new(kind, name=name, value=self._told(name)) for name in values]
+
     def _set_all(self, parameters: list[Any]) -> Any:
         """Take all of them or none; a `SetParametersResult`."""
         before, reason = self.settings, ""

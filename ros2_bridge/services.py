@@ -12,6 +12,7 @@ from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
 from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, SearchEverywhere
 from ros2_bridge.parameters import Parameters
+from ros2_bridge.type_descriptions import get_type_description
 
 Answer = tuple[Any, list[Output]]
 """The response, and what to do."""
@@ -65,6 +66,10 @@ class Services:
                 types.DESCRIBE_PARAMETERS,
                 lambda request: (self._parameters.describe(request), []),
             ),
+            "~/get_type_description": (
+                types.GET_TYPE_DESCRIPTION,
+                lambda request: (get_type_description(request), []),
+            ),
             "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
             "~/set_parameters_atomically": (
                 types.SET_PARAMETERS_ATOMICALLY,
@@ -92,8 +97,17 @@ class Services:
                     self._amcl.deactivate()
                     outputs.append(Bond(alive=False))
                 case State.CLEANINGUP, State.UNCONFIGURED:
-                    self._amcl.clean_up()
+                    outputs += self._clean_up()
         return outputs
+
+    def _clean_up(self) -> list[Output]:
+        """Reset; a pose that is set at activation is the last one from then on, as in nav2."""
+        self._amcl.clean_up()
+        initial = self._amcl.last_pose
+        if initial is None or not self._amcl.settings.set_initial_pose:
+            return []
+        names = ("initial_pose.x", "initial_pose.y", "initial_pose.yaw")
+        return self._use(self._parameters.replace(dict(zip(names, initial, strict=True))))
 
     def _change_state(self, request: Any) -> Answer:
         outputs = self.change(request.transition.id, request.transition.label)

@@ -34,6 +34,7 @@ STATE = Topic("~/state", types.STRING, _LAST)
 PROBABILITY = Topic("~/probability", types.FLOAT64, _LAST)
 TRANSITION_EVENT = Topic("~/transition_event", types.TRANSITION_EVENT, Qos())
 PARAMETER_EVENTS = Topic("/parameter_events", types.PARAMETER_EVENT, Qos(depth=1000))
+ROSOUT = Topic("/rosout", types.LOG, Qos(depth=1000, latched=True))
 BOND = Topic("bond", types.BOND_STATUS, Qos(depth=5))
 
 INITIAL_POSE = Topic("initialpose", types.POSE_STAMPED, Qos())
@@ -86,6 +87,6 @@ class Topics:
         """All that are sent."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
-            PARAMETER_EVENTS,
+            *(PARAMETER_EVENTS, ROSOUT),
             *(HYPOTHESES, HYPOTHESIS_POSES, HYPOTHESIS_DETECTION, STATE, PROBABILITY),
         )

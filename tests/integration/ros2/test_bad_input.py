@@ -13,7 +13,7 @@ from ros2_bridge import message_types as types
 from ros2_bridge.message_types import encode, new, type_hash
 from ros2_bridge.messages_out import transform
 from ros2_bridge.rigid import HERE
-from ros2_bridge.topics import DIAGNOSTICS, Topic
+from ros2_bridge.topics import DIAGNOSTICS, ROSOUT, Topic
 from ros2_bridge.wire import attachment, data_key, dds_type
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot
@@ -79,7 +79,7 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
     robot, system, stranger = open_robot(), open_system(), open_robot_session()
     robot.put_mounts(("laser", HERE))
     bridge = start_bridge(ACTIVE)
-    told = robot.listen(DIAGNOSTICS)
+    told, said = robot.listen(DIAGNOSTICS), robot.listen(ROSOUT)
     robot.stand_until(lambda: system.lasers)
     for _ in range(3):
         say_all_that_is_wrong(robot, stranger)
@@ -96,6 +96,13 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
         lines = [line for line in bridge.err.splitlines() if f": {cause}" in line]
         assert len(lines) == 1, cause
     assert "laser 'mast', waited for 1." in bridge.err
+    lines = {(one.level, one.name, one.msg.partition(":")[0]) for one in said}
+    assert (
+        20,
+        "amcl",
+        "/amcl is there, in ROS domain 0",
+    ) in lines  # said before it was listened to
+    assert {(30, "amcl", cause) for cause in EXPECTED if ":" not in cause} <= lines
     assert "tf loops: " in bridge.err
     assert "an attachment of 32 bytes, not 33" in bridge.err
     heard = len(system.lasers)

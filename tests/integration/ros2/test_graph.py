@@ -25,6 +25,7 @@ SENT = {
     "MP /diagnostics diagnostic_msgs::msg::dds_::DiagnosticArray_ ::,10:,:,:,,",
     "MP /bond bond::msg::dds_::Status_ ::,5:,:,:,,",
     "MP /parameter_events rcl_interfaces::msg::dds_::ParameterEvent_ ::,1000:,:,:,,",
+    "MP /rosout rcl_interfaces::msg::dds_::Log_ :1:,1000:,:,:,,",
     "MP /amcl/transition_event lifecycle_msgs::msg::dds_::TransitionEvent_ ::,10:,:,:,,",
     "MP /amcl/hypotheses visualization_msgs::msg::dds_::MarkerArray_ :1:,1:,:,:,,",
     "MP /amcl/hypotheses/poses geometry_msgs::msg::dds_::PoseArray_ :1:,1:,:,:,,",
@@ -48,6 +49,7 @@ SERVED = {
     "/amcl/get_state lifecycle_msgs::srv::dds_::GetState_",
     "/amcl/get_available_states lifecycle_msgs::srv::dds_::GetAvailableStates_",
     "/amcl/get_available_transitions lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
+    "/amcl/get_type_description type_description_interfaces::srv::dds_::GetTypeDescription_",
     "/amcl/get_transition_graph lifecycle_msgs::srv::dds_::GetAvailableTransitions_",
 }
 PARAMETERS_SERVED = {
@@ -209,7 +211,7 @@ def test_domain_namespace_and_humble_are_parts_of_what_is_seen(
     start_bridge(settings)
     wait_until(lambda: len(graph.of(namespace="%robot1")) == len(ENDPOINTS) + 1)
     seen = graph.endpoints(namespace="%robot1")
-    absolute = ("/diagnostics", "/tf_static", "/parameter_events")
+    absolute = ("/diagnostics", "/tf_static", "/parameter_events", "/rosout")
     expected = {
         one if one.split()[1] in absolute else one.replace(" /", " /robot1/", 1)
         for one in ENDPOINTS

@@ -15,14 +15,18 @@ from process_runtime.settings_table import TABLE
 from protocol.errors import InputFileError, SettingsError
 from ros2_bridge import message_types as types
 from ros2_bridge.amcl import Amcl
+from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE
 from ros2_bridge.message_types import decode, encode, new, request_of
 from ros2_bridge.nav2_params import read_nav2_params
+from ros2_bridge.outputs import GivePose
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.services import Services
 from ros2_bridge.topics import PARAMETER_EVENTS, Topics
+from tests.unit.ros2_bridge.beliefs import belief
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros2.md"
+DEACTIVATE, CLEAN_UP = 4, 2
 BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
 
 
@@ -331,3 +335,43 @@ def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> Non
     assert told[0].description == "ros2.transform_tolerance_s"
     assert told[2].description.startswith("without effect: particles are for each cluster")
     assert told[3].type == 0
+
+
+def test_a_pose_that_is_set_at_activation_is_the_last_one_after_a_reset() -> None:
+    settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0)
+    amcl = Amcl(settings)
+    services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
+
+    def given(outputs: list[Any]) -> list[Any]:
+        return [one.map_from_robot for one in outputs if isinstance(one, GivePose)]
+
+    services.change(CONFIGURE)
+    assert given(services.change(ACTIVATE)) == [(1.0, 0.0, 0.0)]
+    list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
+    services.change(DEACTIVATE)
+    events = [one for one in services.change(CLEAN_UP) if one.topic == PARAMETER_EVENTS]
+    (told,) = (one.message.changed_parameters for one in events)
+    assert [(one.name, one.value.double_value) for one in told] == [
+        ("initial_pose.x", 5.0),
+        ("initial_pose.y", -3.0),
+        ("initial_pose.yaw", 0.5),
+    ]
+    services.change(CONFIGURE)
+    assert given(services.change(ACTIVATE)) == [(5.0, -3.0, 0.5)]
+    names = new(request_of(types.GET_PARAMETERS), names=["initial_pose.x"])
+    response, _ = services.call("~/get_parameters", names)
+    assert response.values[0].double_value == 5.0
+
+
+def test_without_a_pose_or_without_the_wish_a_reset_sets_none() -> None:
+    for is_set in (True, False):
+        settings = Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0)
+        amcl = Amcl(settings)
+        services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
+        services.change(CONFIGURE)
+        if not is_set:
+            services.change(ACTIVATE)
+            list(amcl.on_belief(belief(10**9, (1, 0.95, (5.0, -3.0, 0.5)), state="localized")))
+            services.change(DEACTIVATE)
+        services.change(CLEAN_UP)
+        assert amcl.settings == settings
