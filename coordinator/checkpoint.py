@@ -23,7 +23,7 @@ from coordinator.state_checks import (
 from coordinator.step_collector import StepCollectorState
 from protocol.work import Checkpoint
 
-STATE_VERSION = 4
+STATE_VERSION = 5
 
 
 class ImpossibleStateError(ValueError):

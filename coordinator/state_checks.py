@@ -62,6 +62,7 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
         or _count_problem("searches", state.searches)
         or (_search_problem(search, state.searches, applied) if search else None)
         or (_prior_problem(prior) if prior else None)
+        or state.seen.problem
     )
 
 

@@ -6,8 +6,12 @@ meet over Zenoh: `clustermcl evaluate` runs it, and a test compares the two.
 
 from collections.abc import Iterable, Iterator, Mapping
 
+import numpy as np
+
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
+from particle_filter.arrays import Pose
+from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
@@ -37,13 +41,17 @@ class InProcess:
         self._model, self._settings = model, settings
         self.ensemble = Ensemble(settings)
         self._jobs: dict[str, RunningJob] = {}
+        self._odom_from_robot: Pose | None = None
 
     def advance(self, scan: Scan) -> Outcome:
         """What a step comes to; its jobs have begun and ended."""
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
         reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
-        outcome = self.ensemble.advance(scan.step, reports)
+        before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
+        self._odom_from_robot = after
+        moved = None if before is None else between(before, after)
+        outcome = self.ensemble.advance(scan.step, reports, moved)
         self.carry_out(outcome)
         return outcome
 

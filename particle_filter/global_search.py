@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
-from particle_filter.evidence_model import misfit, new_view, share_that_counts, way
+from particle_filter.evidence_model import misfit, share_that_counts
 from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.ground import ground_log_penalty
 from particle_filter.kernels import kernel
@@ -31,6 +31,7 @@ from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter, finished
 from particle_filter.source_clustering import Labels
+from particle_filter.view_memory import ViewMemory
 
 _REFINEMENTS = 2
 """Times that the leaves of the first scan are split and scored again."""
@@ -115,6 +116,7 @@ class GlobalSearch:
         self._most = max(self._rules.poses // self._rules.shards // 2, 1)
         self._wanted = self._most
         self._meter = WorkMeter()
+        self._views = ViewMemory()
         self._seen: list[_Seen] = []
         """The scans that a search of everything would use."""
         self._next_search = 1
@@ -158,6 +160,10 @@ class GlobalSearch:
         rng: np.random.Generator,
     ) -> Slices[float]:
         """As `advance`, in slices."""
+        rules, motion = self._settings, np.zeros(3)
+        if odom_from_before is not None:
+            motion = between(odom_from_before, odom_from_after)
+        seen, self._views = self._views.after(motion, rules.motion, rules.belief)
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
             self._seen.append(_Seen(odom_from_after, beams))
             if len(self._seen) == self._next_search:
@@ -168,12 +174,10 @@ class GlobalSearch:
             raise ValueError("odometry must tell the way from the step before")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
         yield
-        before_from_after = between(odom_from_before, odom_from_after)
-        moved = move(kept.poses, before_from_after, self._settings.motion, rng)
+        moved = move(kept.poses, motion, self._settings.motion, rng)
         self._kept = replace(kept, poses=moved)
         if beams.count == 0:
             return math.nan
-        seen = new_view(*way(before_from_after), self._settings.belief)
         yield
         return (yield from self._weigh(self._kept, beams, seen, rng))
 

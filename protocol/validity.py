@@ -124,7 +124,6 @@ def _(message: TrackReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_weight_sum", message.log_weight_sum)
         or finite_problem("effective_sample_size", message.effective_sample_size)
-        or _way_problem(message.moved_m, message.turned_rad)
         or gaussian_problem(message.mean, message.covariance)
         or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
         or first_problem(_place_problem(place) for place in message.parts)
@@ -211,11 +210,6 @@ def _(message: Kidnap) -> str | None:
 def first_problem(problems: Iterable[str | None]) -> str | None:
     """The first of them that is one."""
     return next((problem for problem in problems if problem), None)
-
-
-def _way_problem(moved_m: float, turned_rad: float) -> str | None:
-    possible = moved_m >= 0.0 and turned_rad >= 0.0  # NaN is not; of a first scan it is infinite
-    return None if possible else f"a way of {moved_m} m and {turned_rad} rad"
 
 
 def _circle_problem(circle: Circle | None) -> str | None:

@@ -1,6 +1,5 @@
 """Work from the coordinator to workers, and what they report back."""
 
-import math
 from collections.abc import Iterable
 from typing import TypeAlias
 
@@ -168,10 +167,6 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
-    moved_m: float = math.inf
-    """How far the robot has driven since the scan before; infinite: it is the first."""
-    turned_rad: float = math.inf
-    """And how far it has turned."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more where the cluster has fallen apart, most probable first."""

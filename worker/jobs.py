@@ -12,7 +12,6 @@ from msgspec.structs import replace
 from particle_filter import cluster_filter, global_search, places
 from particle_filter.arrays import Pose
 from particle_filter.cluster_filter import Cloud
-from particle_filter.evidence_model import way
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import SensorModel
@@ -117,7 +116,6 @@ class Tracking:
         )
         after = np.array(scan.odom_from_robot)
         before_from_after = between(self._odom_from_robot, after)
-        moved_m, turned_rad = way(before_from_after)
         result = cluster_filter.advanced(
             self._cloud,
             before_from_after,
@@ -140,8 +138,6 @@ class Tracking:
             effective_sample_size=self._cloud.effective_sample_size,
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
-            moved_m=moved_m,
-            turned_rad=turned_rad,
             snapshot=self._snapshot(scan),
             parts=self._parts(scan, rng),
         )

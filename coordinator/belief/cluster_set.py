@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.evidence_model import contenders, counted, misfit, new_view, share_that_counts
+from particle_filter.evidence_model import contenders, counted, misfit, share_that_counts, way
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
@@ -29,6 +29,12 @@ STILL_PROBABLE = 0.05
 """Of one that was such an alternative, after newcomers came: the alarm may have been false."""
 LEAST_LOG = -1e6
 """Of a probability that is as good as zero: it stays finite, and comes back if it must."""
+
+
+def news_of(before_from_after: Pose) -> float:
+    """Share of a scan after such a motion (3,) that is news of whether the belief still holds."""
+    moved_m, turned_rad = way(before_from_after)
+    return -math.expm1(-moved_m / NEWS_M - turned_rad / NEWS_RAD)
 
 
 class Cluster(msgspec.Struct, frozen=True):
@@ -104,6 +110,9 @@ class ClusterSet:
         self,
         reports: Mapping[str, TrackReport],
         log_likelihood_elsewhere: float = math.nan,
+        *,
+        new_view: float = 1.0,
+        news: float = 1.0,
     ) -> float:
         """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
@@ -114,6 +123,8 @@ class ClusterSet:
             reports: of the jobs that reported; those of clusters that have ended are left out.
             log_likelihood_elsewhere: log of the scan's average likelihood all over the map; NaN:
                 it is not known.
+            new_view: share of the scan that shows what none before has shown (`ViewMemory`).
+            news: share of it that is news of whether the robot is at any cluster (`news_of`).
 
         Returns:
             Log of the scan's likelihood before it was known where the robot is: what a hypothesis
@@ -136,14 +147,13 @@ class ClusterSet:
                 )
         if not reports:
             return 0.0  # nothing but evidence moves probabilities
-        news = max(map(self._news_of_elsewhere, reports.values()))
         log_here, log_there = self._kidnapped(news)
         among = belief.normalised_logs(self._log_probabilities()[:-1])
         reported = ~np.isnan(evidence)
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         contends = contenders(np.where(reported, among, -np.inf))
-        share = self._share_that_counts(reports, contends)
+        share = self._share_that_counts(reports, contends, new_view)
         told = counted(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
         among = belief.mixed(among, self._rules.transition_probability * news)
@@ -166,23 +176,18 @@ class ClusterSet:
         return log_here + math.log1p(-hazard), log_there
 
     def _share_that_counts(
-        self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_]
+        self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_], new_view: float
     ) -> NDArray[np.float64]:
-        """(K,) of what tells each cluster from the contenders; 0 without a report.
+        """(K,) of what tells each cluster from the contenders.
 
         The best fit of these, the cluster included, decides: what explains a scan may be the one
         that has been improbable so far.
         """
-        rules, ordered = self._rules, [reports.get(job_id) for job_id in self.job_ids]
+        ordered = [reports.get(job_id) for job_id in self.job_ids]
         fit = np.array([r.log_likelihood_per_beam if r else math.nan for r in ordered])
-        seen = np.array([new_view(r.moved_m, r.turned_rad, rules) if r else 0.0 for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
-        seen = np.maximum(seen, np.max(seen[contends]))
-        pairs = zip(seen.tolist(), fit.tolist(), strict=True)
-        return np.array([share_that_counts(s, misfit(f, self._sensor), rules) for s, f in pairs])
-
-    def _news_of_elsewhere(self, report: TrackReport) -> float:
-        return -math.expm1(-report.moved_m / NEWS_M - report.turned_rad / NEWS_RAD)
+        misfits = [misfit(best, self._sensor) for best in fit.tolist()]
+        return np.array([share_that_counts(new_view, each, self._rules) for each in misfits])
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings

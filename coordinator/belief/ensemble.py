@@ -9,16 +9,18 @@ import math
 from collections.abc import Iterable, Sequence
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
+from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer, news_of
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import SearchCourse, SearchCourseState
 from coordinator.belief.search_pool import Pool, SearchState
 from particle_filter.arrays import Pose
 from particle_filter.settings import FilterSettings
+from particle_filter.view_memory import ViewMemory
 from protocol.answers import Hypothesis, State
 from protocol.job_events import Ended, EndedCause, JobEvent
 from protocol.message import Circle, Corners
@@ -49,6 +51,7 @@ class EnsembleState(msgspec.Struct, frozen=True):
     searches: int
     next_search_step: int
     prior_pose: PriorPose | None = None
+    seen: ViewMemory = ViewMemory()
 
 
 class Ensemble:
@@ -59,6 +62,7 @@ class Ensemble:
         self.clusters = ClusterSet(settings.belief, settings.sensor)
         self._search = SearchCourse(settings)
         self._prior_pose: PriorPose | None = None
+        self._seen = ViewMemory()
         self._begin: dict[str, Job] = {}
         self._events: list[JobEvent] = []
 
@@ -106,6 +110,7 @@ class Ensemble:
             before_from_after: (3,) how the robot moved since the step before, by odometry; it
                 carries clusters without a report. None: it is not known.
         """
+        was_lost = self._lost
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.unhurried)  # nobody misses them
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -115,7 +120,11 @@ class Ensemble:
             for report in reports
             if isinstance(report, ElsewhereReport) and report.step == step
         )
-        log_likelihood = self.clusters.weigh(tracks, next(elsewhere, math.nan))
+        new_view = self._new_view(before_from_after)
+        news = 1.0 if before_from_after is None else news_of(before_from_after)
+        log_likelihood = self.clusters.weigh(
+            tracks, next(elsewhere, math.nan), new_view=new_view, news=news
+        )
         self._search.evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
@@ -125,6 +134,8 @@ class Ensemble:
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
+        if self._lost and not was_lost:
+            self._seen = ViewMemory()  # where the robot may be now it has seen nothing
         if not self._search.runs and (self._lost or self._search.is_due(step)):
             self._start_search(step + 1)
         return self._outcome(step, missing)
@@ -158,6 +169,7 @@ class Ensemble:
             corners: of a region, likewise; empty: everywhere.
         """
         self._events += self.clusters.clear(cause)
+        self._seen = ViewMemory()
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
@@ -173,6 +185,7 @@ class Ensemble:
             cause: why the clusters end.
         """
         self._events += self.clusters.clear(cause)
+        self._seen = ViewMemory()
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
@@ -193,6 +206,7 @@ class Ensemble:
             searches=search.searches,
             next_search_step=search.next_search_step,
             prior_pose=self._prior_pose,
+            seen=self._seen,
         )
 
     def restore(self, state: EnsembleState) -> None:
@@ -200,13 +214,21 @@ class Ensemble:
         self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
         search = SearchCourseState(state.search, state.searches, state.next_search_step)
         self._search.restore(search)
-        self._prior_pose = state.prior_pose
+        self._prior_pose, self._seen = state.prior_pose, state.seen
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
         return self._outcome(step, missing)
 
     # --- clusters
+
+    def _new_view(self, before_from_after: Pose | None) -> float:
+        """Share of a scan after such a motion that shows what none before has shown."""
+        if before_from_after is None:
+            self._seen, before_from_after = ViewMemory(), np.zeros(3)
+        rules = self.settings
+        new_view, self._seen = self._seen.after(before_from_after, rules.motion, rules.belief)
+        return new_view
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
         """A cluster that has fallen apart becomes several, which share its probability."""
@@ -300,6 +322,8 @@ class Ensemble:
         first_step: float = math.inf,
         protected_until: int = -1,
     ) -> None:
+        if newcomers and len(self.clusters):
+            self._seen = ViewMemory()  # what others have seen there tells nothing of these
         admitted = self.clusters.admit(
             newcomers, step, first_step=first_step, protected_until=protected_until
         )

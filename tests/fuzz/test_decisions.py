@@ -152,7 +152,6 @@ def reports(draw: st.DrawFn) -> Report:
     return msgspec.structs.replace(
         report, log_weight_sum=draw(LOGS), log_likelihood_per_beam=draw(LOGS | st.just(math.nan)),
         effective_sample_size=draw(st.floats(0.0, 1e9)), particles=draw(st.integers(1, 10**6)),
-        moved_m=draw(st.floats(0.0)), turned_rad=draw(st.floats(0.0)),
     )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from coordinator.instructions import PublishCheckpoint
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
 from particle_filter.settings import FilterSettings
+from particle_filter.view_memory import ViewMemory
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.work import Checkpoint, ElsewhereJob
 from tests.unit.coordinator.living import Living, symmetric_room
@@ -78,6 +79,7 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (changed(state, ensemble=poisoned), "probability"),
         (changed(state, ensemble=replace(state.ensemble, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=replace(state.ensemble, log_elsewhere=0.0)), "sum to one"),
+        (changed(state, ensemble=replace(state.ensemble, seen=ViewMemory(b"x"))), "of views"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.inf)), "elsewhere"),
         (changed(state, ensemble=gathering(state, gathered=((3, math.nan),))), "log-likelihood"),

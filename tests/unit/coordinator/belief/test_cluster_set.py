@@ -3,6 +3,7 @@
 import math
 
 import hypothesis
+import numpy as np
 import pytest
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -13,6 +14,7 @@ from coordinator.belief.cluster_set import (
     STILL_PROBABLE,
     ClusterSet,
     Newcomer,
+    news_of,
 )
 from particle_filter.evidence_model import misfit
 from particle_filter.settings import SensorSettings
@@ -34,13 +36,11 @@ def first(*shares: float, **belief: object) -> ClusterSet:
     return made
 
 
-def told(
-    *likelihoods: float, moved_m: float = math.inf, fit: float = 0.0
-) -> dict[str, TrackReport]:
-    reports = [
-        tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit) for i, value in enumerate(likelihoods)
-    ]
-    return {r.job_id: replace(r, moved_m=moved_m, turned_rad=0.0) for r in reports}
+def told(*likelihoods: float, fit: float = 0.0) -> dict[str, TrackReport]:
+    return {
+        f"c{i}": tracked(f"c{i}", 1, value, PLACES[i % 3], fit=fit)
+        for i, value in enumerate(likelihoods)
+    }
 
 
 def probabilities(made: ClusterSet) -> list[float]:
@@ -66,13 +66,14 @@ def test_elsewhere_takes_part_in_bayes_rule_after_a_kidnapping_was_possible() ->
 def test_a_robot_that_stands_still_is_neither_kidnapped_nor_mixed_up_nor_told_anything() -> None:
     made = first(0.6, 0.3, transition_probability=0.1, view_distance_m=0.5)
     for _ in range(1000):
-        made.weigh(told(0.9, 0.1, moved_m=0.0), 5.0)
+        made.weigh(told(0.9, 0.1), 5.0, new_view=0.0, news=news_of(np.zeros(3)))
     assert probabilities(made) == pytest.approx([0.6, 0.3, 0.1])
 
 
 def test_part_of_a_view_is_part_of_a_chance_to_be_kidnapped_and_to_be_mixed_up() -> None:
     made = first(0.6, 0.4, transition_probability=0.1)
-    made.weigh(told(0.1, 0.1, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
+    half = news_of(np.array([NEWS_M * math.log(2.0), 0.0, 0.0]))
+    made.weigh(told(0.1, 0.1), math.log(0.1), news=half)
     there = 1.0 - 0.005
     assert probabilities(made) == pytest.approx(
         [there * (0.95 * 0.6 + 0.025), there * (0.95 * 0.4 + 0.025), 0.005]
@@ -116,14 +117,13 @@ def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
 def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhere_in_full() -> (
     None
 ):
-    """After a way on which half is a new view, and where the best one's misfit halves it again."""
-    way_m = 2.0 * math.log(2.0)
+    """Where half of the scan is a new view, and where the best one's misfit halves it again."""
     best = math.log(0.5)
     made = first(
-        0.5, 0.3, kidnapping_probability=1e-9, view_distance_m=2.0,
+        0.5, 0.3, kidnapping_probability=1e-9,
         evidence_misfit=misfit(best, SensorSettings()),
     )  # fmt: skip
-    said = made.weigh(told(0.4, 0.1, moved_m=way_m, fit=best), math.log(0.05))
+    said = made.weigh(told(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
     scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
     here, there = 0.8 * scan, 0.2 * 0.05
     assert said == pytest.approx(math.log(here + there), abs=1e-4)
@@ -137,24 +137,22 @@ FITS = st.floats(-3.0, 1.0) | st.just(math.nan)
 
 
 @hypothesis.given(
-    st.floats(0.2, 0.8), NATS, NATS, NATS, st.floats(0.0, 0.009), FITS, FITS, FITS,
-    st.floats(0.0, 9.0),
+    st.floats(0.2, 0.8), NATS, NATS, NATS, st.floats(0.0, 0.009), FITS, FITS, FITS
 )  # fmt: skip
 def test_two_places_are_told_apart_as_if_there_were_no_improbable_third(
     share: float, a: float, b: float, c: float, third: float, fit_a: float, fit_b: float,
-    fit_c: float, way_c_m: float,
+    fit_c: float,
 ) -> None:  # fmt: skip
-    """However well the third one fits, and however far its worker says that the robot went."""
-    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25, "view_distance_m": 0.8}
+    """However well the third one fits."""
+    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25}
     likelihoods = [math.exp(nat) for nat in (a, b, c)]
-    reports = told(*likelihoods, moved_m=0.5)
+    reports = told(*likelihoods)
     for (job, report), fit in zip(reports.items(), (fit_a, fit_b, fit_c), strict=True):
         reports[job] = replace(report, log_likelihood_per_beam=fit)
-    reports["c2"] = replace(reports["c2"], moved_m=way_c_m)
     two = first(share, 1.0 - share, **rules)
     three = first(share * (1.0 - third), (1.0 - share) * (1.0 - third), third, **rules)
     for made in (two, three):
-        made.weigh(reports)
+        made.weigh(reports, new_view=0.4)
     with_third, alone = ([c.log_probability for c in made.all()] for made in (three, two))
     assert with_third[0] - with_third[1] == pytest.approx(alone[0] - alone[1], abs=1e-9)
 
@@ -172,19 +170,9 @@ def test_an_improbable_place_that_fits_far_better_rises_by_what_explains_the_sca
     assert gained == pytest.approx(81.0 / 9.3, rel=0.02)
 
 
-def test_the_longest_way_that_clusters_tell_of_is_how_much_of_a_new_view_a_scan_is() -> None:
-    """One that began a moment ago tells of less of the way."""
-    both, one = (first(0.6, 0.3, view_distance_m=2.0) for _ in range(2))
-    reports = told(0.2, 0.1, moved_m=1.0)
-    both.weigh(reports, -2.0)
-    one.weigh(reports | {"c1": replace(reports["c1"], moved_m=0.0)}, -2.0)
-    assert probabilities(one) == probabilities(both)
-    assert probabilities(both) != pytest.approx([0.6, 0.3, 0.1], rel=0.01)
-
-
 def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     made = first(0.8, kidnapping_probability=1e-9)
-    made.weigh(told(0.5, moved_m=NEWS_M * math.log(2.0)), math.log(0.1))
+    made.weigh(told(0.5), math.log(0.1), news=0.5)
     assert math.log(made.elsewhere / probabilities(made)[0]) == pytest.approx(
         math.log(0.2 / 0.8) + 0.5 * math.log(0.2)
     )

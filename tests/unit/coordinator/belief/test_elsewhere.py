@@ -2,8 +2,8 @@
 
 import math
 
+import numpy as np
 import pytest
-from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import STILL_PROBABLE
 from coordinator.belief.ensemble import Ensemble
@@ -79,9 +79,8 @@ def test_elsewhere_takes_part_in_the_update() -> None:
 def test_a_robot_that_stands_with_the_motion_gate_off_gathers_nothing() -> None:
     made = bootstrapped({NORTH: 0.6, SOUTH: 0.39}, transition_probability=0.01, view_distance_m=0.8)
     for step in range(1, 200):
-        still = [tracked("c0", step, 0.9, NORTH), tracked("c1", step, 0.1, SOUTH)]
-        reports = [replace(report, moved_m=0.0, turned_rad=0.0) for report in still]
-        outcome = made.advance(step, [*reports, elsewhere(step, -9.0)])
+        reports = [tracked("c0", step, 0.9, NORTH), tracked("c1", step, 0.1, SOUTH)]
+        outcome = made.advance(step, [*reports, elsewhere(step, -9.0)], np.zeros(3))
     assert believed(outcome) == pytest.approx({0: 0.6, 1: 0.39})
     assert outcome.elsewhere_probability == pytest.approx(0.01)
 

@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.search_pool import SearchPool
 from particle_filter.evidence_model import misfit
 from particle_filter.settings import SearchSettings, SensorSettings
+from particle_filter.view_memory import ViewMemory
 from tests.unit.coordinator.belief.test_ensemble import (
+    EAST,
     NORTH,
     SOUTH,
     bootstrapped,
     probabilities,
 )
-from tests.unit.coordinator.reports import found_places, searched, tracked
+from tests.unit.coordinator.reports import found_places, place, searched, tracked
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -40,9 +43,9 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
     bad = misfit(-1.0, SensorSettings())
     half = bootstrapped(same, evidence_misfit=bad).advance(1, reports)
     assert probabilities(half)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
-    near = [replace(r, moved_m=math.log(2.0), turned_rad=0.0) for r in reports]
-    again = bootstrapped(same, view_distance_m=1.0).advance(1, near)
-    assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
+    moved = np.array([math.log(2.0), 0.0, 0.0])
+    again = bootstrapped(same, view_distance_m=1.0).advance(1, reports, moved)
+    assert probabilities(again)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5), rel=0.01)
 
 
 def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
@@ -131,3 +134,46 @@ def test_places_beside_those_that_hold_enough_need_no_patience() -> None:
     found = pool.pooled()
     assert found is not None
     assert pool.finished(found, 2)
+
+
+TURN = np.array([0.0, 0.0, 2.0 * math.pi / 31.0])
+
+
+def turned(made: Ensemble, first_step: int, turns: int) -> dict[int, float]:
+    """After a robot at one of two places has turned on the spot: each scan says it is at c1."""
+    for step in range(first_step, first_step + 31 * turns):
+        reports = [tracked("c0", step, 0.25, NORTH), tracked("c1", step, 0.5, SOUTH)]
+        outcome = made.advance(step, reports, TURN)
+    return probabilities(outcome)
+
+
+def two_places() -> Ensemble:
+    return bootstrapped({NORTH: 0.5, SOUTH: 0.5}, view_distance_m=0.8, search_every_steps=10_000)
+
+
+def test_what_has_been_seen_is_told_once_however_often_the_robot_turns() -> None:
+    made = two_places()
+    once = turned(made, 1, 1)
+    assert 0.03 < once[0] < 0.3
+    assert turned(made, 32, 14)[0] == pytest.approx(once[0], rel=0.2)
+
+
+def test_what_has_been_seen_is_handed_on_with_the_belief() -> None:
+    made, other = two_places(), two_places()
+    turned(made, 1, 1)
+    other.restore(made.state())
+    assert turned(other, 32, 1) == turned(made, 32, 1)
+    other.restore(replace(made.state(), seen=ViewMemory()))
+    assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
+
+
+def test_a_place_that_is_new_has_seen_nothing() -> None:
+    """Also where the robot has turned before, further scans tell a given place from the others."""
+    made = two_places()
+    turned(made, 1, 1)
+    made.set_pose(place(0.5, EAST, 31))
+    told = []
+    for step in (32, 33):
+        reports = [tracked("c1", step, 0.25, SOUTH), tracked("c2", step, 0.5, EAST)]
+        told.append(probabilities(made.advance(step, reports, TURN))[2])
+    assert told[1] > told[0] > 0.5

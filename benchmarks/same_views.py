@@ -1,0 +1,215 @@
+"""Robots that see the same again: what does it teach the belief, and a cloud?
+
+    python -m benchmarks.same_views [--seeds N] [--only NAME] [--set KEY=VALUE]
+
+A hall that looks the same after half a turn, but for one block that the map does not have, and a
+corridor of which a scan tells no place. The robot turns on the spot, or paces to and fro.
+"""
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from coordinator.belief.given_places import candidate
+from coordinator.belief.outcome import Outcome
+from evaluation.in_process import InProcess
+from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
+from particle_filter.poses import heading_distance
+from particle_filter.random_streams import Purpose
+from process_runtime.settings import Settings
+from process_runtime.settings_file import load_settings
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_matrix
+from protocol.steps import Scan
+from protocol.work import Place
+from robot_simulator.lidar import LidarModel
+from robot_simulator.simulation import Simulation
+from robot_simulator.worlds.canvas import Canvas
+from robot_simulator.worlds.halls import hall_symmetric
+from robot_simulator.worlds.office import office
+from robot_simulator.worlds.world import World
+from sensor_bridge.step_maker import StepMaker
+from worker.map_model import sensor_model
+
+Drive = Callable[[float], tuple[float, float]]
+"""Speed [m/s] and turn rate [rad/s] at a time [s]."""
+
+
+_BLOCK = (8.0, -2.4, 9.2, -0.8)
+
+
+def block_gone() -> World:
+    """A symmetric hall with two blocks, of which the map lacks the one beside the robot."""
+    blocks, real, mapped = (Canvas(30.0, 22.0) for _ in range(3))
+    blocks.block(*_BLOCK)
+    blocks.repeat_turned(2)
+    real.cells[:] = hall_symmetric().map.cells
+    real.add(blocks)
+    mapped.cells[:] = real.cells
+    mapped.floor(*_BLOCK)
+    return World(
+        name="block_gone",
+        summary="a point-symmetric hall; the map lacks one block of 1.2 x 1.6 m",
+        map=mapped.grid_map(),
+        truth=real.grid_map(),
+        start=(1.0, 0.0, math.pi),
+    )
+
+
+def corridor(length_m: float = 200.0) -> World:
+    """Two walls: nothing tells how far along it the robot is."""
+    plan = Canvas(length_m + 4.0, 8.0)
+    plan.floor(-length_m / 2, -1.2, length_m / 2, 1.2)
+    plan.add_walls()
+    return World(
+        name="corridor",
+        summary="a corridor in which all places look alike",
+        map=plan.grid_map(),
+        truth=plan.grid_map(),
+        start=(0.0, 0.0, 0.0),
+    )
+
+
+def turning(_: float) -> tuple[float, float]:
+    """On the spot."""
+    return 0.0, 1.0
+
+
+def pacing(seconds: float) -> tuple[float, float]:
+    """Two metres forth and back again, by turning round."""
+    phase = seconds % 16.0
+    return (0.5, 0.0) if phase < 4.0 or 8.0 <= phase < 12.0 else (0.0, math.pi / 4.0)
+
+
+def standing(_: float) -> tuple[float, float]:
+    """Not at all."""
+    return 0.0, 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One robot."""
+
+    world: Callable[[], World]
+    drive: Drive
+    steps: int
+    given_m: float = 0.0
+    """The start is given, with this standard deviation along it; 0: the robot searches."""
+    settings: tuple[str, ...] = ()
+
+
+CASES = {
+    "turn": Case(world=block_gone, drive=turning, steps=400),
+    "pace": Case(world=block_gone, drive=pacing, steps=400),
+    "corridor": Case(world=corridor, drive=turning, steps=120, given_m=0.8),
+    "stand": Case(
+        world=office,
+        drive=standing,
+        steps=600,
+        settings=("bridge.gate_distance_m=0", "bridge.gate_turn_rad=0"),
+    ),
+}
+
+
+def steps_of(case: Case, seed: int, settings: Settings) -> Iterator[tuple[Scan, PoseTuple]]:
+    """Steps with the true poses."""
+    world = case.world()
+    simulation = Simulation(world, seed, lidar=LidarModel(range_max_m=world.lidar_range_m))
+    maker = StepMaker(settings.bridge, map_digest="", sender="benchmark")
+    for tick in simulation:
+        simulation.drive_by_hand(*case.drive(tick.stamp_ns * 1e-9))
+        for reading in tick.readings:
+            scan = maker.on_reading(reading)
+            if scan is not None:
+                yield scan, simulation.truth_at(scan.stamp_ns)
+
+
+@dataclass(frozen=True)
+class Told:
+    """One step's answer."""
+
+    truth: float
+    """Probability of places that are right."""
+    best: float
+    is_right: bool
+    error_m: float
+    sds: float
+    """Error of the best place in its own standard deviations."""
+    state: str
+
+
+def told(outcome: Outcome, truth: PoseTuple) -> Told:
+    """What a belief is worth, where the truth is known."""
+    if not outcome.hypotheses:
+        return Told(0.0, 0.0, False, math.nan, math.nan, outcome.state)
+    right = [pose_error(each.mean, truth).right for each in outcome.hypotheses]
+    first = outcome.hypotheses[0]
+    off = np.array(first.mean) - np.array(truth)
+    off[2] = heading_distance(first.mean[2], truth[2])
+    covariance = covariance_matrix(first.covariance)[:2, :2] + np.eye(2) * 1e-6
+    sds = math.sqrt(off[:2] @ np.linalg.solve(covariance, off[:2]))
+    probabilities = [each.probability for each in outcome.hypotheses]
+    held = math.fsum(p for p, is_right in zip(probabilities, right, strict=True) if is_right)
+    return Told(held, first.probability, right[0], math.hypot(*off[:2]), sds, outcome.state)
+
+
+def given_place(sigma_m: float, truth: PoseTuple, scan: Scan, seed: int) -> Place:
+    """The true place, uncertain along x."""
+    spread = (sigma_m**2, 0.0, 0.0, 0.0, 0.05**2, 0.0, 0.0, 0.0, 0.05**2)
+    return candidate(
+        1.0,
+        truth,
+        spread,
+        seed=seed,
+        purpose=Purpose.START,
+        entity=0,
+        step=scan.step,
+        odom_from_robot=scan.odom_from_robot,
+    )
+
+
+def run(case: Case, seed: int, settings: Settings) -> list[Told]:
+    """What is told at each step."""
+    model = sensor_model(case.world().map, settings.sensor, cache_folder=None)
+    process = InProcess(model, msgspec.structs.replace(settings, seed=seed))
+    answers = []
+    for scan, truth in steps_of(case, seed, settings):
+        outcome = process.advance(scan)
+        if case.given_m and not answers:
+            place = given_place(case.given_m, truth, scan, seed)
+            process.carry_out(process.ensemble.go_on_from([place], scan.step, "forgotten"))
+        answers.append(told(outcome, truth))
+        if len(answers) == case.steps:
+            return answers
+    return answers
+
+
+def main() -> None:
+    """Print a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=4)
+    parser.add_argument("--only", choices=CASES)
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE")
+    options = parser.parse_args()
+    columns = "robot|seed|P(truth) after 50, 100, all|sure and wrong|lost|beyond 5 sd|error [m]"
+    print(f"| {columns.replace('|', ' | ')} |\n|{' --- |' * 7}")
+    for name, case in CASES.items():
+        if options.only not in (None, name):
+            continue
+        settings = load_settings(None, [*case.settings, *options.set])
+        for seed in range(options.seeds):
+            answers = run(case, seed, settings)
+            wrong = sum(a.best >= CONFIDENT_PROBABILITY and not a.is_right for a in answers)
+            lost = sum(a.state == "lost" for a in answers)
+            beyond = sum(a.is_right and a.sds > 5.0 for a in answers)
+            truths = ", ".join(f"{answers[i].truth:.3f}" for i in (50, 100, -1))
+            error = np.nanmean([a.error_m for a in answers if a.is_right] or [math.nan])
+            print(f"| {name} | {seed} | {truths} | {wrong} | {lost} | {beyond} | {error:.3f} |")
+
+
+if __name__ == "__main__":
+    main()

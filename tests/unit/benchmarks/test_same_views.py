@@ -1,0 +1,16 @@
+"""A robot that sees the same again and again is told nothing new by it."""
+
+import pytest
+
+from benchmarks.same_views import CASES, run
+from evaluation.judge import CONFIDENT_PROBABILITY
+from process_runtime.settings_file import load_settings
+
+
+@pytest.mark.parametrize("name", ["turn", "pace"])
+def test_one_block_that_the_map_lacks_tells_once_which_place_is_right(name: str) -> None:
+    """Counted at each turn anew it made the robot sure of the wrong end of a symmetric hall."""
+    case = CASES[name]
+    answers = run(case, 0, load_settings(None, case.settings))
+    assert not any(a.best >= CONFIDENT_PROBABILITY and not a.is_right for a in answers)
+    assert all(a.truth > 0.1 for a in answers)
