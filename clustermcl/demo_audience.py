@@ -17,7 +17,7 @@ from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
 from zenoh_link.inbox import Inbox
-from zenoh_link.wire import Events, Received, Token, subscribe, watch
+from zenoh_link.wire import Events, Publisher, Received, Token, subscribe, watch
 
 LOCALIZED_STEPS = 20
 """A simulated robot that has been localized for so long has shown what there is to see."""
@@ -46,6 +46,7 @@ class Audience:
         self._alive: set[str] = set()
         self._truths: dict[int, PoseTuple] = {}
         self._summary = DemoSummary()
+        self._truth = Publisher(session, keys.TRUTH) if show.reference else None
         subscribe(session, keys.BELIEF, self._inbox, "belief")
         subscribe(session, keys.EVENTS, self._inbox, "events")
         subscribe(session, keys.TRUTH, self._inbox, "truth")
@@ -104,8 +105,13 @@ class Audience:
                     self._summary.on_event(numbered.event)
                     self._view.happened(numbered)
             case Received(key=keys.BELIEF, payload=payload):
-                belief = decode(payload, Belief)
-                self._summary.on_belief(belief)
-                self._view.believed(belief, self._truths.get(belief.step))
+                self._on_belief(decode(payload, Belief))
                 return True
         return False
+
+    def _on_belief(self, belief: Belief) -> None:
+        self._summary.on_belief(belief)
+        truth = self._truths.get(belief.step)
+        if self._truth is not None and (truth := self.truth_of(belief)) is not None:
+            self._truth.put(TruePose(sender="demo", step=belief.step, map_from_robot=truth))
+        self._view.believed(belief, truth)

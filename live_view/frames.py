@@ -19,6 +19,8 @@ Frame: TypeAlias = dict[str, Any]
 
 ROW_PLACES = 16
 """Of a step that is past, the most probable places that are plotted, and whose way is drawn."""
+SIMULATOR = "robot_simulator"
+"""As its process names itself in its health: it alone can be lifted and driven."""
 MAX_BEAMS = 360
 """Of a scan on the page; of more, every second, third and so on is drawn."""
 
@@ -40,6 +42,8 @@ def step_frame(
     """All that is drawn after one step."""
     return {
         "step": belief.step,
+        "stamp_s": belief.stamp_ns / 1e9,
+        "last": belief.last,
         "odom": belief.odom_from_robot,
         "state": belief.state,
         "searching": belief.searching,
@@ -113,6 +117,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "state": answer.state,
         "freshness": answer.freshness,
         "age_s": answer.age_s,
+        "scan_age_s": answer.scan_age_s,
         "step": answer.step,
         "p": answer.probability,
         "pose": answer.map_from_robot,
@@ -132,6 +137,7 @@ def status_frame(status: Status) -> Frame:
         "state": status.state,
         "freshness": status.freshness,
         "age_s": status.age_s,
+        "scan_age_s": status.scan_age_s,
         "step": status.step,
         "applied": status.steps_applied,
         "lost": status.steps_lost,
@@ -143,6 +149,7 @@ def status_frame(status: Status) -> Frame:
             {"name": name, "jobs": jobs, **_rates(name, status)}
             for name, jobs in status.workers.items()
         ],
+        "simulated": any(health.sender == SIMULATOR for health in status.processes),
         "dropped": {cause: count for cause, count in status.counters.items() if count},
     }
 

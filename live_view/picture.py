@@ -37,8 +37,8 @@ class Picture:
 
     Topics are states, so whoever gets the newest frame of each has everything: ``system``, ``map``,
     ``step``, ``pose``, ``status``, ``events``, and ``cloud N``, the particles of cluster N, which
-    is None once the cluster is gone. Only ``history``, the steps so far, is given once, and anew
-    when it begins anew; the page adds each step to it itself.
+    is None once the cluster is gone. Only ``history``, the newest steps and which is the oldest
+    that is kept, is given once, and again when the steps restart; the page adds each step itself.
 
     Args:
         system: what does not change: the robot's name, the router, whether commands are allowed.
@@ -201,7 +201,8 @@ class Picture:
 
     def _frame(self, topic: str) -> Any:
         if topic == "history":
-            return self.rows_before(self._last_step + 1)
+            oldest = self._rows[0][0] if self._rows else 0
+            return {"oldest": oldest, "rows": self.rows_before(self._last_step + 1)}
         return self._frames.get(topic)
 
     def _set(self, topic: str, frame: Any) -> None:

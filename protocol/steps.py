@@ -113,7 +113,10 @@ class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
 
 
 class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
-    """Where the simulated robot really is. From the simulator on ``truth``, once a step."""
+    """Where the robot really is. On ``truth``, once a step.
+
+    From the simulator, or from a demo that plays a recording with its reference.
+    """
 
     step: int
     map_from_robot: PoseTuple

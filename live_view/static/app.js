@@ -2,34 +2,35 @@
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { hint, showAge, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
-import { drawPlot, stepAt } from "./plot.js";
+import { hint, markPointed, showAge, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
+import { drawPlot, SHOWN_STEPS, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
+import { ROW_PLACES, StepRows } from "./step_rows.js";
 import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
-const USUAL_ROWS = 10000, AT_ONCE_ROWS = 1000, ASKED_FOR_ROWS_MS = 500, CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
-const ROW_PLACES = 16;
+const CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
+const RECORDED = ["replaying", "finished", "saved"]; // links to what does not go on by itself
 
 const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
-let rows = [], system = {};
+let system = {};
 
-const maxRows = () => system.kept_steps ?? USUAL_ROWS;
+const known = new StepRows((before) => connection.send({ type: "earlier", before }));
 const connection = new Connection(take, () => {
   travel.onLost();
   showLink();
 }, () => view.drawMs > SLOW_MS);
 const travel = new TimeTravel(
   (step) => connection.send({ type: "past", step }),
-  () => rows,
+  () => known.range,
   (frames) => frames ? showPast(frames) : showNow(),
 );
 const steering = steer(view, {
   send: (message) => connection.send(message),
-  mayCommand: () => Boolean(system.commands),
-  isSimulated: () => Boolean(now.step?.truth),
+  mayCommand: () => Boolean(system.commands) && isLive(),
+  isSimulated: () => Boolean(now.status?.simulated),
   travel,
 });
 
@@ -43,6 +44,7 @@ async function take(frames) {
 const TAKE = {
   system(frame) {
     system = frame;
+    known.most = frame.kept_steps ?? known.most;
     $("robot").textContent = [frame.robot, frame.saved_at].filter(Boolean).join(" · ");
     travel.setEnd(frame.link);
     $("actions").hidden = !frame.commands;
@@ -57,33 +59,25 @@ const TAKE = {
     if (cells) view.setMap(frame, cells);
   },
   history(frame) {
-    rows = frame;
-    if (!rows.length) {
+    known.begin(frame);
+    if (!known.rows.length) {
       [now.step, now.events] = [null, []];
       travel.toNow();
     }
-    for (const row of rows) learnSlots(row[1]);
+    for (const row of known.rows) learnSlots(row[1]);
     showRows();
-    if (rows.length >= AT_ONCE_ROWS) askForRowsBefore(rows[0][0]);
   },
   earlier(frame) {
-    if (!frame.length) return;
-    const first = frame[0][0], last = frame[frame.length - 1][0], known = rows[0]?.[0] <= first;
-    rows = [...rows.filter((row) => row[0] < first), ...frame, ...rows.filter((row) => row[0] > last)].slice(-maxRows());
+    known.onEarlier(frame);
     for (const row of frame) learnSlots(row[1]);
     showRows();
-    if (!known && first > 0 && frame.length >= AT_ONCE_ROWS && rows.length < maxRows()) askForRowsBefore(first);
   },
   past: (frames) => travel.onPast(frames),
   step(frame) {
     now.step = frame;
-    while (rows.length && rows[rows.length - 1][0] >= frame.step) rows.pop();
-    if (frame.step > (rows[rows.length - 1]?.[0] ?? -1) + 1) askForRowsBefore(frame.step); // some were skipped
     const likely = frame.places.slice(0, ROW_PLACES); // as in the rows that the server tells
-    rows.push([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
-    if (rows.length > maxRows()) rows.shift();
+    known.add([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
-    steering.onStep();
     if (travel.at !== null) {
       travel.onRows();
       return;
@@ -94,17 +88,19 @@ const TAKE = {
     showBesidesSoon();
   },
   pose(frame) {
-    [now.pose, now.poseAt] = [frame, performance.now()];
+    [now.pose, now.poseAt] = [frame, RECORDED.includes(system.link) ? null : performance.now()];
     now.elsewhere = frame.elsewhere ?? now.elsewhere;
     if (travel.at === null) showBesidesSoon();
   },
   status(frame) {
     now.status = frame;
     if (now.pose && frame.step === now.pose.step) {
-      const { age_s, freshness, state } = frame;
-      Object.assign(now.pose, { age_s, freshness, state });
+      const { age_s, scan_age_s, freshness, state } = frame;
+      Object.assign(now.pose, { age_s, scan_age_s, freshness, state, workers: frame.workers.length });
       now.poseAt = performance.now();
     }
+    showLink();
+    steering.onStatus();
     if (travel.at !== null) return;
     if (now.pose) showPose(now.pose, now.poseAt);
     showWorkers(frame);
@@ -131,7 +127,7 @@ function showBesides() {
     showClusters(now.step.places, view.pointed, now.elsewhere);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
-  if (now.eventsDue) showEvents(now.events ?? [], slots);
+  if (now.eventsDue) showTheEvents(now.events);
   now.eventsDue = false;
   showRows();
 }
@@ -147,13 +143,6 @@ function learnSlots(places) {
   const known = slots.size;
   for (const [cluster, slot] of places) slots.set(cluster, slot);
   return slots.size > known;
-}
-
-/** Steps that are missing, by haste or because they are old, come afterwards, and piece by piece. */
-let asking = 0;
-function askForRowsBefore(before) {
-  clearTimeout(asking);
-  asking = setTimeout(() => connection.send({ type: "earlier", before }), ASKED_FOR_ROWS_MS);
 }
 
 // --- what is shown: of now, or of a step that is looked back at ---------------------------------
@@ -176,8 +165,17 @@ function showPast(frames) {
   showClusters(frames.step.places, view.pointed, frames.step.elsewhere);
   if (frames.pose) showPose(frames.pose, null);
   if (frames.status) showWorkers(frames.status);
-  showEvents(frames.events ?? [], slots);
+  showTheEvents(frames.events);
   showRows();
+}
+
+function showTheEvents(events) {
+  const isBag = RECORDED.includes(system.link) && !now.events?.length;
+  showEvents(events ?? [], slots, isBag ? "this recording holds no events" : undefined);
+}
+
+function plotAgain() {
+  drawPlot($("plot"), known.rows, known.oldest, travel.at);
 }
 
 function showMap({ step, clouds }) {
@@ -188,31 +186,38 @@ function showMap({ step, clouds }) {
 function showRows() {
   view.rows = rowsShown();
   view.redraw();
-  drawPlot($("plot"), rows, travel.at);
+  plotAgain();
   travel.onRows();
+  known.askForGaps(travel.at === null ? Infinity : travel.at + SHOWN_STEPS / 2);
 }
 
 /** Up to the step that is shown. */
 function rowsShown() {
+  const { rows } = known;
   if (travel.at === null) return rows;
   const next = rows.findIndex((row) => row[0] > travel.at);
   return next < 0 ? rows : rows.slice(0, next);
 }
 
+function isLive() {
+  return connection.isOpen && system.link === "running";
+}
+
 function showLink() {
-  const isLive = connection.isOpen && system.link === "running";
-  const isPast = connection.isOpen && ["replaying", "finished", "saved"].includes(system.link);
+  const isPast = connection.isOpen && RECORDED.includes(system.link);
   let text = "";
   if (!connection.isOpen) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
   else if (system.link === "no system") text = `The router is there, but nobody localizes ${system.robot} yet: waiting.`;
   else if (system.link === "replaying") text = "Reading the recording: more steps come.";
+  else if (isLive() && now.status?.workers.length === 0) text = "No worker is alive: odometry alone moves the pose.";
   $("banner").hidden = !text;
   $("banner-text").textContent = text;
-  $("link").className = isLive || isPast ? "dot up" : "dot";
+  $("link").className = isLive() || isPast ? "dot up" : "dot";
   $("link").title = text || (isPast ? "not live" : `connected to ${system.router}`);
   document.documentElement.dataset.link = connection.isOpen ? (system.link ?? "") : "no server";
-  view.faded = !isLive && !isPast;
+  view.faded = !isLive() && !isPast;
+  steering.onLink();
   view.redraw();
 }
 
@@ -225,15 +230,12 @@ $("clusters").addEventListener("click", ({ target }) => {
 });
 $("clusters").addEventListener("pointermove", ({ target }) => {
   const cluster = target.closest("li")?.dataset.cluster;
-  view.pointed = cluster === undefined ? null : Number(cluster);
-  view.redraw();
+  view.point(cluster === undefined ? null : Number(cluster));
 });
-$("clusters").addEventListener("pointerleave", () => {
-  view.pointed = null;
-  view.redraw();
-});
+$("clusters").addEventListener("pointerleave", () => view.point(null));
+view.onPointed = () => markPointed(view.pointed);
 $("plot").addEventListener("click", (event) => {
-  const step = stepAt($("plot"), rows, travel.at, event.offsetX);
+  const step = stepAt($("plot"), known.rows, known.oldest, travel.at, event.offsetX);
   if (step !== null) travel.goTo(step);
 });
 
@@ -243,7 +245,6 @@ view.onDrawn = () => {
   $("scale").lastElementChild.textContent = `${length} m`;
 };
 
-const plotAgain = () => drawPlot($("plot"), rows, travel.at);
 setInterval(showAge, 200);
 new ResizeObserver(plotAgain).observe($("plot"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plotAgain);
@@ -252,4 +253,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests, and for whoever is curious on the console. */
-window.liveView = { view, take, travel, history: () => rows };
+window.liveView = { view, take, travel, history: () => known.rows };

@@ -19,13 +19,13 @@ export class MapView {
     this.clouds = new Map(); // particles by cluster
     this.pointed = null; // cluster under the pointer
     this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
-    this.follow = false;
+    this.follow = this.isFitted = false;
     this.faded = false;
-    this.onChange = () => {};
+    this.onChange = this.onPointed = () => {};
     this.due = false;
     this.drawMs = 0; // that drawing took the last time
     this.onDrawn = () => {};
-    new ResizeObserver(() => this.redraw()).observe(canvas);
+    new ResizeObserver(() => (this.isFitted ? this.fit() : this.redraw())).observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       if (this.map) this.map.picture = pictureOf(this.map);
       this.redraw();
@@ -71,15 +71,18 @@ export class MapView {
     const scale = bounded(Math.min((width - 48) / (east - west), (height - ABOVE - BELOW) / (north - south)));
     this.view = { x: (west + east) / 2, y: (south + north - (BELOW - ABOVE) / scale) / 2, scale };
     this.setFollow(false);
+    this.isFitted = true;
   }
 
   setFollow(follow) {
     this.follow = follow;
+    this.isFitted = false;
     this.redraw();
     this.onChange();
   }
 
   lookAt([x, y]) {
+    this.isFitted = false;
     this.view.x = x;
     this.view.y = y;
     this.redraw();
@@ -89,6 +92,7 @@ export class MapView {
     this.view.x -= right / this.view.scale;
     this.view.y += down / this.view.scale;
     if (this.follow) this.setFollow(false);
+    this.isFitted = false;
     this.redraw();
   }
 
@@ -99,6 +103,7 @@ export class MapView {
     const after = this.mapOf(at);
     this.view.x += before[0] - after[0];
     this.view.y += before[1] - after[1];
+    this.isFitted = false;
     this.redraw();
   }
 
@@ -117,6 +122,13 @@ export class MapView {
       if (distance < least) [nearest, least] = [place.cluster, distance];
     }
     return nearest;
+  }
+
+  point(cluster) {
+    if (cluster === this.pointed) return;
+    this.pointed = cluster;
+    this.onPointed();
+    this.redraw();
   }
 
   // --- drawing ---

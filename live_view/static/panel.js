@@ -3,7 +3,10 @@ import { colourOf, isDashed, percent } from "./palette.js";
 
 const $ = (id) => document.getElementById(id);
 
-let pose = null, poseAt = null; // when it came [ms]; null: it is of the past
+const STALE_AFTER_S = 3;
+
+let pose = null, poseAt = null; // when it came [ms]; null: it is of the past, or recorded
+let hasEnded = false; // the step that is shown is the run's last
 
 /** Other robots behind the same router, each with a page of its own. */
 export function showRobots(names, own) {
@@ -18,7 +21,10 @@ export function showRobots(names, own) {
 
 export function showStep(frame) {
   $("now").dataset.state = frame.state;
-  $("state").textContent = frame.state;
+  hasEnded = frame.last;
+  const count = frame.places.length, isOne = frame.state === "localized";
+  $("state").textContent = isOne || !count ? frame.state : `${frame.state}, ${count} place${count > 1 ? "s" : ""}`;
+  $("of").hidden = isOne || count < 2;
   $("searching").hidden = !frame.searching || (frame.state === "searching" && !frame.search_progress);
   $("searching").textContent = frame.search_progress > 0
     ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
@@ -46,19 +52,29 @@ export function showPose(frame, at) {
 /** How old the pose is; one that is looked back at was so old then. */
 export function showAge() {
   if (!pose) return;
-  const age = pose.age_s + (poseAt === null ? 0 : (performance.now() - poseAt) / 1000);
-  const stale = pose.freshness === "stale" || age > 3;
-  $("freshness").className = stale ? "stale" : "";
-  $("freshness").textContent = pose.freshness === "none" ? "no scan yet"
-    : `${stale ? "stale, " : ""}${age < 10 ? age.toFixed(1) : age.toFixed(0)} s old`;
+  const since = poseAt === null ? 0 : (performance.now() - poseAt) / 1000, age = pose.age_s + since;
+  const isLate = pose.freshness === "fresh" && age > STALE_AFTER_S;
+  const isRecorded = ["replaying", "finished"].includes(document.documentElement.dataset.link);
+  const freshness = hasEnded ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
+  $("now").dataset.freshness = freshness;
+  $("freshness").textContent = {
+    ended: "the run has ended",
+    recorded: "recorded",
+    none: "no scan yet",
+    fresh: `${seconds(age)} old`,
+    stale: `stale, ${seconds(age)} old`,
+    blind: !pose.workers ? "blind: no worker is alive"
+      : pose.scan_age_s < 0 ? "blind: no scan was used yet" : `blind: last scan ${seconds(pose.scan_age_s + since)} ago`,
+  }[freshness];
 }
+
+export const seconds = (s) => `${s < 10 ? s.toFixed(1) : s.toFixed(0)} s`;
 
 export function showClusters(places, pointed, elsewhere) {
   $("cluster-count").textContent = places.length || "";
   const rows = places.map((place) => {
     const row = element("li");
     row.style.setProperty("--chip", colourOf(place.slot));
-    row.classList.toggle("pointed", place.cluster === pointed);
     row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there`;
     row.dataset.cluster = place.cluster;
     row.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
@@ -72,16 +88,22 @@ export function showClusters(places, pointed, elsewhere) {
     rows.unshift(row); // in sight, however many places there are
   }
   $("clusters").replaceChildren(...rows);
+  markPointed(pointed);
 }
 
-export function showEvents(events, slots) {
+/** The one row whose cluster is pointed at, here or on the map. */
+export function markPointed(pointed) {
+  for (const row of $("clusters").children) row.classList.toggle("pointed", row.dataset.cluster === String(pointed));
+}
+
+export function showEvents(events, slots, nothing = "nothing has begun or ended yet") {
   const rows = grouped(events).reverse().map((event) => {
     const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
     const row = element("li", "", event.kind);
     row.append(slot == null ? element("span") : chip(slot), element("span", event.step, "step"), element("span", event.text));
     return row;
   });
-  $("events").replaceChildren(...(rows.length ? rows : [element("li", "nothing has begun or ended yet", "empty")]));
+  $("events").replaceChildren(...(rows.length ? rows : [element("li", nothing, "empty")]));
 }
 
 /** Searches that ended together are one line: there are as many as workers. */
@@ -101,6 +123,7 @@ function grouped(events) {
 }
 
 export function showWorkers(status) {
+  $("system").hidden = false;
   $("worker-count").textContent = status.workers.length || "none is alive";
   $("workers").replaceChildren(...status.workers.map((worker) => {
     const jobs = element("span", "", "jobs"), row = element("li");

@@ -2,30 +2,33 @@
 import { colourOf, isDashed, prepared, themed } from "./palette.js";
 
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
-const SHOWN_STEPS = 300;
+export const SHOWN_STEPS = 300;
 const FULL_SCALES = [0.1, 0.2, 0.4, 1]; // of many improbable clusters, more than a line at the bottom
 
 /** The first and last step of the plot: of the newest, or around the one that is looked back at. */
-function span(rows, at) {
+function span(rows, oldest, at) {
   if (!rows.length) return [0, 0];
-  const oldest = rows[0][0], newest = rows[rows.length - 1][0];
+  const newest = rows[rows.length - 1][0];
   const last = Math.min(at === null ? newest : Math.max(at + SHOWN_STEPS / 2, oldest + SHOWN_STEPS), newest);
   return [Math.max(oldest, last - SHOWN_STEPS), last];
 }
 
 /** The step at a place of the plot [px from its left]; null: there are no steps. */
-export function stepAt(canvas, rows, at, left) {
-  const [first, last] = span(rows, at), right = canvas.clientWidth - RIGHT;
+export function stepAt(canvas, rows, oldest, at, left) {
+  const [first, last] = span(rows, oldest, at), right = canvas.clientWidth - RIGHT;
   if (!rows.length) return null;
   const step = first + ((left - LEFT) / (right - LEFT)) * Math.max(last - first, 20);
   return Math.round(Math.min(Math.max(step, first), last));
 }
 
-/** @param at the step that is looked back at; null: none */
-export function drawPlot(canvas, rows, at) {
+/**
+ * @param oldest step that may be looked back at, though its row may not have come yet
+ * @param at the step that is looked back at; null: none
+ */
+export function drawPlot(canvas, rows, oldest, at) {
   const { context, width, height } = prepared(canvas);
   const right = width - RIGHT, bottom = height - BOTTOM;
-  const [first, last] = span(rows, at);
+  const [first, last] = span(rows, oldest, at);
   const xOf = (step) => LEFT + ((step - first) / Math.max(last - first, 20)) * (right - LEFT);
   const lines = linesOf(rowsBetween(rows, first, last));
   const most = Math.max(...lines.map((line) => Math.max(...line.points.map(([, p]) => p))));
@@ -76,7 +79,7 @@ export function drawPlot(canvas, rows, at) {
 
 function rowsBetween(rows, first, last) {
   const from = rows.findIndex((row) => row[0] >= first), to = rows.findLastIndex((row) => row[0] <= last);
-  return rows.slice(from, to + 1);
+  return from < 0 ? [] : rows.slice(from, to + 1);
 }
 
 /** One line for each cluster, in the order in which they began. */

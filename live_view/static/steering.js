@@ -71,8 +71,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
     if (!before) {
-      view.pointed = view.clusterAt(now);
-      view.redraw();
+      view.point(view.clusterAt(now));
       return;
     }
     if (pointers.size === 2) {
@@ -161,8 +160,15 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     driveAtFirst() {
       drivesAtFirst ??= true;
     },
-    /** Whether the robot is simulated is known by its true pose. */
-    onStep() {
+    /** Without a system there is nothing to command. */
+    onLink() {
+      for (const button of $("actions").children) button.disabled = !mayCommand();
+      if (!mayCommand()) {
+        setPlacing(null);
+        drive(false);
+      }
+    },
+    onStatus() {
       $("kidnap").hidden = $("drive").hidden = !isSimulated();
       if (drivesAtFirst && isSimulated()) {
         drivesAtFirst = false;

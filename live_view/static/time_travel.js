@@ -5,11 +5,11 @@ const PLAYED_EVERY_MS = 100;
 export class TimeTravel {
   /**
    * @param ask wants the frames of a step; they come to onPast
-   * @param rows the steps that are known, oldest first
+   * @param range the oldest and the newest step that may be shown; null: there is none
    * @param show draws frames of the past; null: of now
    */
-  constructor(ask, rows, show) {
-    Object.assign(this, { ask, rows, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
+  constructor(ask, range, show) {
+    Object.assign(this, { ask, range, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
     $("slider").addEventListener("input", () => this.goTo(Number($("slider").value)));
     $("play").onclick = () => this.play(!this.timer);
     $("to-now").onclick = () => this.toNow();
@@ -32,11 +32,11 @@ export class TimeTravel {
   }
 
   onRows() {
-    const rows = this.rows(), isShown = rows.length > 1 && !this.isSaved;
+    const [oldest, newest] = this.range() ?? [0, 0], isShown = newest > oldest && !this.isSaved;
     $("timeline").hidden = !isShown;
     if (!isShown) return;
-    $("slider").min = rows[0][0];
-    $("slider").max = rows[rows.length - 1][0];
+    $("slider").min = oldest;
+    $("slider").max = newest;
     $("slider").value = this.at ?? $("slider").max;
     $("slider-step").textContent = this.at === null ? this.newest.toLowerCase() : `step ${this.at}`;
     $("to-now").disabled = this.at === null;
@@ -72,9 +72,8 @@ export class TimeTravel {
   }
 
   next(by = 1) {
-    const rows = this.rows(), last = rows[rows.length - 1]?.[0];
-    if (last === undefined) return;
-    const step = Math.max((this.at ?? last) + by, rows[0][0]);
+    if (!this.range()) return;
+    const [oldest, last] = this.range(), step = Math.max((this.at ?? last) + by, oldest);
     if (step > last || (step === last && by > 0)) this.toNow();
     else this.goTo(step);
   }
@@ -84,7 +83,7 @@ export class TimeTravel {
     clearInterval(this.timer);
     const shown = () => this.asked === null; // none is left out, however slow server or browser are
     this.timer = on ? setInterval(() => shown() && this.next(), PLAYED_EVERY_MS) : 0;
-    if (on && this.at === null && this.rows().length) this.goTo(this.rows()[0][0]);
+    if (on && this.at === null && this.range()) this.goTo(this.range()[0]);
     $("play").textContent = on ? "❚❚" : "▶";
     $("play").setAttribute("aria-pressed", String(on));
   }

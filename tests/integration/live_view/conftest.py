@@ -5,11 +5,12 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import psutil
 import pytest
 
 from clustermcl.client import Client
@@ -53,6 +54,20 @@ class System:
         if self._stack is not None:
             self._stack.stop()
             self._stack = None
+
+    @contextmanager
+    def frozen_workers(self) -> Iterator[None]:
+        """No worker reports, and none is started in its place."""
+        assert self._stack is not None
+        parent = psutil.Process(self._stack.pids()["worker"])
+        frozen = [parent, *parent.children(recursive=True)]
+        for process in frozen:
+            process.suspend()
+        try:
+            yield
+        finally:
+            for process in frozen:
+                process.resume()
 
     def causes(self) -> list[str]:
         """Why clusters and searches began and ended so far."""

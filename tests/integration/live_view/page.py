@@ -115,10 +115,16 @@ class Page:
 
     @contextmanager
     def on_screen(self, screen: str) -> Iterator[None]:
-        """As a phone shows it, or somebody who likes it dark; ``wide`` changes nothing."""
+        """As a phone shows it, one who likes it dark, or a window of ``WIDTHxHEIGHT``.
+
+        ``wide`` changes nothing.
+        """
         size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
         tell = self.driver.execute_cdp_cmd
-        if screen == "phone":
+        if "x" in screen:
+            width, height = map(int, screen.split("x"))
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        if screen == "phone" or "x" in screen:
             tell("Emulation.setDeviceMetricsOverride", size)
         if screen == "dark":
             dark = {"name": "prefers-color-scheme", "value": "dark"}

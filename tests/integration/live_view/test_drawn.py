@@ -17,7 +17,15 @@ from protocol.work import TrackReport
 from tests.integration.live_view.page import Page, press
 from tests.integration.live_view.stage import Stage
 from tests.integration.waiting import wait_until
-from tests.unit.live_view.messages import belief, events, pose, report, scan, status
+from tests.unit.live_view.messages import (
+    belief,
+    events,
+    pose,
+    report,
+    scan,
+    simulator,
+    status,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -141,12 +149,39 @@ def test_one_may_look_back_and_return(stage: Stage, drawn: Page) -> None:
 
 
 def test_a_link_to_a_step_opens_that_step(stage: Stage, drawn: Page) -> None:
-    play(stage, range(1500))
-    shows(stage, lambda: shown_step(drawn) == 1499)
+    play(stage, range(4000))
+    shows(stage, lambda: shown_step(drawn) == 3999)
     drawn.driver.get("about:blank")
     drawn.driver.get(f"{stage.server.link}#step=42")
     shows(stage, lambda: shown_step(drawn) == 42)
-    has_steps(stage, drawn, 1500)  # older ways come afterwards
+    assert range_of_slider(drawn) == (0, 3999)
+    shows(stage, lambda: len(drawn.run("return liveView.view.rows")) == 43)  # its trails come first
+    drawn.run("document.getElementById('plot').dispatchEvent("
+              "new MouseEvent('click', {clientX: 0, bubbles: true}))")  # fmt: skip
+    shows(stage, lambda: shown_step(drawn) == 0)  # its left end: the plot is of that time
+    has_steps(stage, drawn, 4000)  # all others come afterwards
+
+
+def range_of_slider(page: Page) -> tuple[int, int]:
+    low, high = page.run(
+        "const {min, max} = document.getElementById('slider'); return [min, max].map(Number)"
+    )
+    return low, high
+
+
+def test_a_page_that_draws_slowly_gets_the_steps_that_it_skipped(stage: Stage, drawn: Page) -> None:
+    """The steps go on, so some are skipped again before those before them have come."""
+    step = 0
+
+    def goes_on() -> bool:
+        nonlocal step
+        for _ in range(300):  # a message for the last of them alone
+            play(stage, range(step, step + 1))
+            step += 1
+        return step > 5000
+
+    shows(stage, goes_on)
+    has_steps(stage, drawn, step)
 
 
 def test_play_shows_step_after_step_and_ends_at_now(stage: Stage, drawn: Page) -> None:
@@ -172,6 +207,11 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: shown_step(drawn) == 0)
     assert not drawn.is_visible("kidnap")  # a real robot is not lifted
     play(stage, range(1, 4))
+    shows(stage, lambda: shown_step(drawn) == 3)
+    stage.picture.on_status(status())
+    shows(stage, lambda: drawn.text("worker-count") == "2")
+    assert not drawn.is_visible("kidnap")  # a recording with a reference has a true pose, too
+    stage.picture.on_status(status(processes=(simulator(),)))
     shows(stage, lambda: drawn.is_visible("kidnap"))
     press(drawn, "kk")
     shows(stage, lambda: stage.commands == [KidnapRobot()])
@@ -303,3 +343,130 @@ def test_how_probable_it_is_that_the_robot_is_elsewhere_stands_beside_the_cluste
     drawn.run("liveView.take({step: {...liveView.view.step, elsewhere: 0.25}})")
     shows(stage, lambda: "elsewhere" in drawn.text("clusters"))
     assert "25 %" in drawn.text("clusters")
+
+
+def test_every_freshness_is_shown(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(5, 1, 2))
+    shows(stage, lambda: shown_step(drawn) == 5)
+
+    def says(text: str, **changed: Any) -> None:
+        stage.picture.on_pose(pose(5, **changed))
+        shows(stage, lambda: drawn.text("freshness").startswith(text))
+
+    says("no scan yet", freshness="none")
+    says("blind: no worker is alive", freshness="blind", workers=0)
+    assert is_red(drawn, "freshness")
+    assert is_red(drawn, "state")
+    says("blind: last scan 4", freshness="blind", scan_age_s=4.0)
+    says("stale, 6", freshness="stale", age_s=6.0)
+    assert is_red(drawn, "freshness")
+    says("0.", freshness="fresh")
+    assert not is_red(drawn, "freshness")
+    stage.picture.on_belief(msgspec.structs.replace(belief(6, 1, 2), last=True))
+    shows(stage, lambda: drawn.text("freshness") == "the run has ended")
+
+
+def is_red(page: Page, element: str) -> bool:
+    red = "getComputedStyle(document.documentElement).getPropertyValue('--bad')"
+    is_so: bool = page.run(
+        f"const [r, g, b] = {red}.match(/[0-9a-f]{{2}}/gi).map((two) => parseInt(two, 16));"
+        f"return getComputedStyle(document.getElementById('{element}')).color"
+        "  === `rgb(${r}, ${g}, ${b})`"
+    )
+    return is_so
+
+
+def test_that_no_worker_is_alive_stands_at_the_top(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_status(status())
+    stage.picture.on_belief(belief(5, 1))
+    shows(stage, lambda: drawn.text("worker-count") == "2")
+    assert not drawn.is_visible("banner")
+    stage.picture.on_status(status(workers={}))
+    shows(stage, lambda: drawn.is_visible("banner"))
+    assert drawn.text("banner-text").startswith("No worker is alive")
+
+
+def test_the_headline_counts_the_places_and_says_whose_pose_it_shows(
+    stage: Stage, drawn: Page
+) -> None:
+    stage.picture.on_belief(many_places(1))
+    shows(stage, lambda: drawn.text("state") == "ambiguous, 64 places")
+    assert drawn.text("of") == "most probable of them:"
+    stage.picture.on_belief(msgspec.structs.replace(many_places(2), state="lost"))
+    shows(stage, lambda: drawn.text("state") == "lost, 64 places")
+    stage.picture.on_belief(msgspec.structs.replace(many_places(3), state="localized"))
+    shows(stage, lambda: drawn.text("state") == "localized")
+    assert not drawn.is_visible("of")
+
+
+@pytest.mark.parametrize("width", [320, 390, 821, 900, 1010, 1360, 2560])
+def test_nothing_covers_a_button(stage: Stage, drawn: Page, pictures: Path, width: int) -> None:
+    play(stage, range(5))
+    stage.picture.on_status(status(processes=(simulator(),)))
+    with drawn.on_screen(f"{width}x800"):
+        shows(stage, lambda: drawn.is_visible("kidnap") and drawn.is_visible("timeline"))
+        assert drawn.run(COVERED_BUTTONS) == []
+        assert not drawn.run("return document.documentElement.scrollWidth > innerWidth")
+        drawn.save(pictures / f"width-{width}.png")
+
+
+COVERED_BUTTONS = """
+return [...document.querySelectorAll("#stage button, #stage input")].filter((button) => {
+  const {left, right, top, bottom} = button.getBoundingClientRect();
+  return button.checkVisibility() && [left + 3, right - 3].some((x) =>
+    !button.contains(document.elementFromPoint(x, (top + bottom) / 2)));
+}).map((button) => button.id);
+"""
+
+
+def test_one_row_of_the_list_is_marked(stage: Stage, drawn: Page) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+
+    stage.picture.on_belief(belief(1, 4, 7))
+    shows(stage, lambda: len(drawn.run(ROWS)) == 2)
+    row = drawn.driver.find_element("css selector", "#clusters li[data-cluster='4']")
+    ActionChains(drawn.driver).move_to_element(row).perform()
+    assert marked(drawn) == ["4"]
+    stage.picture.on_belief(belief(2, 7, 4))  # the other one is under the pointer now
+    shows(stage, lambda: drawn.run(ROWS)[0] == "7")
+    assert marked(drawn) == ["4"]
+
+
+ROWS = """
+return [...document.querySelectorAll("#clusters li[data-cluster]")].map((r) => r.dataset.cluster);
+"""
+
+
+def marked(page: Page) -> list[str]:
+    """Clusters whose row has another ground than the card."""
+    rows: list[str] = page.run(
+        "return [...document.querySelectorAll('#clusters li[data-cluster]')].filter((row) =>"
+        "  getComputedStyle(row).backgroundColor !== 'rgba(0, 0, 0, 0)')"
+        ".map((row) => row.dataset.cluster)"
+    )
+    return rows
+
+
+def test_a_recorded_run_says_that_it_is_one(stage: Stage, drawn: Page) -> None:
+    play(stage, range(3))
+    stage.picture.on_link("finished")
+    shows(stage, lambda: drawn.text("events") == "this recording holds no events")
+    shows(stage, lambda: drawn.text("freshness") == "recorded")
+    assert not drawn.is_visible("system")  # it does not know of workers
+
+
+def test_without_a_system_no_command_is_offered(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_status(status(processes=(simulator(),)))
+    shows(stage, lambda: drawn.is_visible("drive"))
+    press(drawn, "d")
+    shows(stage, lambda: stage.commands == [DriveRobot(0.0, 0.0)])
+    stage.picture.on_link("no system")
+    shows(
+        stage,
+        lambda: not drawn.run("return document.getElementById('drive').ariaPressed === 'true'"),
+    )
+    enabled = "return document.querySelectorAll('#actions button:not(:disabled)').length"
+    assert drawn.run(enabled) == 0
+    press(drawn, "pr")
+    assert not drawn.is_visible("confirm")
+    assert not drawn.is_visible("hint")

@@ -62,7 +62,7 @@ def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
 
 
 def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None:
-    assert not running.is_visible("banner")
+    wait_until(lambda: not running.is_visible("banner"), 60.0)  # workers may be starting
     wait_until(lambda: running.run("return liveView.view.map !== null"), 60.0)  # it has just begun
     wait_until(lambda: running.text("worker-count") == "2", 60.0)
     wait_until(lambda: running.text("latency").startswith("scan to belief"), 60.0)
@@ -276,6 +276,15 @@ def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
     assert not running.run("return liveView.view.follow")
 
 
+def test_the_page_says_that_no_worker_is_alive(running: Page, system: System) -> None:
+    wait_until(lambda: running.text("freshness").endswith("s old"), 60.0)
+    with system.frozen_workers():
+        wait_until(lambda: running.text("freshness") == "blind: no worker is alive", 60.0)
+        wait_until(lambda: running.text("banner-text").startswith("No worker is alive"), 60.0)
+    wait_until(lambda: running.text("worker-count") == "2", 60.0)
+    wait_until(lambda: not running.is_visible("banner"), 60.0)
+
+
 def test_the_page_survives_that_the_system_ends_and_begins_anew(
     running: Page, system: System
 ) -> None:
@@ -288,7 +297,7 @@ def test_the_page_survives_that_the_system_ends_and_begins_anew(
     system.start()
     wait_until(lambda: running.system == "running", 60.0)
     wait_until(lambda: len(running.history()) > 0 and running.history()[-1][0] < before, 60.0)
-    assert not running.is_visible("banner")
+    wait_until(lambda: not running.is_visible("banner"), 60.0)
 
 
 def test_a_page_that_is_loaded_again_shows_the_steps_so_far(running: Page) -> None:

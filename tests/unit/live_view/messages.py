@@ -1,9 +1,13 @@
 """Messages as a system sends them, small."""
 
+from typing import Any
+
+import msgspec
 import numpy as np
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.arrays import ArrayBlob
+from protocol.health import Health
 from protocol.job_events import Began, JobEvents, NumberedEvent
 from protocol.steps import MapMessage, Scan
 from protocol.work import Particles, TrackReport
@@ -81,7 +85,11 @@ def events(*numbers: int, term: int = 1) -> JobEvents:
     return JobEvents(sender="coordinator", events=told, term=term)
 
 
-def pose(step: int, *, term: int = 1) -> PoseAnswer:
+def pose(step: int, *, term: int = 1, **changed: Any) -> PoseAnswer:
+    return msgspec.structs.replace(_pose(step, term), **changed)
+
+
+def _pose(step: int, term: int) -> PoseAnswer:
     return PoseAnswer(
         sender="coordinator",
         state="ambiguous",
@@ -98,7 +106,11 @@ def pose(step: int, *, term: int = 1) -> PoseAnswer:
     )
 
 
-def status(*, digest: str = "d1") -> Status:
+def status(*, digest: str = "d1", **changed: Any) -> Status:
+    return msgspec.structs.replace(_status(digest), **changed)
+
+
+def _status(digest: str) -> Status:
     return Status(
         sender="coordinator",
         version="1",
@@ -116,6 +128,11 @@ def status(*, digest: str = "d1") -> Status:
         counters={"late": 2, "never": 0},
         uptime_s=9.0,
     )
+
+
+def simulator() -> Health:
+    """As the simulator publishes it: there is a robot that can be lifted."""
+    return Health(sender="robot_simulator", role="bridge", version="1", uptime_s=1.0)
 
 
 def map_message(digest: str = "d1") -> MapMessage:

@@ -43,7 +43,7 @@ def test_a_new_page_gets_everything_there_is(picture: Picture) -> None:
     assert shown["system"] == {
         "robot": "r", "router": "tcp/x:1", "commands": True, "link": "running",
     }  # fmt: skip
-    assert [row[0] for row in rows(shown["history"])] == [5]
+    assert [row[0] for row in rows(shown["history"]["rows"])] == [5]
 
 
 def test_only_what_has_changed_is_sent_again(picture: Picture) -> None:
@@ -69,7 +69,7 @@ def test_a_true_pose_that_comes_late_is_drawn_all_the_same(picture: Picture) -> 
 def test_a_true_pose_that_comes_late_stands_in_the_way_so_far(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
-    assert rows(picture.everything()["history"])[-1][2] == [1.0, 1.0, 0.0]
+    assert rows(picture.everything()["history"]["rows"])[-1][2] == [1.0, 1.0, 0.0]
 
 
 def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> None:
@@ -84,7 +84,7 @@ def test_a_cluster_keeps_its_colour_however_probable_it_is(picture: Picture) -> 
 def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_belief(belief(5, 1, 2))
-    history = rows(picture.everything()["history"])
+    history = rows(picture.everything()["history"]["rows"])
     assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
 
 
@@ -92,14 +92,14 @@ def test_steps_that_begin_anew_begin_the_history_anew(picture: Picture) -> None:
     picture.on_belief(belief(500, 1))
     picture.changes()
     picture.on_belief(belief(0, 1))
-    assert [row[0] for row in rows(picture.changes()["history"])] == [0]
+    assert [row[0] for row in rows(picture.changes()["history"]["rows"])] == [0]
 
 
 def test_a_page_is_given_the_newest_steps_and_asks_for_those_before() -> None:
     picture = Picture({})
     for step in range(NEWEST_ROWS + 5):
         picture.on_belief(belief(step, 1))
-    newest = rows(picture.everything()["history"])
+    newest = rows(picture.everything()["history"]["rows"])
     assert [newest[0][0], newest[-1][0], len(newest)] == [5, NEWEST_ROWS + 4, NEWEST_ROWS]
     assert [row[0] for row in rows(picture.rows_before(5))] == [0, 1, 2, 3, 4]
     assert picture.rows_before(0) == []

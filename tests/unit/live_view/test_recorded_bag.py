@@ -77,7 +77,7 @@ def past(run: RecordedRun, step: int) -> dict[str, Any]:
 def test_all_steps_are_shown(run: RecordedRun) -> None:
     shown = run.picture.everything()
     assert shown["system"]["link"] == "finished"
-    assert [json.loads(bytes(row))[0] for row in shown["history"]] == list(range(STEPS))
+    assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(STEPS))
     assert shown["map"]["digest"] == world("cross").map.digest
 
 

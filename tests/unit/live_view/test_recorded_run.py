@@ -30,7 +30,7 @@ def test_all_steps_are_shown(run: RecordedRun) -> None:
     assert shown["system"]["link"] == "finished"
     assert not shown["system"]["commands"]
     assert shown["step"]["step"] == 29
-    assert [json.loads(bytes(row))[0] for row in shown["history"]] == list(range(30))
+    assert [json.loads(bytes(row))[0] for row in shown["history"]["rows"]] == list(range(30))
 
 
 def test_each_step_has_its_places_pose_and_events(run: RecordedRun) -> None:
