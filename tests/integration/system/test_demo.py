@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from websockets.sync.client import connect
 
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
@@ -85,6 +86,28 @@ def test_a_robot_in_wean_hall_is_found(environment: dict[str, str]) -> None:
     assert answer["final_error_m"] < 1.0
     assert answer["final_error_rad"] < math.radians(20.0)
     assert answer["steps_lost"] == 0
+
+
+def test_the_page_of_a_recording_draws_its_reference(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    recording = recording_or_skip("wean/robotdata1.log.xz")
+    link = f"127.0.0.1:{free_port()}"
+    words = [
+        "demo", "--recording", str(recording),
+        "--map", str(recording_or_skip("wean/map.yaml")),
+        "--reference", str(recording_or_skip("wean/robotdata1.reference.tum")),
+        "--view", "--listen", link, *SMALL_FILTER,
+    ]  # fmt: skip
+    with typed(*words, folder=tmp_path, environment=environment) as demo:
+        demo.wait_for("look at")
+        with connect(f"ws://{link}/live", origin=f"http://{link}", proxy=None) as page:  # type: ignore[arg-type]  # a NewType of str
+            while True:
+                frames = json.loads(page.recv(60.0))
+                page.send('{"type": "drawn"}')
+                if frames.get("step", {}).get("truth"):
+                    break
+        assert demo.end(signal.SIGINT) == 130
 
 
 @pytest.mark.parametrize(
