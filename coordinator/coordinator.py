@@ -28,7 +28,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
 from protocol.job_events import JobEvents
-from protocol.step_reset_detector import StepResetDetector
+from protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer
 
@@ -167,12 +167,14 @@ class Coordinator:
         state = self._state
         if not state.on_map(scan):
             return []
+        newest = state.collector.newest_scan or state.collector.applied
+        if is_huge_jump(scan, newest):
+            state.counters["scan far ahead"] += 1
+            return self._on_stray_scan(scan, newest, now_ns, fetched=fetched)
         if not state.collector.on_scan(scan, now_ns):
             state.counters["scan repeated or late"] += 1
-            if self.begun and self._step_resets.starts_anew(scan, state.collector.applied):
-                state.count_anew(scan)
-                return self._on_scan(scan, now_ns)
-            return self._say_again(scan, now_ns)
+            return self._on_stray_scan(scan, state.collector.applied, now_ns, fetched=fetched)
+        self._step_resets.goes_on()
         pose, stamp_ns = state.pose, scan.stamp_ns
         pose.scan(stamp_ns, scan.odom_from_robot, now_ns, live=scan.live, fetched=fetched)
         if not self.begun:
@@ -180,6 +182,16 @@ class Coordinator:
         self._take_over.begin_search(scan)
         lost = state.collector.lost_before(scan)
         return ([FetchScans(*lost)] if lost else []) + self._on_time_passed(now_ns)
+
+    def _on_stray_scan(
+        self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
+    ) -> list[Instruction]:
+        """A scan that does not go on with the count of steps, which ends with `newest`."""
+        if self.begun and not fetched and self._step_resets.starts_anew(scan, newest):
+            self._step_resets.goes_on()
+            self._state.count_anew(scan)
+            return self._on_scan(scan, now_ns)
+        return self._say_again(scan, now_ns)
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
         """Steps of the past; a coordinator without any begins with the newest of them."""

@@ -26,6 +26,7 @@ from protocol.validity import (
     first_problem,
     number_problem,
     problem_of,
+    scan_step_problem,
 )
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 
@@ -207,7 +208,7 @@ def _scan_problem(scan: Scan) -> str | None:
         sender=scan.sender, stamp_ns=scan.stamp_ns, odom_from_robot=scan.odom_from_robot
     )
     return (
-        number_problem("step", scan.step)
+        scan_step_problem(scan.step)
         or odometry_problem(pose)
         or pose_problem(scan.robot_from_laser)
     )

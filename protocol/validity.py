@@ -39,6 +39,8 @@ from protocol.work import (
 
 MAX_STEP = 2**53
 """Steps, epochs and numbers of orders stay below: 28 million years at 10 Hz."""
+MAX_SCAN_STEP = 2**50
+"""Steps of scans stay below: whatever is numbered after one of them is below `MAX_STEP`."""
 MAX_ID_CHARACTERS = 128
 MAX_WORDS = 500
 """Of one health message; processes have some twenty."""
@@ -62,7 +64,7 @@ def _(message: OdometryReading) -> str | None:
 
 @problem_of.register
 def _(message: Scan) -> str | None:
-    return number_problem("step", message.step) or laser_problem(message)
+    return scan_step_problem(message.step) or laser_problem(message)
 
 
 @problem_of.register
@@ -103,9 +105,8 @@ def _(message: TakeOver) -> str | None:
 
 @problem_of.register
 def _(message: WorkerState) -> str | None:
-    return number_problem("term", message.term) or first_problem(
-        assignment_problem(held) for held in (*message.holds, *message.copies)
-    )
+    # Of what it holds, a coordinator leaves out what cannot be, and believes the rest.
+    return number_problem("term", message.term)
 
 
 @problem_of.register
@@ -229,6 +230,11 @@ def _report_problem(report: TrackReport | SearchReport) -> str | None:
 def number_problem(name: str, number: int, *, least: int = 0) -> str | None:
     """Why a count of steps, epochs, orders or terms is none."""
     return None if least <= number < MAX_STEP else f"{name} {number} is out of range"
+
+
+def scan_step_problem(step: int) -> str | None:
+    """Why a scan cannot be of this step."""
+    return None if 0 <= step < MAX_SCAN_STEP else f"step {step} is out of range"
 
 
 def finite_problem(name: str, value: float) -> str | None:

@@ -25,6 +25,7 @@ from protocol.steps import (
     Scan,
     ScanHistory,
 )
+from protocol.validity import MAX_SCAN_STEP
 from sensor_bridge.extension import Extension
 from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
@@ -213,11 +214,15 @@ class BridgeLoop:
         self._extension.on_step(scan)
 
     def _new_maker(self, first_map: MapMessage) -> StepMaker:
-        """Steps go on after those that a coordinator knows: a restarted bridge repeats none."""
+        """Steps go on after those that a coordinator knows: a restarted bridge repeats none.
+
+        Where those are near the highest that there can be, they begin anew.
+        """
         first_step = 0
         try:
             status = self._status()
-            first_step = max(status.step, status.newest_step) + 1
+            known = max(status.step, status.newest_step)
+            first_step = known + 1 if known < MAX_SCAN_STEP // 2 else 0
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
         return StepMaker(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from protocol.step_reset_detector import StepResetDetector
+from protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from protocol.steps import Scan
 from protocol.work import Assignment, Report, WorkOrder
 from worker.jobs import RunningJob, Searching, running
@@ -115,10 +115,10 @@ class JobTable:
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
         """The steps just before `scan` whose scans never came, where a job could use them."""
-        newest = self._recent[-1].step if self._recent else scan.step
-        if not self._jobs or scan.step <= newest + 1:
+        newest = self._recent[-1] if self._recent else scan
+        if not self._jobs or scan.step <= newest.step + 1 or is_huge_jump(scan, newest):
             return None
-        return MissingScans(newest + 1, scan.step - 1)
+        return MissingScans(newest.step + 1, scan.step - 1)
 
     def said_last(self) -> list[Report]:
         """The reports on the newest step once more, for one who may have lost them."""
@@ -135,13 +135,14 @@ class JobTable:
 
         The newest scan once more is a question: its reports seem to be lost, and go out again.
         """
-        newest = self._recent[-1].step if self._recent else -1
-        if scan.step < newest:
-            if not self._step_resets.starts_anew(scan, self._recent[-1]):
+        newest = self._recent[-1] if self._recent else None
+        if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
+            if not self._step_resets.starts_anew(scan, newest):
                 return []
             self._recent.clear()
-            newest = -1
-        if scan.step > newest:
+            newest = None
+        self._step_resets.goes_on()
+        if newest is None or scan.step > newest.step:
             self._keep(scan)
             return self._advance(scan)
         return self.said_last() + self._advance(scan)

@@ -11,6 +11,7 @@ from coordinator.failover.trust import Trust
 from coordinator.instructions import AskState
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
+from protocol.validity import assignment_problem
 from protocol.work import Assignment, Checkpoint, Report, TakeOver, WorkerState
 
 ASK_AGAIN_NS = 200_000_000
@@ -61,11 +62,11 @@ def told_by(payload: bytes, trust: Trust) -> Told:
     reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
     return Told(
         term=trust.term(state),
-        holds=state.holds,
+        holds=_possible(state.holds),
         checkpoint=checkpoints[0] if checkpoints else None,
         reports=tuple(reports),
         earlier=tuple(checkpoints[1:]),
-        copies=state.copies,
+        copies=_possible(state.copies),
     )
 
 
@@ -73,6 +74,10 @@ def best_first(checkpoints: Iterable[Checkpoint]) -> list[Checkpoint]:
     """Each once, in the order in which they are worth carrying on from."""
     once = {(one.rank, one.state): one for one in checkpoints}
     return sorted(once.values(), key=lambda one: one.rank, reverse=True)
+
+
+def _possible(assignments: Iterable[Assignment]) -> tuple[Assignment, ...]:
+    return tuple(held for held in assignments if assignment_problem(held) is None)
 
 
 def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:

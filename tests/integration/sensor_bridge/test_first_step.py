@@ -3,12 +3,14 @@
 from threading import Timer
 
 import zenoh
+from msgspec.structs import replace
 
 from process_runtime.settings import ZenohSettings
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.codec import encode
 from protocol.steps import Scan
+from protocol.validity import MAX_SCAN_STEP
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_published_map import FIRST
@@ -51,6 +53,19 @@ def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_bac
     open_client().declare_queryable(keys.STATUS, refuse_at_first)
     assert first_step(router, start_process, open_client) == GOES_ON
     assert len(asked) == REFUSALS + 1
+
+
+def test_near_the_highest_step_that_can_be_steps_begin_anew(
+    router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
+) -> None:
+    far = replace(STATUS, newest_step=MAX_SCAN_STEP // 2)
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(keys.STATUS, encode(far))
+
+    open_client().declare_queryable(keys.STATUS, answer)
+    assert first_step(router, start_process, open_client) == 0
 
 
 def first_step(router: ZenohSettings, start_process: StartProcess, open_client: OpenClient) -> int:

@@ -168,9 +168,16 @@ class Living:
         self._tell(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
 
-    def drive(self, step: int, *, stamp_ns: int | None = None) -> None:
-        """One step: its scan reaches the workers, and the coordinator if it lives."""
-        scan = msgspec.structs.replace(scan_of(step), map_digest=self.map_digest)
+    def drive(self, step: int, *, stamp_ns: int | None = None, like: int | None = None) -> None:
+        """One step: its scan reaches the workers, and the coordinator if it lives.
+
+        Args:
+            step: its number.
+            stamp_ns: of its scan; None: as of an undisturbed robot.
+            like: the step of which it shows what the robot sees; None: of this one.
+        """
+        shown = scan_of(step if like is None else like)
+        scan = msgspec.structs.replace(shown, step=step, map_digest=self.map_digest)
         if stamp_ns is not None:
             scan = msgspec.structs.replace(scan, stamp_ns=stamp_ns)
         self.scans.append(scan)

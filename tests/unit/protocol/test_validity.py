@@ -13,6 +13,7 @@ from protocol.message import Message
 from protocol.reading_checks import NO_RETURNS, laser_problem
 from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
+from protocol.validity import MAX_SCAN_STEP
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -106,6 +107,7 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
             "nowhere on Earth",
         ),
         (changed(scan(3), step=-1), "step -1"),
+        (changed(scan(3), step=MAX_SCAN_STEP), "step 1125899906842624"),
         (changed(scan(3), stamp_ns=2**63), "not_finite"),
         (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
         (changed(scan(3), ranges=ArrayBlob.of(np.full(3, np.nan), "float32")), "no_returns"),
@@ -140,6 +142,7 @@ def test_numbers_that_no_honest_process_sends_are_refused(message: Message, word
         SEARCHED,
         ELSEWHERE,
         scan(0),
+        changed(scan(0), step=MAX_SCAN_STEP - 1),
         SET_POSE,
         order(CLOUD),
         begins(ElsewhereJob(first_step=-1)),

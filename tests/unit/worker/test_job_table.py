@@ -1,3 +1,4 @@
+import msgspec
 import numpy as np
 import pytest
 
@@ -301,3 +302,25 @@ def test_an_order_that_changes_nothing_is_a_question(model: SensorModel) -> None
     assert not table.is_news(order(keep=(("c0", 1),)))
     assert table.is_news(order(keep=()))
     assert table.said_last() == [report]
+
+
+def test_one_scan_of_a_step_far_ahead_is_left_out(model: SensorModel) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    reports_of(table, range(1, 4))
+    forged = msgspec.structs.replace(scan(5), step=10**9)
+    assert table.lost_before(forged) is None
+    assert table.on_scan(forged) == []
+    assert [report.step for report in reports_of(table, range(4, 6))] == [4, 5]
+
+
+def test_several_in_a_row_of_steps_far_ahead_are_followed_and_so_is_the_way_back(
+    model: SensorModel,
+) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud())), model, SETTINGS)
+    reports_of(table, range(1, 4))
+    forged = [msgspec.structs.replace(scan(3 + n), step=10**9 + n) for n in range(1, 4)]
+    assert [report.step for one in forged for report in table.on_scan(one)] == [10**9 + 3]
+    table.follow(order(track("c1", cloud(3), epoch=2)), model, SETTINGS)
+    assert [report.step for report in reports_of(table, range(7, 11))] == [9, 10]

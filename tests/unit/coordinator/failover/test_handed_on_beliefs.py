@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from coordinator.events import TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
+from protocol.step_reset_detector import HUGE_JUMP
+from protocol.validity import MAX_SCAN_STEP
 from tests.unit.coordinator.living import Living, symmetric_room
 from worker.events import ScanArrived
 
@@ -191,6 +193,34 @@ def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorMod
     assert all(belief.missing == () for belief in beliefs.values())
     assert all(place.age_steps == 0 for place in beliefs[2].hypotheses), "found anew"
     assert beliefs[11].hypotheses
+
+
+@pytest.mark.parametrize("step", [HUGE_JUMP + 100, MAX_SCAN_STEP - 1])
+def test_one_scan_of_a_step_far_ahead_changes_nothing(
+    model: SensorModel, undisturbed: Living, step: int
+) -> None:
+    living = lived(model, steps=14)
+    living.drive(step, stamp_ns=13 * 10**9 + 1, like=13)
+    living.scans.pop()
+    for one in range(14, STEPS):
+        living.drive(one)
+    assert_same(living, undisturbed)
+
+
+def test_several_scans_near_the_highest_step_are_followed_and_so_is_the_way_back(
+    model: SensorModel,
+) -> None:
+    living = lived(model, steps=14)
+    for n in range(4):
+        living.drive(MAX_SCAN_STEP - 4 + n, stamp_ns=13 * 10**9 + 1 + n, like=13)
+    assert max(living.beliefs) == MAX_SCAN_STEP - 1
+    living.beliefs.clear()
+    for step in range(14, 30):
+        living.drive(step)
+    beliefs = {step: told[-1] for step, told in living.beliefs.items() if step < 30}
+    assert set(beliefs) == set(range(16, 30)), "three scans in a row prove it"
+    assert beliefs[29].hypotheses
+    assert beliefs[29].missing == ()
 
 
 def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:

@@ -6,8 +6,13 @@ from coordinator.failover.state_recovery import (
     UNKNOWN_NS,
     StateRecovery,
     Told,
+    told_by,
 )
-from protocol.work import Checkpoint
+from coordinator.failover.trust import Trust
+from protocol.codec import encode
+from protocol.validity import MAX_STEP
+from protocol.work import Assignment, Checkpoint, ElsewhereJob, WorkerState
+from tests.unit.coordinator.reports import elsewhere
 
 BEGAN_NS = 5_000_000_000
 KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
@@ -55,3 +60,16 @@ def test_what_a_worker_has_told_counts_also_when_it_has_started_anew_and_knows_n
     recovery.answered("w1", NOTHING)
     recovery.answered("w1", replace(NOTHING, checkpoint=older))
     assert recovery.checkpoints == [KNOWN, older]
+
+
+def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
+    good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
+    beyond = replace(good, job=ElsewhereJob(first_step=MAX_STEP))
+    told = WorkerState(
+        sender="w", term=7, incarnation=1, holds=(beyond, good), copies=(good, beyond),
+        checkpoint=encode(KNOWN), reports=(encode(elsewhere(3, -1.0)), b"no report"),
+    )  # fmt: skip
+    read = told_by(encode(told), Trust(None, "robot", lambda: 0, lambda _: None))
+    assert read.holds == read.copies == (good,)
+    assert read.checkpoint == KNOWN
+    assert read.reports == (elsewhere(3, -1.0),)

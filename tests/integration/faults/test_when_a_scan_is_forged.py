@@ -1,0 +1,95 @@
+"""docs/failures.md: scans of steps far ahead blind nobody while the honest bridge goes on."""
+
+from collections.abc import Callable
+
+import pytest
+import zenoh
+from msgspec.structs import replace
+
+from clustermcl.stack import COORDINATOR
+from protocol import keys
+from protocol.codec import decode, encode
+from protocol.steps import Scan
+from protocol.validity import MAX_SCAN_STEP
+from tests.integration.faults.live_robot import BRIDGE, with_live_robot
+from tests.integration.faults.system import System
+from tests.integration.faults.test_coordinator_dies import PATIENT, alone_of, assert_same
+from tests.integration.waiting import wait_until
+
+HIGHEST = 2**53 - 1
+BURST = 4
+
+
+def newest_scan(tested: System) -> Scan:
+    """Of the honest bridge."""
+    heard: list[Scan] = []
+    subscriber = tested.session.declare_subscriber(
+        keys.SCAN, lambda sample: heard.append(decode(sample.payload.to_bytes(), Scan))
+    )
+    wait_until(lambda: heard)
+    subscriber.undeclare()
+    return heard[-1]
+
+
+def forge(tested: System, first_step: int, count: int) -> None:
+    """Publish scans of such steps, each later than all before."""
+    scan = newest_scan(tested)
+    for n in range(count):
+        forged = replace(scan, step=first_step + n, stamp_ns=scan.stamp_ns + n * 1_000_000)
+        block = zenoh.CongestionControl.BLOCK
+        tested.session.put(keys.SCAN, encode(forged), congestion_control=block)
+
+
+def restart(tested: System, name: str) -> None:
+    tested.hurt(name)
+    wait_until(lambda: any(ended.name == name for ended in tested.stack.ended()))
+    tested.mend()
+
+
+def counted(tested: System, cause: str) -> int:
+    with tested.client as client:
+        return client.status().counters.get(cause, 0)
+
+
+@pytest.mark.parametrize("step", [HIGHEST, MAX_SCAN_STEP - 1, 10**9])
+def test_one_scan_of_a_step_far_ahead_changes_no_belief(step: int) -> None:
+    with with_live_robot(PATIENT) as (tested, _robot):
+        tested.wait_until_it_tracks()
+        forge(tested, step, 1)
+        tested.wait_for_steps(10)
+        cause = "malformed Scan: impossible" if step == HIGHEST else "scan far ahead"
+        assert counted(tested, cause) == 1
+        assert counted(tested, "steps counted anew") == 0
+        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+
+
+def goes_on(_tested: System) -> None:
+    pass
+
+
+def bridge_restarts(tested: System) -> None:
+    restart(tested, BRIDGE)
+
+
+def coordinator_restarts(tested: System) -> None:
+    restart(tested, COORDINATOR)
+
+
+@pytest.mark.parametrize("then", [goes_on, bridge_restarts, coordinator_restarts])
+def test_after_several_scans_near_the_highest_step_the_robot_is_localized_again(
+    then: Callable[[System], None],
+) -> None:
+    with with_live_robot() as (tested, _robot):
+        tested.wait_until_it_tracks()
+        forge(tested, MAX_SCAN_STEP - BURST, BURST)
+        wait_until(lambda: tested.step >= MAX_SCAN_STEP - BURST)
+        then(tested)
+
+        def is_itself_again() -> bool:
+            return (
+                tested.tracks() and max(b.step for b in tested.beliefs[-20:]) < MAX_SCAN_STEP // 2
+            )
+
+        wait_until(is_itself_again, 90.0)
+        with tested.client as client:
+            assert client.pose().freshness == "fresh"
