@@ -25,6 +25,7 @@ from coordinator.membership.jobs import PlacedJob
 from coordinator.pose.lateness import Lateness
 from coordinator.recorder.records import Started, without_bulk
 from coordinator.step_collector import OpenStep
+from particle_filter.view_memory import ViewMemory
 from protocol.job_events import JobEvent, NumberedEvent
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
@@ -53,6 +54,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         },
         "_state.ensemble": {
             "_prior_pose": PriorPose | None,
+            "_seen": ViewMemory,
             "_begin": dict[str, Job],
             "_events": list[JobEvent],
         },
