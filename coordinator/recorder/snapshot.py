@@ -42,7 +42,11 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_kept": dict[str, tuple[Checkpoint, ...]],
         },
         "_checkpoints": {"_last": Checkpoint | None, "_last_ns": int},
-        "_step_resets": {"_last": tuple[int, int] | None, "_in_a_row": int},
+        "_step_resets": {
+            "_last": tuple[int, int] | None,
+            "_in_a_row": int,
+            "_newer_in_a_row": int,
+        },
         "_state": {
             "outcome": Outcome | None,
             "counters": dict[str, int],
