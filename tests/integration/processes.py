@@ -11,11 +11,13 @@ from tests.integration.waiting import wait_until
 class RunningProcess:
     """A child process whose output goes to files, so that it never blocks and can be read."""
 
-    def __init__(self, command: Sequence[str], folder: Path, name: str) -> None:
+    def __init__(
+        self, command: Sequence[str], folder: Path, name: str, *, cwd: Path | None = None
+    ) -> None:
         self.out_file, self.err_file = folder / f"{name}.out", folder / f"{name}.err"
         with self.out_file.open("wb") as out, self.err_file.open("wb") as err:
             self._popen = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, cwd=cwd
             )
 
     @property
