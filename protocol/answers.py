@@ -18,11 +18,17 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """One place where the robot may be."""
 
     cluster: int
+    """Its cluster, of the same number for life; negative: a place of a search that goes on."""
     probability: float
+    """That the robot is there."""
     log_probability: float
+    """Its natural logarithm, which does not underflow."""
     mean: PoseTuple
+    """Pose of the robot in the map: x [m], y [m], heading [rad]."""
     covariance: Covariance
+    """Of that pose, row by row."""
     effective_sample_size: float
+    """Of its particles: how many equally weighted ones tell as much."""
     age_steps: int
     """Steps since the cluster entered the belief."""
 
@@ -31,9 +37,13 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     """The belief after one step. From the coordinator on ``belief``; the next repairs a loss."""
 
     step: int
+    """Number of the step; rises by one."""
     stamp_ns: int
+    """Robot's clock at the step's scan."""
     odom_from_robot: PoseTuple
+    """Odometry at that scan: x [m], y [m], heading [rad]."""
     state: State
+    """What the probabilities amount to; docs/operations.md explains each state."""
     hypotheses: tuple[Hypothesis, ...]
     """Most probable first; with `elsewhere_probability` they sum to 1."""
     searching: bool
@@ -41,6 +51,7 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     missing: tuple[str, ...] = ()
     """Jobs whose report did not arrive in time."""
     last: bool = False
+    """The recording, or the simulated run, ends with this step."""
     term: int = 0
     """The coordinator's term: a belief of a lower one than was heard before is of the past."""
     elsewhere_probability: float = 0.0
@@ -53,16 +64,22 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""
 
     state: State
+    """Of the belief after its last step."""
     freshness: Freshness
+    """Whether data still arrives; steer by it."""
     stamp_ns: int
     """Robot's clock at the odometry that carried the pose forward."""
     age_s: float
     """Since that odometry arrived, by the coordinator's clock; -1 for `none`. What has come later
     than usual by a live robot's stamps counts from when it should have come."""
     step: int
+    """Number of the last step; -1 before the first."""
     probability: float
+    """Of the most probable place, which is the pose."""
     map_from_robot: PoseTuple | None
+    """The pose: x [m], y [m], heading [rad]; None: no place is tracked yet."""
     covariance: Covariance | None
+    """Of the pose, row by row; None without a pose."""
     workers: int
     """Workers alive; 0 means the belief does not follow the robot's scans."""
     term: int = 0
@@ -77,29 +94,42 @@ class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
     """All places with their probabilities, carried forward by odometry. Answers ``hypotheses``."""
 
     pose: PoseAnswer
+    """The answer to `pose`, of the same moment."""
     hypotheses: tuple[Hypothesis, ...]
+    """Most probable first."""
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """How the system is. Answers queries on ``status``."""
 
     version: str
+    """The coordinator's."""
     state: State
+    """As in `PoseAnswer`."""
     freshness: Freshness
+    """As in `PoseAnswer`."""
     age_s: float
+    """As in `PoseAnswer`."""
     step: int
+    """Number of the last step that was applied; -1 before the first."""
     steps_applied: int
+    """Since this coordinator began."""
     steps_lost: int
     """Steps whose scan never came, or that were applied without one report."""
     reports_missing: int
+    """Reports of workers that did not come in time."""
     map_digest: str
+    """Names the map; empty while it is not known."""
     clusters: int
+    """Places that are tracked."""
     searching: bool
+    """A global search is under way."""
     workers: dict[str, tuple[str, ...]]
     """Name of each live worker to its jobs."""
     counters: dict[str, int]
     """Everything that was dropped or refused, by cause."""
     uptime_s: float
+    """Since the coordinator was started."""
     term: int = 0
     """The coordinator's term."""
     processes: tuple[Health, ...] = ()
@@ -123,8 +153,11 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     command_id: str
     """The same id again does nothing."""
     map_from_robot: PoseTuple
+    """x [m], y [m], heading [rad]."""
     position_sigma_m: float = 0.5
+    """Standard deviation of x and of y."""
     heading_sigma_rad: float = 0.26
+    """Standard deviation of the heading."""
     covariance: Covariance | None = None
     """Of the pose; it stands in for both sigmas."""
     stamp_ns: int | None = None
@@ -135,6 +168,7 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
     command_id: str
+    """The same id again does nothing."""
     near: Circle | None = None
     """Where to search; None: everywhere."""
     region: str = ""

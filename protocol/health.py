@@ -15,7 +15,9 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     role: str
     """``bridge``, ``worker`` or ``coordinator``."""
     version: str
+    """Of the package."""
     uptime_s: float
+    """Since its start."""
     memory_bytes: int = 0
     """Resident; 0 where the system does not say."""
     done: dict[str, int] = msgspec.field(default_factory=dict)

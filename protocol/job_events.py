@@ -33,7 +33,9 @@ class Began(
     """A cluster began."""
 
     job_id: str
+    """``c3`` for cluster 3; searches have names of their own."""
     cause: BeganCause
+    """Why."""
     probability: float
     """That it began with."""
 
@@ -49,7 +51,9 @@ class Ended(
     """A cluster, or a search, ended."""
 
     job_id: str
+    """As in `Began`."""
     cause: EndedCause
+    """Why."""
     by: tuple[str, ...] = ()
     """The job that it merged into or that pushed it out; the parts that it fell apart into."""
     probability: float = 0.0
@@ -70,9 +74,11 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     number: int
     """Rises by one with each event of a coordinator's term."""
     step: int
+    """At which it was."""
     stamp_ns: int
     """Robot's clock at the scan of the step."""
     event: JobEvent
+    """What began or ended."""
 
 
 class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
@@ -83,6 +89,7 @@ class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
     """
 
     events: tuple[NumberedEvent, ...]
+    """Oldest first."""
     term: int = 0
     """The coordinator's term; each counts its events from 0."""
 

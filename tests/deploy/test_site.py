@@ -46,6 +46,19 @@ def test_the_reference_has_every_message_with_its_fields(reference: ModuleType) 
     assert "| `covariance` | `Covariance` |" in page
 
 
+@pytest.mark.parametrize("module", [answers, health, job_events], ids=lambda m: m.__name__)
+def test_every_field_that_the_client_hands_out_is_described(
+    module: ModuleType, reference: ModuleType
+) -> None:
+    bare = [
+        (name, field)
+        for name, _ in reference.structures(module)
+        for field, _, told in reference.fields(module, name)
+        if not told
+    ]
+    assert bare == []
+
+
 def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="the extra docs is not installed; .ci/run makes the site")
     made = subprocess.run(
