@@ -1,6 +1,7 @@
 """The Python client: ask a running system where the robot is, and tell it what a person knows."""
 
 import math
+import os
 import time
 import uuid
 from collections.abc import Iterator
@@ -12,7 +13,8 @@ import zenoh
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message
-from process_runtime.settings import Settings
+from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
+from process_runtime.settings_file import with_setting
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import (
@@ -52,23 +54,61 @@ class CommandRefusedError(ClusterMclError):
         super().__init__(problem)
 
 
+class NotLocalizedError(ClusterMclError):
+    """The robot was not localized in time; `answer` says where it may be."""
+
+    def __init__(self, *, answer: PoseAnswer, waited_s: float) -> None:
+        self.answer, self.waited_s = answer, waited_s
+        super().__init__(
+            f"not localized within {waited_s:g} s: {answer.state}, {answer.freshness}, "
+            f"probability {answer.probability:.2f}"
+        )
+
+
 class Client:
     """A connection to the system of one robot; use it in a ``with`` block.
 
-    Questions and commands are repeated until they are answered or `zenoh.connect_timeout_s` has
-    passed; a command carries an id, so that its repetition does nothing more. Give one client to
-    one thread.
+    Questions and commands are repeated until they are answered or their time is over; a command
+    carries an id, so that its repetition does nothing more. Give one client to one thread.
 
-        with Client() as client:
+        with Client(robot="r1") as client:
             print(client.pose().map_from_robot)
 
     Args:
-        settings: the router's endpoint, the robot's name, time-outs.
+        settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
+            defaults, with `CLUSTERMCL_ROBOT` and `CLUSTERMCL_ROUTER` of the environment.
+        robot: the robot's name, instead of that of the settings.
+        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, likewise.
+        timeout_s: of connecting, and of each question and command [s]. None:
+            `zenoh.connect_timeout_s`, and `zenoh.query_timeout_s`.
         stop: looked at while waiting; a wait then ends with `StoppedError`.
+
+    Raises:
+        SettingsError: a name, an endpoint or a time-out cannot be used.
     """
 
-    def __init__(self, settings: Settings | None = None, *, stop: StopFlag | None = None) -> None:
-        self._settings = settings or Settings()
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        *,
+        robot: str | None = None,
+        router: str | None = None,
+        timeout_s: float | None = None,
+        stop: StopFlag | None = None,
+    ) -> None:
+        if settings is None:
+            settings = Settings()
+            robot = robot or os.environ.get(ROBOT_VARIABLE)
+            router = router or os.environ.get(ROUTER_VARIABLE)
+        for name, value in (
+            ("robot.name", robot),
+            ("zenoh.router", router),
+            ("zenoh.connect_timeout_s", timeout_s),
+            ("zenoh.query_timeout_s", timeout_s),
+        ):
+            if value is not None:
+                settings = with_setting(settings, name, value, "Client")
+        self._settings = settings
         self._stop = stop or StopFlag()
         self._resources = ExitStack()
         self._open: zenoh.Session | None = None
@@ -192,32 +232,61 @@ class Client:
         command = Kidnap(sender=_SENDER, command_id=_new_id(), map_from_robot=map_from_robot)
         self._tell(keys.KIDNAP, command)
 
-    def beliefs(self) -> Iterator[Belief]:
-        """Every belief from now on, without an end; of a slow reader's, the oldest are dropped.
+    def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
+        """Wait until the robot is localized and its pose is fresh.
 
-        Those of a coordinator that was taken over from are left out.
+        Args:
+            timeout_s: how long to wait [s].
 
         Raises:
+            NotLocalizedError: it was not, in that time.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            answer = self.pose()
+            if (answer.state, answer.freshness) == ("localized", "fresh"):
+                return answer
+            if time.monotonic() >= deadline_s:
+                raise NotLocalizedError(answer=answer, waited_s=timeout_s)
+            self._stop.wait(_PAUSE_S)
+            self._stop.check()
+
+    def beliefs(self, *, timeout_s: float | None = None) -> Iterator[Belief]:
+        """Every belief from now on, without an end; a slow reader misses the oldest.
+
+        Beliefs of a coordinator that was taken over from are left out.
+
+        Args:
+            timeout_s: how long to wait for each belief [s]; None: for ever, for a robot that
+                stands makes none.
+
+        Raises:
+            UnreachableError: nobody answers, or no belief came in time.
             StoppedError: the client's stop flag is set.
         """
-        term = 0
-        for belief in self._published(keys.BELIEF, Belief):
-            if belief.term >= term:
-                term = belief.term
-                yield belief
+        published = self._published(keys.BELIEF, Belief, timeout_s)
+        self.pose()  # raises where there is no robot, rather than waiting for ever
+        return _of_newest_term(published)
 
-    def follow_events(self) -> Iterator[NumberedEvent]:
+    def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
         """The events that are kept, and then each as it happens, without an end.
 
-        Where some were lost on their way, they are asked for.
+        Events that were lost on their way are asked for.
+
+        Args:
+            timeout_s: how long to wait for each event [s]; None: for ever.
 
         Raises:
+            UnreachableError: nobody answers, or no event came in time.
             StoppedError: the client's stop flag is set.
-            UnreachableError: nobody answers.
         """
-        published = self._published(keys.EVENTS, JobEvents)
+        published = self._published(keys.EVENTS, JobEvents, timeout_s)
+        return self._without_gaps(self.events(), published)
+
+    def _without_gaps(
+        self, heard: JobEvents, published: Iterator[JobEvents]
+    ) -> Iterator[NumberedEvent]:
         last_term, last_number = 0, -1
-        heard = self.events()
         while True:
             for event in heard.events:
                 if (heard.term, event.number) > (last_term, last_number):
@@ -228,18 +297,30 @@ class Client:
             if heard.events and heard.events[0].number > follows:
                 heard = self.events()
 
-    def _published(self, key: str, kind: type[A]) -> Iterator[A]:
-        """What is published on a key from now on; of a slow reader's, the oldest are dropped."""
+    def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A]:
+        """What is published on a key from this call on; a slow reader misses the oldest."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
-        return self._decoded(inbox, kind)
+        return self._decoded(inbox, key, kind, timeout_s)
 
-    def _decoded(self, inbox: Events, kind: type[A]) -> Iterator[A]:
+    def _decoded(
+        self, inbox: Events, key: str, kind: type[A], timeout_s: float | None
+    ) -> Iterator[A]:
+        heard_s = time.monotonic()
         while True:
             self._stop.check()
             event = inbox.get(_POLL_S)
             if isinstance(event, Received):
                 yield decode(event.payload, kind)
+                heard_s = time.monotonic()
+            elif timeout_s is not None and time.monotonic() - heard_s > timeout_s:
+                raise UnreachableError(
+                    who="coordinator",
+                    endpoint=self._settings.zenoh.router,
+                    waited_s=timeout_s,
+                    problem=f"robot {self._settings.robot.name!r} published nothing on {key!r} "
+                    f"for {timeout_s:g} s: does it stand still, or has it ended?",
+                )
 
     @property
     def _session(self) -> zenoh.Session:
@@ -290,9 +371,17 @@ class Client:
             endpoint=router,
             waited_s=waited_s,
             problem=f"no {who} of robot {self._settings.robot.name!r} answers at "
-            f"{router} ({error}): start one with 'clustermcl up', or set robot.name or "
-            f"zenoh.router{denied if router.startswith('tls/') else ''}",
+            f"{router} ({error}): start one with 'clustermcl up', or name another robot or router"
+            f"{denied if router.startswith('tls/') else ''}",
         )
+
+
+def _of_newest_term(beliefs: Iterator[Belief]) -> Iterator[Belief]:
+    term = 0
+    for belief in beliefs:
+        if belief.term >= term:
+            term = belief.term
+            yield belief
 
 
 def _new_id() -> str:

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,45 +13,76 @@ from evaluation.experiments.command import experiments
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import written_output
 from process_runtime.stop import StoppedError
-from protocol.errors import ClusterMclError
+from protocol.errors import ClusterMclError, UnreachableError
 
-EXIT_INTERRUPTED = 130
+EXIT_NOBODY, EXIT_INTERRUPTED = 3, 130
+"""No router, or nobody behind it, answers; Ctrl-C, or a pipe whose reader has gone."""
+
+
+class _Commands(LoudCommands):
+    """Lists the commands in their groups, each with one line."""
+
+    def format_commands(self, _context: Any, formatter: Any) -> None:
+        longest = max(map(len, self.commands))
+        for group, names in COMMANDS.items():
+            with formatter.section(group):
+                formatter.write_dl(
+                    (name.ljust(longest), self.commands[name].get_short_help_str(formatter.width))
+                    for name in names
+                )
+
 
 app = typer.Typer(
-    help="Global localization that keeps every possible place: Cluster-MCL over Zenoh.",
-    cls=LoudCommands,
+    help="Localization that knows when it is not sure: Cluster-MCL over Zenoh.",
+    cls=_Commands,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 _NUMBERS_MAY_BE_NEGATIVE = {"ignore_unknown_options": True}
-COMMANDS: dict[str, Callable[..., None]] = {
-    "experiments": experiments,
-    "demo": running.demo,
-    "up": running.up,
-    "ros2": running.ros2,
-    "evaluate": recordings.evaluate,
-    "check": recordings.check,
-    "pose": asking.pose,
-    "hypotheses": asking.hypotheses,
-    "events": asking.events,
-    "status": asking.status,
-    "watch": asking.watch,
-    "view": running.serve_view,
-    "snapshot": asking.snapshot,
-    "set-pose": telling.set_pose,
-    "relocalize": telling.relocalize,
-    "update": telling.update,
-    "kidnap": telling.kidnap,
-    "record": recordings.record,
-    "replay": recordings.replay,
-    "settings": recordings.settings,
+COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
+    "Begin here": {
+        "demo": running.demo,
+        "up": running.up,
+        "view": running.serve_view,
+    },
+    "Ask a running system": {
+        "pose": asking.pose,
+        "hypotheses": asking.hypotheses,
+        "watch": asking.watch,
+        "events": asking.events,
+        "status": asking.status,
+        "snapshot": asking.snapshot,
+        "record": recordings.record,
+    },
+    "Tell it something": {
+        "set-pose": telling.set_pose,
+        "relocalize": telling.relocalize,
+        "update": telling.update,
+        "kidnap": telling.kidnap,
+    },
+    "Maps, recordings, settings": {
+        "check": recordings.check,
+        "evaluate": recordings.evaluate,
+        "experiments": experiments,
+        "replay": recordings.replay,
+        "settings": recordings.settings,
+    },
+    "Single processes": {
+        "router": running.router,
+        "worker": running.worker,
+        "ros2": running.ros2,
+    },
 }
 """In the order of the help."""
-for _name, _command in COMMANDS.items():
-    app.command(_name, context_settings=_NUMBERS_MAY_BE_NEGATIVE if _name == "set-pose" else None)(
-        _command
-    )
+for _group, _commands in COMMANDS.items():
+    for _name, _command in _commands.items():
+        app.command(
+            _name,
+            rich_help_panel=_group,
+            context_settings=_NUMBERS_MAY_BE_NEGATIVE if _name == "set-pose" else None,
+        )(_command)
 
 
 def _say_version(asked: bool) -> None:
@@ -71,7 +102,7 @@ def _common(
 
 
 def main() -> None:
-    """Run the command; errors that a person can mend are one line and exit code 2."""
+    """Run the command; errors that a person can mend are one line and exit code 2, or 3."""
     set_loudness()
     try:
         with written_output():
@@ -80,7 +111,7 @@ def main() -> None:
         sys.exit(EXIT_INTERRUPTED)
     except ClusterMclError as error:
         sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
-        sys.exit(EXIT_ERROR)
+        sys.exit(EXIT_NOBODY if isinstance(error, UnreachableError) else EXIT_ERROR)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.stderr.close()
         sys.exit(EXIT_INTERRUPTED)

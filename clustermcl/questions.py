@@ -14,17 +14,27 @@ from clustermcl.as_json import (
     pose_answer_object,
     status_object,
 )
-from clustermcl.as_text import belief_line, event_line, hypotheses_lines, pose_lines, status_lines
+from clustermcl.as_text import (
+    belief_line,
+    event_line,
+    hypotheses_lines,
+    pose_lines,
+    pose_text,
+    status_lines,
+)
 from clustermcl.client import Client
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from protocol.message import Circle, Covariance, PoseTuple
 
 
-def print_pose(settings: Settings, *, as_json: bool) -> None:
-    """Where the robot is now."""
+def print_pose(settings: Settings, *, as_json: bool) -> bool:
+    """Where the robot is now; whether a pose is known, by fresh data, and not lost."""
     with Client(settings) as client:
         answer = client.pose()
     _print(pose_answer_object(answer) if as_json else pose_lines(answer))
+    is_known = answer.map_from_robot is not None
+    return is_known and answer.freshness == "fresh" and answer.state != "lost"
 
 
 def print_hypotheses(settings: Settings, *, above: float, as_json: bool) -> None:
@@ -60,7 +70,6 @@ def follow_events(settings: Settings, *, as_json: bool) -> None:
 def watch(settings: Settings, *, as_json: bool) -> None:
     """Every belief from now on, until interrupted."""
     with Client(settings) as client:
-        client.pose()  # says at once if there is nobody
         for belief in client.beliefs():
             _print(belief_object(belief) if as_json else [belief_line(belief)])
 
@@ -83,24 +92,37 @@ def set_pose(
             covariance=covariance,
             stamp_ns=stamp_ns,
         )
+    _say(settings, f"was given {pose_text(map_from_robot)}")
 
 
 def relocalize(settings: Settings, near: Circle | None, region: str) -> None:
     """Forget all places and search, everywhere, in a circle or in a region."""
     with Client(settings) as client:
         client.relocalize(near, region)
+    where = f"in region {region}" if region else "everywhere"
+    if near is not None:
+        where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
+    _say(settings, f"has forgotten all places, and is searched for {where}")
 
 
 def update(settings: Settings) -> None:
     """Make a step of the next scan."""
     with Client(settings) as client:
         client.update()
+    _say(settings, "makes a step of its next scan")
 
 
 def kidnap(settings: Settings) -> None:
     """Lift the simulated robot to somewhere far away."""
     with Client(settings) as client:
         client.kidnap()
+    _say(settings, "was lifted to somewhere far away")
+
+
+def _say(settings: Settings, what: str) -> None:
+    """What a command has done."""
+    if not is_quiet():
+        _print([f"robot {settings.robot.name!r} {what}"])
 
 
 def _print(what: JsonObject | Iterable[str]) -> None:

@@ -1,5 +1,6 @@
 """`clustermcl up`: everything on this machine, in the foreground, until Ctrl-C."""
 
+import shlex
 import sys
 from typing import assert_never
 
@@ -42,7 +43,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
         with running(stack):
             stack.start_all()
             _say(f"robot {settings.robot.name!r} at {settings.zenoh.router}; Ctrl-C ends it")
-            _say("ask with: clustermcl pose")
+            _say(f"ask with: {command_for('pose', settings)}")
             while not stop.wait(_POLL_S):
                 for ended in stack.ended():
                     if ended.restart_in_s is None:
@@ -51,6 +52,16 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
                         f"{ended.name} ended with code {ended.code}; "
                         f"starting it again in {ended.restart_in_s:.1f} s"
                     )
+
+
+def command_for(command: str, settings: Settings) -> str:
+    """A command as it is typed to find this robot: without what it would do by itself."""
+    usual, words = Settings(), ["clustermcl", command]
+    if settings.robot.name != usual.robot.name:
+        words += ["--robot", settings.robot.name]
+    if settings.zenoh.router != usual.zenoh.router:
+        words += ["--router", settings.zenoh.router]
+    return shlex.join(words)
 
 
 def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:

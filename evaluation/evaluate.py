@@ -79,7 +79,10 @@ class EvaluateOptions:
     mirrored: bool = False
     """See every scan and motion in a mirror: how a robot fares that is nowhere in the map."""
     jobs: int | None = None
-    json_file: Path | None = None
+    as_json: bool = False
+    """Print JSON instead of tables."""
+    output: Path | None = None
+    """Where the same JSON is written; None: nowhere."""
     record: Path | None = None
     """Where the run, which must be one, is recorded; None: nowhere."""
     report_file: Path | None = None
@@ -87,14 +90,14 @@ class EvaluateOptions:
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
-    """Run all seeds, print a table, and write the JSON where one is asked for.
+    """Run all seeds, print tables or JSON, and write what is asked for.
 
     Raises:
         ClusterMclError: an input cannot be used, or a run failed.
         StoppedError: interrupted.
     """
     algorithm, case = algorithm_of(options), case_of(options)
-    for file in (options.json_file, options.report_file):
+    for file in (options.output, options.report_file):
         if file is not None:
             check_output_file(file)
     if isinstance(case.robot, RecordedRobot):
@@ -120,8 +123,9 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.report_file is not None:
         tasks = [replace(task, with_trace=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
     results, traces = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
-    if options.json_file is not None:
-        _write(options, options.json_file, results)
+    text = _as_json(options, results)
+    if options.output is not None:
+        write_output_file(options.output, text)
     right = sum(run["localized"] for run in results)
     of = f"{options.algorithm} on {options.recording}"
     title = f"{of}: localized in {right} of {len(results)}"
@@ -131,6 +135,9 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         tables = [_table_text(results, columns) for columns in (_POSES, *_MORE_TABLES.values())]
         page = report_page(title, _made_by(), Run(tasks[0]).course.map, traces, tables)
         write_output_file(options.report_file, page)
+    if options.as_json:
+        sys.stdout.write(text)
+        return
     console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is no emoji
     for heading, columns in {title: _POSES, **_MORE_TABLES}.items():
         console.print(heading, soft_wrap=True)
@@ -323,7 +330,7 @@ def _progress() -> Progress:
     )
 
 
-def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any]]) -> None:
+def _as_json(options: EvaluateOptions, results: Sequence[dict[str, Any]]) -> str:
     whole = {
         "algorithm": options.algorithm,
         "recording": options.recording,
@@ -331,7 +338,7 @@ def _write(options: EvaluateOptions, file: Path, results: Sequence[dict[str, Any
         "map": options.map_file,
         "runs": results,
     }
-    write_output_file(file, json.dumps(whole, indent=2) + "\n")
+    return json.dumps(whole, indent=2) + "\n"
 
 
 _POSES = {

@@ -8,6 +8,9 @@ from particle_filter.settings import FilterSettings, described
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.names import LONGEST_NAME, NAME_PATTERN
 
+ROBOT_VARIABLE, ROUTER_VARIABLE = "CLUSTERMCL_ROBOT", "CLUSTERMCL_ROUTER"
+"""Environment variables in which commands and `Client` find `robot.name` and `zenoh.router`."""
+
 
 class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Which robot this process serves."""

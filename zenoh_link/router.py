@@ -99,7 +99,8 @@ def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
             raise AlreadyRunningError(
                 what="a router or another program",
                 endpoint=endpoints,
-                advice="stop it or set zenoh.router",
+                advice="share that router by 'clustermcl up --robot NAME --set "
+                "zenoh.start_router=false', stop it, or set zenoh.router",
             ) from error
         raise SettingsError(
             key="zenoh.router", problem=f"cannot listen at {endpoints}: {problem}"

@@ -80,8 +80,7 @@ def _connect(
                     waited_s=time.monotonic() - started_s,
                     problem=refusal
                     or f"no router at {settings.router} within {wait_s:g} s: start one with "
-                    f"'clustermcl up' or 'python -I -m zenoh_link.router', "
-                    f"or set zenoh.router",
+                    f"'clustermcl up' or 'clustermcl router', or set zenoh.router",
                 ) from error
             said = _say_once(refusal or f"waiting for a router at {settings.router}", said)
         stop.wait(min(_PAUSE_S, max(0.0, deadline_s - time.monotonic())))

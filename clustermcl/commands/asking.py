@@ -2,87 +2,87 @@
 
 import logging
 import signal
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import AsJson, Assignments, SettingsFile
-from process_runtime.settings_file import load_settings
+from clustermcl.commands.options import AsJson, asking
+from process_runtime.settings import Settings
+
+EXIT_NO_POSE = 4
 
 
-def pose(
-    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
-) -> None:
-    """Where the robot is now, how surely, and how old the data is."""
+@asking
+def pose(settings: Settings, as_json: AsJson = False) -> None:
+    """Where the robot is now, how surely, and how old the data is.
+
+    Exit code 4 if the pose is not to be driven by: stale, blind, lost, or not known yet.
+    """
     from clustermcl.questions import print_pose  # noqa: PLC0415 - see the package
 
-    print_pose(load_settings(settings_file, assignments or ()), as_json=as_json)
+    if not print_pose(settings, as_json=as_json):
+        sys.exit(EXIT_NO_POSE)
 
 
+@asking
 def hypotheses(
+    settings: Settings,
     above: Annotated[
         float, typer.Option(min=0.0, max=1.0, metavar="P", help="Only places above P.")
     ] = 0.0,
     as_json: AsJson = False,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
     """All places where the robot may be, with their probabilities."""
     from clustermcl.questions import print_hypotheses  # noqa: PLC0415 - see the package
 
-    settings = load_settings(settings_file, assignments or ())
     print_hypotheses(settings, above=above, as_json=as_json)
 
 
+@asking
 def events(
+    settings: Settings,
     follow: Annotated[
         bool, typer.Option("--follow", help="And each from now on, until Ctrl-C.")
     ] = False,
     as_json: AsJson = False,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
-    """Which clusters and searches began and ended of late, and why."""
+    """Which clusters and searches began and ended, and why."""
     from clustermcl.questions import follow_events, print_events  # noqa: PLC0415 - see the package
 
-    settings = load_settings(settings_file, assignments or ())
     if follow:
         _until_interrupted(lambda: follow_events(settings, as_json=as_json))
     else:
         print_events(settings, as_json=as_json)
 
 
-def status(
-    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
-) -> None:
-    """How the system is: steps, workers, what was dropped or refused."""
+@asking
+def status(settings: Settings, as_json: AsJson = False) -> None:
+    """Steps, workers, and what was dropped or refused."""
     from clustermcl.questions import print_status  # noqa: PLC0415 - see the package
 
-    print_status(load_settings(settings_file, assignments or ()), as_json=as_json)
+    print_status(settings, as_json=as_json)
 
 
-def watch(
-    as_json: AsJson = False, settings_file: SettingsFile = None, assignments: Assignments = None
-) -> None:
+@asking
+def watch(settings: Settings, as_json: AsJson = False) -> None:
     """Every belief from now on, until Ctrl-C."""
     from clustermcl.questions import watch as stream  # noqa: PLC0415 - see the package
 
-    _until_interrupted(
-        lambda: stream(load_settings(settings_file, assignments or ()), as_json=as_json)
-    )
+    _until_interrupted(lambda: stream(settings, as_json=as_json))
 
 
+@asking
 def snapshot(
+    settings: Settings,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
-    """Save what is to be seen now: a picture, or a page that needs no server."""
+    """Save a picture of now, or a page that needs no server."""
     from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the package
 
-    save_snapshot(file, load_settings(settings_file, assignments or ()))
+    save_snapshot(file, settings)
 
 
 def _until_interrupted(action: Callable[[], None]) -> None:

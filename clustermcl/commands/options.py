@@ -1,12 +1,30 @@
 """The options that several commands have."""
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
 from clustermcl import completion
+from clustermcl.loudness import log_settings
+from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
+from process_runtime.settings_file import load_settings
+from protocol.errors import SettingsError
 
+P = ParamSpec("P")
+
+Robot = Annotated[
+    str | None,
+    typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Its name: robot.name."),
+]
+Router = Annotated[
+    str | None,
+    typer.Option(
+        "--router", metavar="ENDPOINT", envvar=ROUTER_VARIABLE, help="Where: zenoh.router."
+    ),
+]
 SettingsFile = Annotated[
     Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
 ]
@@ -24,7 +42,10 @@ OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS
 OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="tf's odometry frame, of a ROS bag.")]
 BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame, of a ROS bag.")]
 Listen = Annotated[
-    str, typer.Option(metavar="HOST:PORT", help="Where the page is served; a browser opens it.")
+    str | None,
+    typer.Option(
+        metavar="HOST:PORT", help="Where the page is served; left out: on this machine alone."
+    ),
 ]
 RecordFile = Annotated[
     Path | None,
@@ -35,14 +56,86 @@ AllowCommands = Annotated[
 ]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+Output = Annotated[
+    Path | None, typer.Option("--output", metavar="FILE", help="Write the results there, as JSON.")
+]
 
 
-def of_bag(scan_topic: str, odom_topic: str, odom_frame: str, base_frame: str) -> list[str]:
-    """The settings that say which topics and frames of a bag are meant, where they are named."""
+def meant(robot: str | None, router: str | None) -> list[str]:
+    """The settings that say which system is meant, over the file's and below `--set`."""
+    named = {"robot.name": robot, "zenoh.router": router}
+    return [f"{setting}={value}" for setting, value in named.items() if value]
+
+
+def asking(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
+    """Give a command `--robot`, `--router`, `--settings` and `--set`, and hand it the settings."""
+
+    def run(
+        *,
+        robot: Robot = None,
+        router: Router = None,
+        settings_file: SettingsFile = None,
+        assignments: Assignments = None,
+        **own: Any,
+    ) -> None:
+        given = [*log_settings(), *meant(robot, router), *(assignments or ())]
+        # Typer reads the signature that is set below, so these are the command's own.
+        command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
+
+    common = inspect.signature(run).parameters.values()
+    own = list(inspect.signature(command).parameters.values())[1:]
+    added = [parameter for parameter in common if parameter.kind is not parameter.VAR_KEYWORD]
+    setattr(run, "__signature__", inspect.Signature([*own, *added]))  # noqa: B010 - mypy
+    run.__doc__ = command.__doc__
+    return run
+
+
+def refuse_without(needed: str, is_there: object, **options: object) -> None:
+    """Refuse options that have no effect unless another one is given.
+
+    Args:
+        needed: that option, for the error.
+        is_there: whether it was given.
+        options: by their names in Python, with underscores; what was left out is falsy.
+
+    Raises:
+        SettingsError: one of them was given all the same.
+    """
+    for name, value in options.items():
+        if value and not is_there:
+            option = f"--{name.replace('_', '-')}"
+            raise SettingsError(key=option, problem=f"{option} has no effect without {needed}")
+
+
+def of_bag(
+    recording: str | Path | None,
+    scan_topic: str,
+    odom_topic: str,
+    odom_frame: str,
+    base_frame: str,
+) -> list[str]:
+    """The settings that say which topics and frames of a bag are meant, where they are named.
+
+    Raises:
+        SettingsError: some are named, and the recording is no bag.
+    """
     named = {
         "scan_topic": scan_topic,
         "odom_topic": odom_topic,
         "odom_frame": odom_frame,
         "base_frame": base_frame,
     }
+    if any(named.values()):
+        refuse_without("a ROS bag", _may_be_bag(recording), **named)
     return [f"bridge.{setting}={name}" for setting, name in named.items() if name]
+
+
+def _may_be_bag(recording: str | Path | None) -> bool:
+    """Whether it is a bag; true of what is not there, which is refused as such later."""
+    from process_runtime.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
+    from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
+
+    if not recording or str(recording).startswith(SIMULATED):
+        return False
+    path = Path(recording)
+    return not path.exists() or is_bag(path)

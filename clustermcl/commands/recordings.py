@@ -13,12 +13,15 @@ from clustermcl.commands.options import (
     BaseFrame,
     OdomFrame,
     OdomTopic,
+    Output,
     RecordFile,
     ScanTopic,
     SettingsFile,
+    asking,
     of_bag,
 )
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS
+from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 
 EXIT_DIFFERENT = 1
@@ -82,9 +85,8 @@ def evaluate(
         int | None,
         typer.Option(min=1, max=MOST_JOBS, help="Runs at a time; left out: one for each core."),
     ] = None,
-    json_file: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the results there.")
-    ] = None,
+    as_json: AsJson = False,
+    output: Output = None,
     record_file: RecordFile = None,
     report_file: Annotated[
         Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
@@ -96,7 +98,10 @@ def evaluate(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Localize in one process, without Zenoh, as fast as it goes, and measure how well."""
+    """Localize in one process, and measure how well.
+
+    Without Zenoh, and as fast as it goes.
+    """
     from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the package
 
     options = EvaluateOptions(
@@ -110,11 +115,15 @@ def evaluate(
         kidnap_at=kidnap_at,
         mirrored=mirrored,
         jobs=jobs,
-        json_file=json_file,
+        as_json=as_json,
+        output=output,
         record=record_file,
         report_file=report_file,
     )
-    given = [*(assignments or ()), *of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    given = [
+        *(assignments or ()),
+        *of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame),
+    ]
     run_evaluate(options, load_settings(settings_file, given))
 
 
@@ -135,10 +144,16 @@ def check(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Is a map fit for localizing; which places look alike; does a recording agree with it."""
+    """Is a map fit for localizing; which places look alike?
+
+    And does a recording agree with it?
+    """
     from clustermcl.check import run_check  # noqa: PLC0415 - see the package
 
-    given = [*(assignments or ()), *of_bag(scan_topic, odom_topic, odom_frame, base_frame)]
+    given = [
+        *(assignments or ()),
+        *of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame),
+    ]
     run_check(
         map_file,
         recording,
@@ -149,17 +164,17 @@ def check(
     )
 
 
+@asking
 def record(
+    settings: Settings,
     file: Annotated[
         Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
     ],
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
-    """Record map, scans, odometry and beliefs of a running system, until Ctrl-C."""
+    """Record map, scans, odometry and beliefs, until Ctrl-C."""
     from clustermcl.record import run_record  # noqa: PLC0415 - see the package
 
-    steps = run_record(load_settings(settings_file, assignments or ()), file)
+    steps = run_record(settings, file)
     sys.stdout.write(f"{file}: {steps} steps\n")
 
 
@@ -176,7 +191,7 @@ def replay(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute recorded beliefs again, compare them, and print what happened.
+    """Compute recorded beliefs again, and print what happened.
 
     Exit code 1 if a belief is not the recorded one, bit for bit.
     """
@@ -195,7 +210,10 @@ def settings(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """All settings with default, unit and meaning, as TOML that can be fed back."""
+    """All settings with default, unit and meaning, as TOML.
+
+    The file can be fed back by --settings.
+    """
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the package
 

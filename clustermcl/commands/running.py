@@ -1,5 +1,6 @@
 """The commands that start processes and run until Ctrl-C."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -17,12 +18,20 @@ from clustermcl.commands.options import (
     OdomFrame,
     OdomTopic,
     RecordFile,
+    Robot,
+    Router,
     ScanTopic,
     SettingsFile,
+    asking,
+    meant,
     of_bag,
+    refuse_without,
 )
 from clustermcl.loudness import log_settings
+from process_runtime.settings import ROBOT_VARIABLE, Settings
 from process_runtime.settings_file import load_settings
+from process_runtime.supervisor import python_module
+from protocol.errors import SettingsError
 
 
 def demo(
@@ -62,18 +71,22 @@ def demo(
     drive: Annotated[
         bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
     ] = False,
-    listen: Listen = HERE,
+    listen: Listen = None,
     record_file: RecordFile = None,
     as_json: AsJson = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Start everything on this machine and watch it localize; without options, a simulation."""
+    """See it: a simulated robot or a recording is localized.
+
+    Starts everything on this machine, and ends it.
+    """
+    refuse_without("--view", view, drive=drive, listen=listen)
     from clustermcl.demo import run_demo  # noqa: PLC0415 - see the package
     from clustermcl.demo_show import DemoOptions  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *(assignments or ())]
-    given += of_bag(scan_topic, odom_topic, odom_frame, base_frame)
+    given += of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame)
     given += [f"worker.count={workers}"] if workers else []
     given += [f"seed={seed}"] if seed is not None else []
     options = DemoOptions(
@@ -82,7 +95,7 @@ def demo(
         reference=reference,
         rate=rate,
         steps=steps,
-        view_at=listen if view else None,
+        view_at=(listen or HERE) if view else None,
         record=record_file,
         by_hand=drive,
         as_json=as_json,
@@ -96,29 +109,74 @@ def up(
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Serve a page that draws it, too.")] = False,
-    listen: Listen = HERE,
+    listen: Listen = None,
     allow_commands: AllowCommands = False,
+    robot: Robot = None,
+    router: Router = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Run everything on this machine, in the foreground, until Ctrl-C."""
+    """Localize a robot: everything on this machine, until Ctrl-C."""
+    refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
-    given = [*log_settings(), *(assignments or ())]
+    given = [*log_settings(), *meant(robot, router), *(assignments or ())]
     chosen, notes = settings_with_nav2(nav2_params, settings_file, given)
     for line in notes:
         sys.stderr.write(f"clustermcl: {line}\n")
-    run_up(chosen, view_at=listen if view else None, allow_commands=allow_commands)
+    run_up(chosen, view_at=(listen or HERE) if view else None, allow_commands=allow_commands)
 
 
-def ros2(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
-    """Stand in for nav2's AMCL on a ROS 2 robot over rmw_zenoh, until Ctrl-C."""
+@asking
+def ros2(settings: Settings) -> None:
+    """Stand in for nav2's AMCL over rmw_zenoh, until Ctrl-C."""
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the package
     from ros2_bridge.process import serve  # noqa: PLC0415 - see the package
 
-    chosen = load_settings(settings_file, [*log_settings(), *(assignments or ())])
-    serve(chosen, "ros2_bridge", stop_on_signals())
+    serve(settings, "ros2_bridge", stop_on_signals())
+
+
+def router(
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used as it is."),
+    ] = None,
+    router: Router = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Run the router alone, where several robots share one."""
+    given = [] if config is None else ["--config", str(config)]
+    _become("zenoh_link.router", given, settings_file, meant(None, router), assignments)
+
+
+def worker(
+    name: Annotated[str, typer.Option(metavar="NAME", help="Of its processes; unique.")],
+    count: Annotated[int | None, typer.Option(min=1, help="Processes: worker.count.")] = None,
+    robot: Robot = None,
+    router: Router = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
+) -> None:
+    """Run more workers, on this machine or another one."""
+    given = ["--name", name, *([] if count is None else ["--count", str(count)])]
+    _become("worker", given, settings_file, meant(robot, router), assignments)
+
+
+def _become(
+    module: str,
+    arguments: list[str],
+    settings_file: Path | None,
+    settings: list[str],
+    assignments: list[str] | None,
+) -> None:
+    """Let a process take this one's place: signals and exit code are its own."""
+    command = [*python_module(module), *arguments]
+    command += ["--settings", str(settings_file)] if settings_file else []
+    for assignment in [*log_settings(), *settings, *(assignments or ())]:
+        command += ["--set", assignment]
+    os.execv(command[0], command)
 
 
 def serve_view(
@@ -135,7 +193,7 @@ def serve_view(
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
-    listen: Listen = HERE,
+    listen: Listen = None,
     allow_commands: AllowCommands = False,
     certificate: Annotated[
         Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
@@ -145,16 +203,26 @@ def serve_view(
     ] = None,
     robots: Annotated[
         list[str] | None,
-        typer.Option("--robot", metavar="NAME", help="Instead of robot.name; may be repeated."),
+        typer.Option(
+            "--robot",
+            metavar="NAME",
+            envvar=ROBOT_VARIABLE,
+            help="Instead of robot.name; may be repeated.",
+        ),
     ] = None,
+    router: Router = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Serve a page that draws all places where the robot may be, live, until Ctrl-C."""
+    """Look at it in the browser: a running system, or a finished run."""
+    refuse_without("a recording", recording, map=map_file)
+    if recording is not None and robots:
+        problem = "--robot: a recording is of one robot; leave it out"
+        raise SettingsError(key="--robot", problem=problem)
     from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the package
 
     options = ViewOptions(
-        listen=listen,
+        listen=listen or HERE,
         allow_commands=allow_commands,
         open_browser=open_browser,
         certificate=certificate,
@@ -163,4 +231,5 @@ def serve_view(
         recording=recording,
         map_file=map_file,
     )
-    run_view(load_settings(settings_file, assignments or ()), options)
+    given = [*meant(None, router), *(assignments or ())]
+    run_view(load_settings(settings_file, given), options)

@@ -1,50 +1,65 @@
-"""The commands that tell a running system something."""
+"""The commands that tell a running system something, and say what was done."""
 
 import math
 from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import Assignments, SettingsFile
-from process_runtime.settings_file import load_settings
+from clustermcl.commands.options import asking
+from process_runtime.settings import Settings
+from protocol.errors import SettingsError
+
+_SIGMA_M, _SIGMA_DEG = 0.5, 15.0
 
 
+@asking
 def set_pose(
+    settings: Settings,
     x_m: Annotated[float, typer.Argument(metavar="X", help="In the map [m].")],
     y_m: Annotated[float, typer.Argument(metavar="Y", help="In the map [m].")],
-    heading_rad: Annotated[float, typer.Argument(metavar="HEADING", help="In the map [rad].")],
+    heading_deg: Annotated[
+        float, typer.Argument(metavar="HEADING", help="In the map, counter-clockwise [deg].")
+    ],
     position_sigma_m: Annotated[
-        float, typer.Option(help="Standard deviation of x and of y [m].")
-    ] = 0.5,
-    heading_sigma_rad: Annotated[
-        float, typer.Option(help="Standard deviation of the heading [rad].")
-    ] = 0.26,
+        float | None,
+        typer.Option(metavar="M", help=f"Standard deviation of x and of y [m]; {_SIGMA_M}."),
+    ] = None,
+    heading_sigma_deg: Annotated[
+        float | None,
+        typer.Option(metavar="DEG", help=f"Standard deviation of HEADING [deg]; {_SIGMA_DEG}."),
+    ] = None,
     covariance: Annotated[
         tuple[float, float, float, float, float, float] | None,
         typer.Option(
             metavar="XX XY XH YY YH HH",
-            help="Covariance instead, H being the heading [m2, m rad, rad2].",
+            help="Covariance instead, H being the heading [m2, m deg, deg2].",
         ),
     ] = None,
     stamp_ns: Annotated[
         int | None,
         typer.Option(help="It was there at this time of its clock, and has driven on since [ns]."),
     ] = None,
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
-    """Say where the robot is."""
-    numbers = (x_m, y_m, heading_rad, position_sigma_m, heading_sigma_rad)
-    if not all(map(math.isfinite, numbers)) or min(position_sigma_m, heading_sigma_rad) <= 0.0:
+    """Give a pose from elsewhere: where the robot is.
+
+    The heading is in degrees, as all commands print it.
+    """
+    if covariance is not None and (position_sigma_m, heading_sigma_deg) != (None, None):
+        problem = "--covariance stands for both sigmas: leave them out"
+        raise SettingsError(key="--covariance", problem=problem)
+    position_m = _SIGMA_M if position_sigma_m is None else position_sigma_m
+    heading_sigma = _SIGMA_DEG if heading_sigma_deg is None else heading_sigma_deg
+    numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
+    if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
     from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the package
 
     try:
         tell(
-            load_settings(settings_file, assignments or ()),
-            (x_m, y_m, heading_rad),
-            position_sigma_m=position_sigma_m,
-            heading_sigma_rad=heading_sigma_rad,
+            settings,
+            (x_m, y_m, math.radians(heading_deg)),
+            position_sigma_m=position_m,
+            heading_sigma_rad=math.radians(heading_sigma),
             covariance=_symmetric(*covariance) if covariance else None,
             stamp_ns=stamp_ns,
         )
@@ -55,10 +70,15 @@ def set_pose(
 def _symmetric(
     xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """All nine, with the heading in radians."""
+    rad = math.pi / 180.0
+    xh, yh, hh = xh * rad, yh * rad, hh * rad * rad
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
+@asking
 def relocalize(
+    settings: Settings,
     near: Annotated[
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y RADIUS", help="Search in this circle only [m]."),
@@ -66,26 +86,29 @@ def relocalize(
     region: Annotated[
         str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
     ] = "",
-    settings_file: SettingsFile = None,
-    assignments: Assignments = None,
 ) -> None:
-    """Forget all places and search everywhere, near a place, or in a region."""
+    """Forget all places and search: everywhere, or in a part."""
+    if near is not None and region:
+        problem = "--near and --region each say where to search: give one"
+        raise SettingsError(key="--near", problem=problem)
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle is two finite numbers and a positive radius")
     from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the package
 
-    tell(load_settings(settings_file, assignments or ()), near, region)
+    tell(settings, near, region)
 
 
-def update(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+@asking
+def update(settings: Settings) -> None:
     """Make a step of the next scan, also if the robot stands still."""
     from clustermcl.questions import update as tell  # noqa: PLC0415 - see the package
 
-    tell(load_settings(settings_file, assignments or ()))
+    tell(settings)
 
 
-def kidnap(settings_file: SettingsFile = None, assignments: Assignments = None) -> None:
+@asking
+def kidnap(settings: Settings) -> None:
     """Lift the simulated robot to somewhere far away."""
     from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the package
 
-    tell(load_settings(settings_file, assignments or ()))
+    tell(settings)

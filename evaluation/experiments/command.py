@@ -62,7 +62,7 @@ def experiments(
         bool, typer.Option("--list", help="List the experiments and run nothing.")
     ] = False,
 ) -> None:
-    """Run the experiments and report each figure, its target and whether it is met.
+    """Run the experiments, and report each figure and its target.
 
     Ordinary MCL runs beside Cluster-MCL. Ctrl-C ends it; what has ended by then is reported.
     """

@@ -136,14 +136,14 @@ def test_a_viewer_cannot_command_and_is_told_why(
     stack: SecureStack, command: tuple[str, ...]
 ) -> None:
     tried = stack.typed("viewer", *command)
-    assert tried.returncode == 2
+    assert tried.returncode == 3
     assert "does this certificate's role allow it?" in tried.stderr
     assert len(tried.stderr.splitlines()) == 1
 
 
 def test_a_worker_may_not_even_ask_for_the_pose(stack: SecureStack) -> None:
     tried = stack.typed("worker-a", "pose")
-    assert tried.returncode == 2
+    assert tried.returncode == 3
     assert "does this certificate's role allow it?" in tried.stderr
 
 

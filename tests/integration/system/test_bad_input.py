@@ -1,4 +1,4 @@
-"""What a person can get wrong: one line that says what and where, exit code 2, nothing left."""
+"""What a person can get wrong: one line that says what and where, and nothing is left."""
 
 import subprocess
 import sys
@@ -22,8 +22,8 @@ def typed(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def assert_refused(done: subprocess.CompletedProcess[str], *facts: str) -> None:
-    assert done.returncode == 2, done.stderr
+def assert_refused(done: subprocess.CompletedProcess[str], *facts: str, code: int = 2) -> None:
+    assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
     assert done.stderr.count("\n") == 1, done.stderr
     assert done.stdout == ""
@@ -108,7 +108,7 @@ def test_bad_lines_in_the_middle_are_counted_and_the_rest_is_used(
 ) -> None:
     log = log_of(tmp_path, "1 2 3", "1 2", "1 x 3", "2 2 3")
     out = tmp_path / "out.json"
-    done = typed("evaluate", str(log), "--map", str(map_file), "--json", str(out))
+    done = typed("evaluate", str(log), "--map", str(map_file), "--output", str(out))
     assert done.returncode == 0, done.stderr
     assert "2 bad lines left out (2, 3)" in done.stderr
     assert '"steps": 2' in out.read_text()
@@ -152,4 +152,4 @@ def test_nobody_there_is_said_within_three_seconds(command: str) -> None:
         [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True,
         timeout=stretched_s(5.0), check=False,
     )  # fmt: skip
-    assert_refused(process, "no router", "clustermcl up")
+    assert_refused(process, "no router", "clustermcl up", code=3)

@@ -24,7 +24,7 @@ def environment(tmp_path: Path) -> dict[str, str]:
 def results(*words: str, folder: Path, environment: dict[str, str]) -> dict[str, Any]:
     file = folder / "results.json"
     done = subprocess.run(
-        [*COMMAND, *words, "--json", str(file)],
+        [*COMMAND, *words, "--output", str(file)],
         env=environment, capture_output=True, text=True, timeout=90, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")

@@ -1,6 +1,7 @@
 """Questions and commands to a running system, as a person types them."""
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 
 from clustermcl.as_text import event_line
-from clustermcl.client import Client
+from clustermcl.client import Client, NotLocalizedError
 from process_runtime.settings import Settings
 from protocol.answers import PoseAnswer
+from protocol.errors import UnreachableError
 from robot_simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import typed as started
@@ -61,6 +63,18 @@ def test_a_robot_that_sends_nothing_any_more_is_stale(system: Settings) -> None:
         wait_until(lambda: client.pose().freshness == "stale")
     done = typed(system, "pose")
     assert "stale: the newest data is" in done.stdout
+    assert done.returncode == 4
+
+
+def test_waiting_for_a_robot_that_does_not_become_localized_ends(system: Settings) -> None:
+    with Client(system) as client, pytest.raises(NotLocalizedError, match="stale") as refused:
+        client.wait_until_localized(timeout_s=0.2)
+    assert refused.value.answer.step == 29
+
+
+def test_a_stream_of_a_robot_that_stands_ends_in_time(system: Settings) -> None:
+    with Client(system) as client, pytest.raises(UnreachableError, match="stand still"):
+        next(client.beliefs(timeout_s=0.3))
 
 
 def test_hypotheses_are_sorted_and_sum_to_one(system: Settings) -> None:
@@ -139,15 +153,16 @@ def test_a_second_coordinator_is_refused_and_the_first_goes_on(
     assert second.wait() == 2
     assert second.err.count("\n") == 1
     assert "has a coordinator already" in second.err
-    assert typed(system, "pose").returncode == 0
+    assert typed(system, "status").returncode == 0
 
 
 def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> None:
-    done = typed(system, "set-pose", "5.0", "6.0", "1.5")
+    done = typed(system, "set-pose", "5.0", "6.0", "86.0")
     assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == "robot 'robot' was given x 5.00 m  y 6.00 m  heading 86.0 deg\n"
     with Client(system) as client:
         answer: PoseAnswer = client.pose()
-    assert answer.map_from_robot == pytest.approx((5.0, 6.0, 1.5))
+    assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
     assert answer.probability == pytest.approx(0.95)
     assert answer.state == "localized"
 
@@ -155,14 +170,15 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
 def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
     with Client(system) as client:
         stamp_ns = client.pose().stamp_ns
-    numbers = ("0.5", "0.1", "0", "0.3", "0", "0.02")
+    numbers = ("0.5", "0.1", "0", "0.3", "0", "64")
     words = ("--covariance", *numbers, "--stamp-ns", str(stamp_ns))
-    done = typed(system, "set-pose", "5.0", "6.0", "1.5", *words)
+    done = typed(system, "set-pose", "5.0", "6.0", "86.0", *words)
     assert (done.returncode, done.stderr) == (0, "")
     with Client(system) as client:
         answer = client.pose()
-    assert answer.map_from_robot == pytest.approx((5.0, 6.0, 1.5))
-    assert answer.covariance == pytest.approx((0.5, 0.1, 0, 0.1, 0.3, 0, 0, 0, 0.02))
+    assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
+    heading = math.radians(8.0) ** 2
+    assert answer.covariance == pytest.approx((0.5, 0.1, 0, 0.1, 0.3, 0, 0, 0, heading))
     long_ago = typed(system, "set-pose", "5.0", "6.0", "1.5", "--stamp-ns", "-99999999999999")
     assert (long_ago.returncode, long_ago.stderr.count("\n")) == (2, 1)
     assert "before the oldest odometry that is known" in long_ago.stderr
@@ -172,7 +188,10 @@ def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:
 
 
 def test_relocalize_forgets_all_places(system: Settings) -> None:
-    assert typed(system, "relocalize").returncode == 0
+    done = typed(system, "relocalize")
+    assert done.returncode == 0
+    assert "has forgotten all places, and is searched for everywhere" in done.stdout
+    assert typed(system, "relocalize", "--quiet").stdout == ""
     with Client(system) as client:
         answer = client.hypotheses()
     assert answer.hypotheses == ()

@@ -11,6 +11,7 @@ import pytest
 from clustermcl.client import Client
 from coordinator.recorder.ring import files_in, series_of
 from process_runtime.settings import Settings, ZenohSettings
+from protocol.errors import UnreachableError
 from tests.integration.system.commands import SMALL_FILTER, TypedCommand, typed
 from tests.integration.waiting import wait_until
 
@@ -79,5 +80,50 @@ def test_a_second_one_at_the_same_place_is_refused(
     with typed(*words, folder=folder, environment=dict(os.environ)) as second:
         assert second.popen.wait(30.0) == 2
         assert "is in use" in second.err
+        assert "clustermcl up --robot NAME --set zenoh.start_router=false" in second.err
         assert "Traceback" not in second.err
     assert up.popen.poll() is None, "the first goes on"
+
+
+def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
+    up: TypedCommand,
+    settings: Settings,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    short_folder: str,
+) -> None:
+    up.wait_for("router listens")
+    folder, router = tmp_path / "second", settings.zenoh.router
+    folder.mkdir()
+    words = [
+        "up", "--robot", "r1", "--router", router, "--set", "zenoh.start_router=false",
+        "--set", "worker.count=2", "--set", "bridge.source=sim:cross", "--set", "bridge.rate=4",
+        *SMALL_FILTER,
+    ]  # fmt: skip
+    environment = {
+        **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
+        "XDG_STATE_HOME": str(tmp_path),
+    }  # fmt: skip
+    with typed(*words, folder=folder, environment=environment) as second:
+        second.wait_for(f"ask with: clustermcl pose --robot r1 --router {router}")
+        monkeypatch.setenv("CLUSTERMCL_ROBOT", "r1")
+        monkeypatch.setenv("CLUSTERMCL_ROUTER", router)
+        with Client(timeout_s=60.0) as named:
+            places = next(named.beliefs(timeout_s=60.0)).hypotheses
+            wait_until(lambda: named.pose().workers == 2, deadline_s=30.0)
+            named.set_pose(places[0].mean)
+            found = named.wait_until_localized(30.0)
+            assert (found.state, found.freshness) == ("localized", "fresh")
+        assert second.end(signal.SIGINT) == 0
+        second.assert_nothing_runs()
+
+
+def test_beliefs_of_a_robot_that_is_not_there_are_refused_at_once(
+    up: TypedCommand, settings: Settings
+) -> None:
+    up.wait_for("router listens")
+    with (
+        Client(settings, robot="nobody", timeout_s=0.5) as client,
+        pytest.raises(UnreachableError, match="no coordinator of robot 'nobody' answers"),
+    ):
+        client.beliefs()

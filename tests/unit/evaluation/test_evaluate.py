@@ -205,6 +205,6 @@ def test_a_result_that_has_nowhere_to_go_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))
-    options = EvaluateOptions(recording="sim:cross", json_file=Path("/nonexistent/x"))
+    options = EvaluateOptions(recording="sim:cross", output=Path("/nonexistent/x"))
     with pytest.raises(OutputError, match="/nonexistent/x: cannot be written: its folder"):
         evaluate.run_evaluate(options, Settings())

@@ -1,0 +1,113 @@
+"""The table of commands: help, options, exit codes. No network."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from clustermcl.command import COMMANDS, app
+from process_runtime.settings import Settings
+from protocol.errors import SettingsError
+
+NAMES = [name for group in COMMANDS.values() for name in group]
+ASKING = [*COMMANDS["Ask a running system"], *COMMANDS["Tell it something"], "up", "view"]
+ARGUMENTS = {"snapshot": ["now.png"], "record": ["run.mcap"], "set-pose": ["1", "2", "-90"]}
+
+
+def typed(*words: str) -> str:
+    result = CliRunner().invoke(app, words, prog_name="clustermcl", terminal_width=80)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_the_help_is_in_groups_and_nothing_of_it_is_cut_off() -> None:
+    lines = typed("-h").splitlines()
+    assert max(map(len, lines)) <= 80
+    assert not [line for line in lines if "..." in line and "ARGS" not in line]
+    listed = re.findall(r"^  ([a-z][\w-]+)  ", "\n".join(lines), re.MULTILINE)
+    assert listed == NAMES
+    assert listed[:3] == ["demo", "up", "view"]
+    assert [line.rstrip(":") for line in lines if line.rstrip(":") in COMMANDS] == list(COMMANDS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_command_explains_itself_in_two_ways(name: str) -> None:
+    assert typed(name, "-h") == typed(name, "--help")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_json_is_a_flag_and_a_file_is_an_output(name: str) -> None:
+    said = typed(name, "--help")
+    for option in re.findall(r"^  --json.*$", said, re.MULTILINE):
+        assert re.match(r"  --json +\w", option), option
+
+
+@pytest.mark.parametrize("name", ASKING)
+@pytest.mark.parametrize("way", ["options", "environment"])
+def test_every_command_that_asks_can_be_told_which_robot(
+    name: str, way: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[str] = []
+
+    def loaded(_file: object, assignments: list[str], **_rest: object) -> Settings:
+        given.extend(assignments)
+        raise SettingsError(key="x", problem="far enough")
+
+    for module in ("clustermcl.commands.options", "clustermcl.commands.running", "clustermcl.nav2"):
+        monkeypatch.setattr(f"{module}.load_settings", loaded)
+    words, variables = [name, *ARGUMENTS.get(name, [])], {}
+    robot = {"options": ["--robot", "r1", "--router", "tcp/x:1"], "environment": []}[way]
+    if way == "environment":
+        variables = {"CLUSTERMCL_ROBOT": "r1", "CLUSTERMCL_ROUTER": "tcp/x:1"}
+    seen: list[object] = []
+    monkeypatch.setattr(
+        "clustermcl.view.ViewOptions", lambda **options: seen.append(options["robots"])
+    )
+    result = CliRunner().invoke(app, [*words, *robot], env=variables)
+    assert isinstance(result.exception, SettingsError), result.output
+    assert "zenoh.router=tcp/x:1" in given
+    assert "robot.name=r1" in given or seen == [["r1"]]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["demo", "--listen", "127.0.0.1:1"], "--listen has no effect without --view"),
+        (["demo", "--drive"], "--drive has no effect without --view"),
+        (["demo", "--scan-topic", "/scan"], "--scan-topic has no effect without a ROS bag"),
+        (["up", "--allow-commands"], "--allow-commands has no effect without --view"),
+        (["up", "--listen", ":1"], "--listen has no effect without --view"),
+        (["view", "--map", "m.yaml"], "--map has no effect without a recording"),
+        (["view", "run.mcap", "--robot", "r1"], "a recording is of one robot"),
+        (["evaluate", "sim:cross", "--odom-topic", "/odom"], "without a ROS bag"),
+        (["check", "m.yaml", "--base-frame", "base"], "without a ROS bag"),
+        (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
+        (
+            ["set-pose", "1", "2", "3", "--heading-sigma-deg", "5", "--covariance", *"100101"],
+            "stands for both sigmas",
+        ),
+    ],
+    ids=" ".join,
+)
+def test_an_option_without_effect_is_refused(words: list[str], said: str) -> None:
+    result = CliRunner().invoke(app, words)
+    assert isinstance(result.exception, SettingsError), result.output
+    assert said in str(result.exception)
+
+
+def test_nobody_answering_is_another_exit_code_than_wrong_use() -> None:
+    codes = {
+        words: subprocess.run(
+            [sys.executable, "-I", "-m", "clustermcl", *words.split()],
+            capture_output=True, check=False, timeout=60,
+        ).returncode
+        for words in (
+            "pose --router tcp/127.0.0.1:9 --set zenoh.connect_timeout_s=0.1",
+            "pose --router nonsense",
+            "pose --nonsense",
+            "watch --robot a/b",
+        )
+    }  # fmt: skip
+    assert list(codes.values()) == [3, 2, 2, 2], codes
