@@ -16,8 +16,11 @@ from evaluation.map_check.views import WAY_M
 from evaluation.recordings import opened
 from grid_maps.load import load_map_with_obstacles
 from process_runtime.settings import Settings
+from protocol.errors import MapFileError
 from sensor_bridge.recording import steps_of
 
+MOST_CELLS = 2**26
+"""What is looked at takes some 42 bytes a cell."""
 _MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
 
 
@@ -36,6 +39,10 @@ def run_check(
         ClusterMclError: the map or the recording cannot be used, or no robot fits into the map.
     """
     grid_map = load_map_with_obstacles(map_file)
+    if grid_map.cells.size > MOST_CELLS:
+        rows, cols = grid_map.cells.shape
+        problem = f"{cols} x {rows} cells are known; check looks at {MOST_CELLS} at most"
+        raise MapFileError(map_file, f"{problem}: cut the map or use larger cells")
     agreement = None
     if recording is not None:
         read = opened(str(recording), settings.bridge)

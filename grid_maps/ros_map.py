@@ -8,6 +8,7 @@ from typing import Any, Literal, cast
 
 import yaml
 
+from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 
@@ -118,25 +119,12 @@ class _Fields:
         return self._values[key]
 
 
-def _refuse_aliases(content: bytes, path: Path) -> None:
-    """A few lines of them stand for more than any memory holds; no map needs one.
-
-    Raises:
-        MapFileError: with the line.
-        yaml.YAMLError: the text is not YAML.
-    """
-    for event in yaml.parse(content, yaml.SafeLoader):
-        if isinstance(event, yaml.AliasEvent):
-            line = event.start_mark.line + 1 if event.start_mark else None
-            raise MapFileError(path, "YAML aliases (*) are not read: write it out", line=line)
-
-
 def _mapping(content: bytes, path: Path) -> tuple[dict[Hashable, Any], dict[str, int]]:
     """The values by key, and the line of each key."""
     if len(content) > MAX_HEADER_BYTES:
         raise MapFileError(path, f"{len(content)} bytes: a map_server file has some hundred")
     try:
-        _refuse_aliases(content, path)
+        refuse_aliases(content, path, MapFileError)
         loader = yaml.SafeLoader(content)
         node = loader.get_single_node()
         if not isinstance(node, yaml.MappingNode):

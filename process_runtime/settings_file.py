@@ -28,7 +28,10 @@ _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
 
 _COMMAND_LINE = "--set"
 
-MAX_FILE_BYTES = 1024 * 1024
+MAX_FILE_BYTES = 2**18
+"""All settings with their descriptions are a sixteenth of it."""
+MAX_LINE_CHARACTERS = 1_000
+"""The time that tomllib takes for a dotted key grows with the square of its length."""
 
 _LARGEST = 2**63 - 1
 """Settings travel in messages, whose whole numbers have 64 bits."""
@@ -109,7 +112,13 @@ def _read(path: Path) -> dict[str, Any]:
     """All leaves of the file by dotted name."""
     content = content_of(path)
     try:
-        tables = tomllib.loads(content.decode())
+        text = content.decode()
+        for number, written in enumerate(text.split("\n"), 1):
+            if len(written) > MAX_LINE_CHARACTERS:
+                problem = f"a line of {len(written)} characters"
+                most = f"at most {MAX_LINE_CHARACTERS} are read"
+                raise InputFileError(path, f"{problem}; {most}", line=number)
+        tables = tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise InputFileError(path, "not TOML: not UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from process_runtime.settings_file import content_of
+from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import InputFileError
 from ros2_bridge.parameter_table import INSTEAD, PARAMETERS, Value
 
@@ -70,7 +71,9 @@ def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
 
 def _tree(path: Path) -> dict[Any, Any]:
     try:
-        tree = yaml.safe_load(content_of(path))
+        content = content_of(path)
+        refuse_aliases(content, path, InputFileError)
+        tree = yaml.safe_load(content)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         problem = " ".join(str(error).split())
         raise InputFileError(path, f"not YAML: {problem}") from error

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from clustermcl.check import MOST_CELLS
 from clustermcl.command import app
 from protocol.errors import MapFileError, RecordingError
 
@@ -54,3 +55,19 @@ def test_what_cannot_be_read_is_refused(two_rooms: Path) -> None:
     assert isinstance(missing.exception, MapFileError)
     no_log = CliRunner().invoke(app, ["check", str(two_rooms), "--recording", "nowhere.log"])
     assert isinstance(no_log.exception, RecordingError)
+
+
+def test_a_map_too_large_to_be_looked_at_is_refused(tmp_path: Path) -> None:
+    """Looking at 16,384 x 16,384 known cells took 5.8 GB, or ended with a traceback."""
+    side = round(MOST_CELLS**0.5) + 1
+    pixels = np.full((side, side), 254, np.uint8)
+    pixels[0] = 0
+    Image.fromarray(pixels).save(tmp_path / "large.png", compress_level=1)
+    file = tmp_path / "large.yaml"
+    file.write_text(
+        "image: large.png\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    refused = CliRunner().invoke(app, ["check", str(file)]).exception
+    assert isinstance(refused, MapFileError)
+    assert "8193 x 8193 cells are known; check looks at 67108864 at most" in str(refused)

@@ -160,6 +160,15 @@ def test_a_rate_of_0_or_less_turns_saving_the_pose_off(
     assert PARAMETERS["save_pose_rate"].value(settings) == max(rate, 0.0)
 
 
+def test_a_few_lines_that_stand_for_more_than_any_memory_holds_are_refused(tmp_path: Path) -> None:
+    """ROS's own reader of parameters takes no aliases either."""
+    laughs = ["a0: &a0 {b: 1}"]
+    laughs += [f"a{i}: &a{i} {{b: *a{i - 1}, c: *a{i - 1}}}" for i in range(1, 40)]
+    file = write(tmp_path, "\n".join([*laughs, "amcl: {ros__parameters: *a39}"]))
+    with pytest.raises(InputFileError, match=r":2: YAML aliases \(\*\) are not read"):
+        read_nav2_params(file)
+
+
 def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
     text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
     assert read_nav2_params(write(tmp_path, text)).values["ros2.use_sim_time"] is True

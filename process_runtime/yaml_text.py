@@ -1,0 +1,20 @@
+"""YAML files of a few lines that stand for more than any memory holds, refused."""
+
+from pathlib import Path
+
+import yaml
+
+from protocol.errors import InputFileError
+
+
+def refuse_aliases(content: bytes, path: Path, error: type[InputFileError]) -> None:
+    """Refuse aliases: no map needs one, and ROS itself reads none in parameter files.
+
+    Raises:
+        InputFileError: as `error`, with the line.
+        yaml.YAMLError: the text is not YAML.
+    """
+    for event in yaml.parse(content, yaml.SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            line = event.start_mark.line + 1 if event.start_mark else None
+            raise error(path, "YAML aliases (*) are not read: write it out", line=line)
