@@ -28,8 +28,8 @@ import typer
 
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import Case, RecordedRobot
+from evaluation.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.course import TrueStep, course_of
-from evaluation.experiments.recorded import DATA_VARIABLE, recorded_cases
 from evaluation.in_process import InProcess
 from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
 from evaluation.mirrored import mirrored

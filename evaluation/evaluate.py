@@ -27,16 +27,15 @@ from rich.progress import (
 from rich.table import Table
 
 from evaluation.experiments.case import (
-    ALGORITHMS,
     AfterStep,
-    Algorithm,
     Case,
     RecordedRobot,
     SimulatedRobot,
+    algorithm_named,
 )
 from evaluation.experiments.measures import RunMeasures
-from evaluation.experiments.parallel import Advanced, Done, Failed, in_parallel
-from evaluation.experiments.task import PROGRESS_EVERY, Run, Task, run_task
+from evaluation.experiments.pool import in_parallel
+from evaluation.experiments.task import Finished, Run, Task, run_task
 from evaluation.experiments.trace import Trace
 from evaluation.recordings import opened
 from evaluation.report_page import DRAWN_RUNS, TableText, report_page
@@ -46,20 +45,11 @@ from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
-from protocol.errors import ClusterMclError, SettingsError
-from worker.map_model import default_cache_folder
+from protocol.errors import SettingsError
 
 DEFAULT_STEPS = 300
 """Of a simulated robot, which never stops by itself."""
 DEFAULT_STEPS_OF_A_START = 60
-
-
-class RunFailedError(ClusterMclError):
-    """A run came to no end."""
-
-    def __init__(self, *, seed: int, problem: str) -> None:
-        self.seed, self.problem = seed, problem
-        super().__init__(f"seed {seed}: {problem}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +86,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         ClusterMclError: an input cannot be used, or a run failed.
         StoppedError: interrupted.
     """
-    algorithm, case = algorithm_of(options), case_of(options)
+    algorithm, case = algorithm_named(options.algorithm), case_of(options)
     for file in (options.output, options.report_file):
         if file is not None:
             check_output_file(file)
@@ -109,7 +99,6 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             algorithm=algorithm,
             seed=seed,
             settings=settings,
-            cache_folder=default_cache_folder(),
             record=options.record,
         )
         for seed in seeds
@@ -149,20 +138,6 @@ def _check_record(file: Path, runs: int) -> None:
         problem = "--record: of one run; leave out --seeds and --starts"
         raise SettingsError(key="--record", problem=problem)
     check_output_file(file)
-
-
-def algorithm_of(options: EvaluateOptions) -> Algorithm:
-    """The algorithm that is asked for.
-
-    Raises:
-        SettingsError: there is none of that name.
-    """
-    for algorithm in ALGORITHMS:
-        if algorithm == options.algorithm:
-            return algorithm
-    known = " or ".join(ALGORITHMS)
-    problem = f"--algorithm {options.algorithm}: there is {known}"
-    raise SettingsError(key="--algorithm", problem=problem)
 
 
 def case_of(options: EvaluateOptions) -> Case:
@@ -260,24 +235,27 @@ def _all_results(
     As many at a time as there are cores.
     """
     stop = stop_on_signals(exit_after_s=5.0)
-    done: dict[int, dict[str, Any]] = {}
-    traces: dict[int, Trace] = {}
+    done: dict[int, Finished] = {}
     with _progress() as progress:
         bar = progress.add_task("steps", total=steps * len(tasks))
-        for event in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
-            task = tasks[event.piece]
-            match event:
-                case Advanced(amount=amount):
-                    progress.advance(bar, amount)
-                case Done(piece=piece, result=finished):
-                    progress.advance(bar, finished.measures.updates % PROGRESS_EVERY)
-                    if finished.trace is not None:
-                        traces[piece] = finished.trace
-                    done[piece] = result_of(task.seed, finished.measures, task.start_step)
-                case Failed(problem=problem):
-                    raise RunFailedError(seed=task.seed, problem=problem)
+
+        def on_update() -> None:
+            stop.check()
+            progress.advance(bar)
+
+        if len(tasks) == 1:
+            done[0] = run_task(tasks[0], on_update)
+        else:
+            for piece, finished in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
+                progress.advance(bar, finished.measures.updates)
+                done[piece] = finished
     stop.check()
-    return [done[piece] for piece in range(len(tasks))], [traces[piece] for piece in sorted(traces)]
+    results = [
+        result_of(task.seed, done[piece].measures, task.start_step)
+        for piece, task in enumerate(tasks)
+    ]
+    traces = (done[piece].trace for piece in range(len(tasks)))
+    return results, [trace for trace in traces if trace is not None]
 
 
 def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str, Any]:

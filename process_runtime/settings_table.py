@@ -4,6 +4,7 @@ import json
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, Literal, get_args, get_origin
 
@@ -37,12 +38,11 @@ def settings_as_toml(settings: Settings) -> str:
     sections: dict[str, list[str]] = {}
     for info in TABLE.values():
         section, _, key = info.name.rpartition(".")
-        part = getattr(settings, section) if section else settings
         unit = f" [{info.unit}]" if info.unit else ""
         comment = f"{info.meaning}{unit}; {info.expected}; default {_toml(info.default)}"
         lines = sections.setdefault(section, [])
         lines += textwrap.wrap(comment, 96, initial_indent="# ", subsequent_indent="#   ")
-        lines.append(f"{key} = {_toml(getattr(part, key))}")
+        lines.append(f"{key} = {_toml(value_of(settings, info.name))}")
     return (
         "\n\n".join(
             "\n".join([f"[{section}]", *lines] if section else lines)
@@ -50,6 +50,12 @@ def settings_as_toml(settings: Settings) -> str:
         )
         + "\n"
     )
+
+
+def value_of(settings: Settings, name: str) -> bool | int | float | str:
+    """A setting by its dotted name."""
+    value: bool | int | float | str = attrgetter(name)(settings)
+    return value
 
 
 def _table() -> Iterator[SettingInfo]:

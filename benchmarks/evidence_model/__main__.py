@@ -17,8 +17,8 @@ from benchmarks.evidence_model.records import save
 from benchmarks.evidence_model.replay import Rules
 from evaluation.evaluate import start_steps
 from evaluation.experiments.case import AfterStep, Case, RecordedRobot
+from evaluation.experiments.catalogue import all_cases
 from evaluation.experiments.course import course_of
-from evaluation.experiments.run import available
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 
@@ -46,7 +46,7 @@ def main() -> None:
         _fit(arguments.folder)
         return
     settings = load_settings(None, ["cluster.particles=1000", *arguments.set])
-    cases = {case.name: case for case in available(arguments.data)[0]}
+    cases = {case.name: case for case in all_cases(arguments.data)}
     for name in arguments.experiments:
         _record(cases[name], settings, arguments)
 

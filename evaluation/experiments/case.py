@@ -1,6 +1,6 @@
 """One experiment: a robot somewhere, how long, how often, and what is asked of it."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -9,11 +9,11 @@ import msgspec
 
 from coordinator.belief.outcome import Outcome
 from evaluation import in_process, ordinary_mcl, paper_letter
-from evaluation.experiments.figures import Figure
 from evaluation.ordinary_mcl import Variant
 from evaluation.recovery import RecoveryGains
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
+from protocol.errors import SettingsError
 from protocol.steps import Scan
 
 Algorithm = Literal[
@@ -71,13 +71,6 @@ Role = Literal["training", "validation", "test"]
 """Training: constants were chosen on it. Validation: it was looked at while they were. Test: no
 choice was ever made on it."""
 
-_SETUP_MS = 400.0
-"""Time to read a map and to set a robot up."""
-_RAYS_MS = 20.0
-"""Time of an update that visibility adds to ordinary MCL."""
-_LETTER_SHARE = 0.4
-"""Of the time of an update, with the few particles of the paper."""
-
 
 class AfterStep(msgspec.Struct, frozen=True):
     """The robot is lifted elsewhere after this step; the first step is 0."""
@@ -122,70 +115,38 @@ class Case(msgspec.Struct, frozen=True, kw_only=True):
     """One line about it."""
     robot: SimulatedRobot | RecordedRobot
     updates: int | None = None
-    """A run has at most so many; None: to the recording's end."""
+    """At most this many a run; None: to the recording's end."""
     updates_after_event: int | None = None
-    """A run ends so many updates after the feature was seen or the robot was kidnapped."""
+    """A run ends this long after the feature was seen or the robot was kidnapped."""
     role: Role = "validation"
     """Of its building, in the choice of the defaults."""
     seeds: int
-    """Runs of each algorithm unless a person wants another number; all have the same seeds."""
+    """Runs of each algorithm by default; all have the same seeds."""
     baselines: tuple[Algorithm, ...] = BASELINES
     """Algorithms that run beside Cluster-MCL."""
-    asked_seeds: int | None = None
-    """Runs that the target is stated for; None: as many as there are by default."""
     symmetry: int = 1
-    """So many poses of the map look alike, or nearly so: it is k-fold symmetric."""
+    """The map is k-fold symmetric, or nearly so."""
     has_feature: bool = False
     """Something in the map tells the symmetric poses apart."""
     mirrored: bool = False
     """The robot of a mirror-image building, which is nowhere in the map; no update is judged."""
     settings: tuple[str, ...] = ()
     """Settings that belong to the experiment, `section.key=value`."""
-    figures: tuple[Figure, ...] = ()
-    update_ms: float = 0.0
-    """Measured time of one update of Cluster-MCL on one core; for the estimate only."""
-    ordinary_update_ms: float = 0.0
-    typical_updates: int = 0
-    """Of one run; for the estimate only."""
-
-    @property
-    def with_defaults(self) -> bool:
-        """Whether it runs with the one set of settings that is meant for everything."""
-        return not self.settings
 
     @property
     def algorithms(self) -> tuple[Algorithm, ...]:
         """All that run, Cluster-MCL first."""
         return ("cluster-mcl", *self.baselines)
 
-    def run_ms(self, algorithm: Algorithm) -> float:
-        """Estimated time of one run on one core [ms]."""
-        match algorithm:
-            case "cluster-mcl":
-                update_ms = self.update_ms
-            case "paper-letter":
-                update_ms = _LETTER_SHARE * self.update_ms
-            case "mcl" | "amcl":
-                update_ms = self.ordinary_update_ms
-            case _:
-                update_ms = self.ordinary_update_ms + _RAYS_MS
-        return _SETUP_MS + self.typical_updates * update_ms
 
+def algorithm_named(name: str) -> Algorithm:
+    """An algorithm by its name.
 
-def quick(case: Case, updates: int) -> Case:
-    """The same, cut short: to see that everything runs, not how well.
-
-    What ends after an event stays as it is: without the event there would be nothing to see.
+    Raises:
+        SettingsError: there is none of that name.
     """
-    if case.updates_after_event is not None:
-        return case
-    if case.updates is not None and case.updates <= updates:
-        return case
-    return msgspec.structs.replace(
-        case, updates=updates, typical_updates=min(case.typical_updates, updates)
-    )
-
-
-def names_of(cases: Sequence[Case]) -> str:
-    """Their names, for an error's sentence."""
-    return ", ".join(case.name for case in cases)
+    for algorithm in ALGORITHMS:
+        if algorithm == name:
+            return algorithm
+    problem = f"--algorithm {name}: there is {' or '.join(ALGORITHMS)}"
+    raise SettingsError(key="--algorithm", problem=problem)

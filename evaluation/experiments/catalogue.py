@@ -1,20 +1,209 @@
-"""All experiments with simulated robots, in the order of the report."""
+"""All experiments: simulated worlds, maps of real buildings, and recordings in a folder."""
 
-import msgspec
+import os
+from collections.abc import Iterator
+from pathlib import Path
 
-from evaluation.experiments.building_cases import disturbed_cases, hall_cases, office_case
-from evaluation.experiments.case import Case
-from evaluation.experiments.symmetric_cases import feature_cases, symmetric_cases
-from evaluation.experiments.usual_figures import SCORES
+from msgspec.structs import replace
+
+from evaluation.experiments.case import (
+    ALIKE_BASELINES,
+    Case,
+    OnceRight,
+    RecordedRobot,
+    Role,
+    SimulatedRobot,
+)
+
+DATA_VARIABLE = "CLUSTERMCL_DATA"
+"""Environment variable that names the folder of recordings."""
+MAP_FOLDERS = ("carmen-maps", "ros-maps")
+_TRAINING_RECORDINGS = ("intel", "fr101")
+"""On which the evidence model was fitted, next to those of Wean Hall."""
+_TRAINING_MAPS = ("thickwean", "wean5300")
+"""They show Wean Hall."""
+_PACKED = ("", ".xz", ".gz")
+
+_GATES = Case(
+    name="gates",
+    title="a two-fold symmetric room; one missing cabinet, seen late, tells",
+    robot=SimulatedRobot(world="gates"),
+    role="training",
+    updates=400,
+    updates_after_event=40,
+    symmetry=2,
+    has_feature=True,
+    seeds=40,
+    baselines=("paper-letter", "mcl", "mcl-visibility", "amcl-visibility"),
+)
+_SIMULATED = (
+    Case(
+        name="cross",
+        title="four places alike, 3,000 updates",
+        robot=SimulatedRobot(world="cross"),
+        role="training",
+        updates=3000,
+        symmetry=4,
+        seeds=20,
+        baselines=ALIKE_BASELINES,
+    ),
+    Case(
+        name="rectangle",
+        title="two places alike, 3,000 updates",
+        robot=SimulatedRobot(world="rectangle"),
+        role="training",
+        updates=3000,
+        symmetry=2,
+        seeds=20,
+        baselines=ALIKE_BASELINES,
+    ),
+    Case(
+        name="hall-symmetric",
+        title="a point-symmetric hall of 450 m2, 3,000 updates",
+        robot=SimulatedRobot(world="hall_symmetric"),
+        role="training",
+        updates=3000,
+        symmetry=2,
+        seeds=20,
+        baselines=ALIKE_BASELINES,
+    ),
+    _GATES,
+    replace(
+        _GATES,
+        name="gates-no-visibility",
+        title=f"{_GATES.title}; ends of beams behind walls are not looked for",
+        baselines=("mcl",),
+        settings=("sensor.visibility_particles=0",),
+    ),
+    Case(
+        name="cross-feature",
+        title="the cross with one cabinet at the end of one arm",
+        robot=SimulatedRobot(world="cross_feature"),
+        updates=400,
+        updates_after_event=40,
+        symmetry=4,
+        has_feature=True,
+        seeds=20,
+    ),
+    Case(
+        name="hall",
+        title="a hall of 450 m2, started anywhere",
+        robot=SimulatedRobot(world="hall"),
+        role="training",
+        updates=100,
+        seeds=40,
+    ),
+    Case(
+        name="office",
+        title="a repetitive office of 5,900 m2, started anywhere",
+        robot=SimulatedRobot(world="office"),
+        role="training",
+        updates=205,
+        seeds=24,
+    ),
+    Case(
+        name="kidnap-hall",
+        title="moved to another place of the hall after 40 right updates in a row",
+        robot=SimulatedRobot(world="hall", kidnapping=OnceRight(100)),
+        role="training",
+        updates=205,
+        updates_after_event=105,
+        seeds=24,
+    ),
+    Case(
+        name="kidnap-office",
+        title="moved to another place of the office after 40 right updates in a row",
+        robot=SimulatedRobot(world="office", kidnapping=OnceRight(250)),
+        role="training",
+        updates=455,
+        updates_after_event=205,
+        seeds=24,
+    ),
+    Case(
+        name="hall-moved",
+        title="the hall, started where the furniture was moved",
+        robot=SimulatedRobot(world="hall_moved"),
+        role="training",
+        updates=105,
+        seeds=20,
+    ),
+    Case(
+        name="hall-last-year",
+        title="the hall with an old map: a tenth of the walls was moved",
+        robot=SimulatedRobot(world="hall_last_year"),
+        updates=105,
+        seeds=20,
+    ),
+    Case(
+        name="people",
+        title="the hall with people, who cut 30 % of the beams short",
+        robot=SimulatedRobot(world="hall", people=22),
+        role="training",
+        updates=300,
+        seeds=20,
+    ),
+)
 
 
-def simulated_cases() -> tuple[Case, ...]:
-    """They need no file."""
-    cases = (
-        *symmetric_cases(),
-        *feature_cases(),
-        *hall_cases(),
-        office_case(),
-        *disturbed_cases(),
-    )
-    return tuple(msgspec.structs.replace(case, figures=(*case.figures, *SCORES)) for case in cases)
+def all_cases(folder: Path | None = None) -> tuple[Case, ...]:
+    """All experiments that can be run.
+
+    Args:
+        folder: of recordings and maps; None: the one that `CLUSTERMCL_DATA` names. Without one,
+            or where it does not exist, the simulated experiments remain.
+    """
+    named = os.environ.get(DATA_VARIABLE)
+    folder = folder or (Path(named) if named else None)
+    if folder is None or not folder.is_dir():
+        return _SIMULATED
+    return (*_SIMULATED, *recorded_cases(folder), *_map_cases(folder))
+
+
+def recorded_cases(folder: Path | None) -> tuple[Case, ...]:
+    """An experiment for each recording of a folder that has a map and a reference.
+
+    Those of Wean Hall are `wean/robotdata1.log` and so on. Any other is a folder of its own with
+    `log.clf`, `map.yaml` and `groundtruth.tum`; logs may be packed (.gz, .xz).
+
+    Args:
+        folder: None, or one that does not exist: there are none.
+    """
+    return tuple(_recorded(folder)) if folder is not None and folder.is_dir() else ()
+
+
+def _recorded(folder: Path) -> Iterator[Case]:
+    wean = folder / "wean"
+    for number in (1, 2, 3):
+        reference = wean / f"robotdata{number}.reference.tum"
+        log = _packed(wean / f"robotdata{number}.log")
+        if log and reference.is_file():
+            robot = RecordedRobot(recording=log, map=wean / "map.yaml", reference=reference)
+            title = f"Wean Hall, recording {number}"
+            yield Case(name=f"wean-{number}", title=title, robot=robot, role="training", seeds=20)
+    for each in sorted(path for path in folder.iterdir() if path.is_dir()):
+        log, reference = _packed(each / "log.clf"), each / "groundtruth.tum"
+        if log and reference.is_file():
+            role: Role = "training" if each.name in _TRAINING_RECORDINGS else "validation"
+            robot = RecordedRobot(recording=log, map=each / "map.yaml", reference=reference)
+            title = f"recording {each.name}"
+            yield Case(name=each.name, title=title, robot=robot, role=role, seeds=3)
+
+
+def _map_cases(folder: Path) -> Iterator[Case]:
+    """An experiment for each map of a building that no constant was chosen on."""
+    for path in (path for name in MAP_FOLDERS for path in sorted((folder / name).glob("*.yaml"))):
+        if path.stem not in _TRAINING_MAPS:
+            yield Case(
+                name=f"map-{path.stem.replace('_', '-')}",
+                title=f"a simulated robot in the map {path.stem}, started anywhere",
+                robot=SimulatedRobot(world=str(path)),
+                role="test",
+                updates=100,
+                seeds=8,
+            )
+
+
+def _packed(path: Path) -> Path | None:
+    """A file under its name, or packed under it."""
+    candidates = (path.with_name(path.name + ending) for ending in _PACKED)
+    return next((each for each in candidates if each.is_file()), None)

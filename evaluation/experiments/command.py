@@ -1,100 +1,115 @@
-"""`clustermcl experiments`: the options of the command."""
+"""`clustermcl experiments`: run them into a table, and summarise the table."""
 
-import shlex
-import sys
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from protocol.errors import SettingsError
+
 MOST_RUNS, MOST_JOBS = 10_000, 256
-"""What is asked beyond is a slip of the keys."""
+"""Anything beyond is a typing error."""
 
 
 def experiments(
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Experiments to run; all, if none is named."),
+        typer.Argument(metavar="[NAME]...", help="Experiments; all, if none is named."),
     ] = None,
+    output: Annotated[
+        Path, typer.Option(metavar="FILE", help="Table of runs, continued if it exists (CSV).")
+    ] = Path("experiments.csv"),
+    summary: Annotated[
+        bool, typer.Option("--summary", help="Summarise the table and run nothing.")
+    ] = False,
     seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=MOST_RUNS, help="Runs of each experiment; left out: its own number."
-        ),
+        int | None, typer.Option(min=1, max=MOST_RUNS, help="Runs of each experiment.")
     ] = None,
-    first_seed: Annotated[int, typer.Option(min=0, help="The first seed; others follow.")] = 0,
-    all_seeds: Annotated[
-        bool,
-        typer.Option(
-            "--all-seeds",
-            help="As many runs as the targets are stated for; takes well over half an hour.",
-        ),
-    ] = False,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Two short runs of each, to see that all works.")
-    ] = False,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for results and plots.")] = Path(
-        "experiments"
-    ),
-    report: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The report; left out: DIR/experiments.md."),
+    first_seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
+    algorithms: Annotated[
+        list[str] | None,
+        typer.Option("--algorithm", metavar="NAME", help="Instead of each experiment's own."),
     ] = None,
     data: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Folder of recordings; left out: $CLUSTERMCL_DATA."),
     ] = None,
     jobs: Annotated[
-        int | None,
-        typer.Option(min=1, max=MOST_JOBS, help="Processes; left out: one for each core."),
+        int | None, typer.Option(min=1, max=MOST_JOBS, help="Processes; left out: one a core.")
     ] = None,
-    no_plots: Annotated[bool, typer.Option("--no-plots", help="Draw no plots.")] = False,
     settings_file: Annotated[
         Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
     ] = None,
     assignments: Annotated[
         list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="A setting, over the file's; may be repeated."
-        ),
+        typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated."),
     ] = None,
     list_only: Annotated[
         bool, typer.Option("--list", help="List the experiments and run nothing.")
     ] = False,
 ) -> None:
-    """Run the experiments, and report each figure and its target.
+    """Run experiments, next to ordinary MCL, into a table with a row for each run.
 
-    Ordinary MCL runs beside Cluster-MCL. Ctrl-C ends it; what has ended by then is reported.
+    Ctrl-C ends it; the same command continues it.
     """
     # What follows takes a second to import; other commands do without.
     from rich.console import Console  # noqa: PLC0415 - see above
+    from rich.progress import track  # noqa: PLC0415 - see above
 
-    from evaluation.experiments.listing import listing  # noqa: PLC0415 - see above
-    from evaluation.experiments.plan import Extent, Given  # noqa: PLC0415 - see above
-    from evaluation.experiments.run import (  # noqa: PLC0415 - see above
-        Options,
-        available,
-        run_experiments,
-    )
+    from evaluation.experiments.case import algorithm_named  # noqa: PLC0415 - see above
+    from evaluation.experiments.catalogue import all_cases  # noqa: PLC0415 - see above
+    from evaluation.experiments.pool import in_parallel  # noqa: PLC0415 - see above
+    from evaluation.experiments.run_table import RunTable, key_of, tasks_of  # noqa: PLC0415
+    from evaluation.experiments.task import run_task  # noqa: PLC0415 - see above
+    from process_runtime.settings_file import load_settings  # noqa: PLC0415 - see above
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see above
 
-    console = Console(emoji=False)
-    if list_only:
-        console.print(listing(*available(data)))
+    console = Console(emoji=False, markup=False, highlight=False, soft_wrap=True)
+    if summary:
+        console.print(_summary_text(output))
         return
-    options = Options(
-        names=names or (),
-        extent=Extent(seeds=seeds, first_seed=first_seed, all_asked=all_seeds, quick=quick),
-        out=out,
-        report=report,
-        data=data,
-        jobs=jobs,
-        given=Given(settings_file, assignments or ()),
-        plots=not no_plots,
-        command=shlex.join(["clustermcl", *sys.argv[1:]]),
-    )
-    stop = stop_on_signals(exit_after_s=900.0)  # on a busy machine, pictures take minutes
-    written = run_experiments(options, stop, console)
-    text = f"the report is {written}" if written else "no run had ended yet: nothing is reported"
-    console.print(text, highlight=False, soft_wrap=True, markup=False)
+    known = {case.name: case for case in all_cases(data)}
+    for name in names or ():
+        if name not in known:
+            problem = f"no experiment {name!r}; known are {', '.join(known)}"
+            raise SettingsError(key="NAME", problem=problem)
+    cases = [known[name] for name in names or known]
+    if list_only:
+        for case in cases:
+            console.print(f"{case.name:22} {case.seeds:3} seeds  {case.role:10} {case.title}")
+        return
+    span = None if seeds is None else range(first_seed, first_seed + seeds)
+    chosen = [algorithm_named(name) for name in algorithms or ()]
+    table = RunTable(output)
+    tasks = [
+        task
+        for task in tasks_of(
+            cases,
+            chosen,
+            span,
+            lambda own: load_settings(settings_file, [*(assignments or ()), *own]),
+        )
+        if key_of(task) not in table.done
+    ]
+    stop = stop_on_signals(exit_after_s=5.0)
+    done = in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop)
+    shown = Console(stderr=True)
+    for index, finished in track(done, "runs", len(tasks), console=shown, transient=True):
+        table.append(tasks[index], finished)
+    console.print(f"{len(table.done)} runs are in {output}; --summary summarises them")
     stop.check()
+
+
+def _summary_text(table: Path) -> str:
+    try:
+        from evaluation.experiments.summary import (  # noqa: PLC0415 - needs an extra
+            over_all,
+            read_table,
+            summary,
+        )
+    except ModuleNotFoundError as error:
+        problem = f"--summary needs {error.name}: pip install 'clustermcl[experiments]'"
+        raise SettingsError(key="--summary", problem=problem) from error
+    each = summary(read_table(table))
+    return f"{each.to_csv(index=False)}\n{over_all(each).to_csv(index=False)}"

@@ -21,15 +21,18 @@ from itertools import dropwhile, pairwise, takewhile
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from evaluation.experiments.step_facts import StepFacts
 from particle_filter.belief import normalised_entropy
 from protocol.answers import State
 
+Counts = NDArray[np.float64]
 IN_A_ROW = 5
 """So many right estimates in a row are no accident."""
 LAST_UPDATES = 10
 """Who is right on so many at the end is localized."""
+BINS = 10
 LEAST_PROBABILITY = 0.001
 """A logarithm of a probability is taken of no less: an update costs at most 6.9 nat."""
 
@@ -213,6 +216,20 @@ def measures_of(
         wall_s=wall_s,
         cpu_s=cpu_s,
     )
+
+
+def calibration_of(facts: Sequence[StepFacts]) -> Counts:
+    """The estimates in each tenth of probability, for reliability diagrams.
+
+    Returns:
+        (3, 10): how many estimates, how many right, and the sum of their probabilities.
+    """
+    counts = np.zeros((3, BINS))
+    for step in facts:
+        if step.judged and step.claims:
+            part = min(int(step.probability * BINS), BINS - 1)
+            counts[:, part] += 1.0, step.right, step.probability
+    return counts
 
 
 def after_bootstrap(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:

@@ -2,8 +2,7 @@
 
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import AfterStep, Case, OnceRight, RecordedRobot, SimulatedRobot
-from evaluation.experiments.measures import RunMeasures, measures_of
-from evaluation.experiments.reliability import Reliability
+from evaluation.experiments.measures import Counts, RunMeasures, calibration_of, measures_of
 from evaluation.experiments.sight import Sight
 from evaluation.experiments.step_facts import StepFacts, facts_of
 from evaluation.experiments.symmetry import middle_of, turned_copies
@@ -40,7 +39,6 @@ class Observer:
         self._kidnapped_at: int | None = None
         self._right_before_kidnap: bool | None = None
         self._short_shares: list[float] = []
-        self.reliability, self.places_reliability = Reliability(), Reliability()
         self.trace = Trace(seed) if with_trace else None
 
     def on_step(self, scan: Scan, outcome: Outcome, truth: PoseTuple | None) -> None:
@@ -56,10 +54,6 @@ class Observer:
             return
         self._right_in_a_row = self._right_in_a_row + 1 if facts.right else 0
         self._look(scan, copies)
-        for index, (probability, right) in enumerate(facts.claims):
-            if index == 0:
-                self.reliability.add(probability, right)
-            self.places_reliability.add(probability, right)
         if self.trace is not None:
             held = places_of(places) if facts.claims else ()
             self.trace.steps.append(
@@ -91,6 +85,11 @@ class Observer:
         event = self._seen_at or self._kidnapped_at
         after = self._case.updates_after_event
         return event is not None and after is not None and self._update >= event + after
+
+    @property
+    def calibration(self) -> Counts:
+        """See `calibration_of`."""
+        return calibration_of(self._facts)
 
     def measures(self, wall_s: float, cpu_s: float = 0.0) -> RunMeasures:
         """What the run came to."""

@@ -1,85 +1,97 @@
-"""Over all experiments: how well calibrated, how often confidently wrong."""
+"""What a table of runs says: one row for each experiment and algorithm, and comparisons."""
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from pathlib import Path
 
-from evaluation.experiments.case import Algorithm
-from evaluation.experiments.measures import RunMeasures
-from evaluation.experiments.reliability import (
-    Reliability,
-    mean_calibration_error,
-    pooled,
-)
-from evaluation.experiments.results import ExperimentResult
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest, wilcoxon
 
-MOST_CALIBRATION_ERROR = 0.05
-MOST_CONFIDENTLY_WRONG = 0.01
-LEAST_RIGHT_WHEN_SURE = 0.9
+from evaluation.experiments.measures import BINS
+from evaluation.experiments.run_table import COLUMNS, rows_of
+
+OURS = "cluster-mcl"
+_TEXT = ("experiment", "role", "algorithm", "version", "settings")
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Everything pooled."""
+def read_table(path: Path) -> pd.DataFrame:
+    """A table of runs; a missing measure is NaN.
 
-    estimates: Reliability
-    """Every update's most probable place: claimed probability, and whether right."""
-    places: Reliability
-    """Every place of every update."""
-    calibration_error_each: float | None
-    """Of the estimates: mean of the experiments' own errors."""
-    log_score_each: float | None
-    """Mean of the experiments' logarithmic scores; each experiment counts alike."""
-    brier_each: float | None
-    """The same of Brier's score."""
-    updates: int
-    confidently_wrong: float | None
-    """Share of all updates; each counts alike."""
-    confidently_wrong_each: float | None
-    """Mean of the experiments' shares; each experiment counts alike."""
-    localized_wrong: float | None
-    """Share of all updates with the state `localized` and a wrong estimate."""
-
-    @property
-    def sure_share(self) -> float | None:
-        """Share of all updates that have an estimate with a probability of 0.9 or more."""
-        return self.estimates.bins[-1].claims / self.updates if self.updates else None
-
-    @property
-    def right_when_sure(self) -> float | None:
-        """Share of the estimates with a probability of 0.9 or more that were right."""
-        sure = self.estimates.bins[-1]
-        return sure.right_share if sure.claims else None
+    Raises:
+        InputFileError: it cannot be read, or is no such table.
+    """
+    table = pd.DataFrame(rows_of(path), columns=list(COLUMNS))
+    numbers = [column for column in COLUMNS if column not in _TEXT]
+    flags = table[numbers].replace({"True": 1, "False": 0, "": np.nan})
+    table[numbers] = flags.apply(pd.to_numeric)
+    return table
 
 
-def summary(results: Sequence[ExperimentResult], algorithm: Algorithm) -> Summary:
-    """Pool all experiments that run with the one set of defaults."""
-    results = [result for result in results if result.case.with_defaults]
-    runs = [run for result in results for run in result.measures(algorithm) if run is not None]
-    updates = sum(run.updates for run in runs)
-    each = [[run for run in result.measures(algorithm) if run is not None] for result in results]
-    return Summary(
-        estimates=pooled(result.reliability(algorithm) for result in results),
-        places=pooled(result.reliability(algorithm, of_places=True) for result in results),
-        calibration_error_each=mean_calibration_error(
-            result.reliability(algorithm) for result in results
-        ),
-        log_score_each=_mean_of_each(each, "log_score"),
-        brier_each=_mean_of_each(each, "brier"),
-        updates=updates,
-        confidently_wrong=_weighed([(run.confidently_wrong_share, run.updates) for run in runs]),
-        confidently_wrong_each=_mean_of_each(each, "confidently_wrong_share"),
-        localized_wrong=_weighed([(run.localized_wrong_share, run.updates) for run in runs]),
+def summary(table: pd.DataFrame) -> pd.DataFrame:
+    """One row for each experiment and algorithm.
+
+    Shares of runs have Wilson's 95 % interval (`localized_low`, `localized_high`); means weigh
+    runs by their updates; `first_right` is a median in which a run that never was counts as
+    infinite. `p_score` is the p-value of a difference from Cluster-MCL in the logarithmic score
+    (Wilcoxon's signed-rank test over equal seeds).
+
+    References:
+        Naeini, Cooper, Hauskrecht (2015), Obtaining well calibrated probabilities using Bayesian
+        binning: the expected calibration error.
+    """
+    rows = []
+    for (experiment, algorithm), runs in table.groupby(["experiment", "algorithm"], sort=False):
+        localized = int(runs["localized"].sum())
+        interval = binomtest(localized, len(runs)).proportion_ci(method="wilson")
+        rows.append(
+            {
+                "experiment": experiment,
+                "algorithm": algorithm,
+                "runs": len(runs),
+                "localized": localized,
+                "localized_low": interval.low,
+                "localized_high": interval.high,
+                "first_right": runs["right_within"].fillna(np.inf).median(),
+                "sure_and_wrong": _mean(runs, "confidently_wrong_share"),
+                "tracked": _mean(runs, "tracked_share"),
+                "log_score": _mean(runs, "log_score"),
+                "brier": _mean(runs, "brier"),
+                "calibration_error": _calibration_error(runs),
+                "rmse_m": runs["rmse_m"].mean(),
+                "entropy": runs["entropy_mean"].mean(),
+                "right_after_kidnap": runs["right_after_kidnap"].median(),
+                "p_score": _p_score(table, experiment, runs),
+                "cpu_s": runs["cpu_s"].mean(),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def over_all(each: pd.DataFrame) -> pd.DataFrame:
+    """One row for each algorithm: the mean over its experiments, each of equal weight."""
+    columns = ["log_score", "brier", "calibration_error", "sure_and_wrong"]
+    means = each.groupby("algorithm", sort=False)[columns].mean()
+    means.insert(0, "experiments", each.groupby("algorithm")["experiment"].count())
+    return means.reset_index()
+
+
+def _mean(runs: pd.DataFrame, column: str) -> float:
+    known = runs[column].notna()
+    weights = runs.loc[known, "updates"]
+    return float(np.average(runs.loc[known, column], weights=weights)) if known.any() else np.nan
+
+
+def _calibration_error(runs: pd.DataFrame) -> float:
+    """Mean over all claims of |claimed - right| of the claim's tenth."""
+    claims, right, claimed = (
+        runs[[f"{what}_{part}" for part in range(BINS)]].sum().to_numpy(float)
+        for what in ("claims", "right", "claimed")
     )
+    return float(np.abs(claimed - right).sum() / claims.sum()) if claims.sum() else np.nan
 
 
-def _mean_of_each(each: Sequence[Sequence[RunMeasures]], measure: str) -> float | None:
-    """Mean over the experiments of their mean over all updates."""
-    means = [_weighed([(getattr(run, measure), run.updates) for run in runs]) for runs in each]
-    return _weighed([(value, 1) for value in means])
-
-
-def _weighed(values: Sequence[tuple[float | None, int]]) -> float | None:
-    known = [(value, weight) for value, weight in values if value is not None]
-    total = sum(weight for _, weight in known)
-    return math.fsum(value * weight for value, weight in known) / total if total else None
+def _p_score(table: pd.DataFrame, experiment: object, runs: pd.DataFrame) -> float:
+    ours = table[(table["experiment"] == experiment) & (table["algorithm"] == OURS)]
+    pairs = ours.merge(runs, on="seed", suffixes=("", "_other"))[["log_score", "log_score_other"]]
+    pairs = pairs.dropna()
+    differences = pairs["log_score"] - pairs["log_score_other"]
+    return float(wilcoxon(differences).pvalue) if differences.any() else np.nan

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -11,9 +11,8 @@ import msgspec
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import ALGORITHMS, Algorithm, Case
 from evaluation.experiments.course import Course, course_of
-from evaluation.experiments.measures import RunMeasures
+from evaluation.experiments.measures import Counts, RunMeasures
 from evaluation.experiments.observer import Observer
-from evaluation.experiments.reliability import Reliability
 from evaluation.experiments.trace import Trace
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
@@ -22,10 +21,7 @@ from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from sensor_bridge.run_recorder import RunRecorder
-from worker.map_model import sensor_model
-
-PROGRESS_EVERY = 10
-"""Updates between two words about how far a run is."""
+from worker.map_model import default_cache_folder, sensor_model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +33,7 @@ class Task:
     seed: int
     settings: Settings
     """With the case's own, but for the seed."""
-    cache_folder: Path
+    cache_folder: Path = field(default_factory=default_cache_folder)
     """Where computed fields of maps are kept."""
     start_step: int = 0
     """The run begins with this step of a recording, as if the robot had been switched on there."""
@@ -51,33 +47,30 @@ class Finished:
     """What a run came to."""
 
     measures: RunMeasures
-    reliability: Reliability
-    """Of the estimates."""
-    places_reliability: Reliability
-    """Of all places held."""
+    calibration: Counts
+    """Of the estimates; see `calibration_of`."""
     trace: Trace | None
 
 
-def run_task(task: Task, progress: Callable[[int], None]) -> Finished:
+def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finished:
     """Do one run from its first step to its last.
 
     Args:
         task: which.
-        progress: told now and then how many updates more have been made.
+        on_update: called after each update.
 
     Raises:
         ClusterMclError: an input cannot be used.
     """
     run = Run(task)
     wall_s, cpu_s = time.perf_counter(), time.process_time()
-    for made, _ in enumerate(run.outcomes(), start=1):
-        if made % PROGRESS_EVERY == 0:
-            progress(PROGRESS_EVERY)
+    for _ in run.outcomes():
+        if on_update is not None:
+            on_update()
     observer = run.observer
     return Finished(
         measures=observer.measures(time.perf_counter() - wall_s, time.process_time() - cpu_s),
-        reliability=observer.reliability,
-        places_reliability=observer.places_reliability,
+        calibration=observer.calibration,
         trace=observer.trace,
     )
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation import evaluate
-from evaluation.evaluate import EvaluateOptions, algorithm_of, case_of, result_of, start_steps
+from evaluation.evaluate import EvaluateOptions, case_of, result_of, start_steps
 from evaluation.experiments.case import (
     ALGORITHMS,
     NAMES,
@@ -17,6 +17,7 @@ from evaluation.experiments.case import (
     Algorithm,
     RecordedRobot,
     SimulatedRobot,
+    algorithm_named,
 )
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
@@ -185,7 +186,7 @@ def test_an_unknown_algorithm_is_refused() -> None:
     with pytest.raises(
         SettingsError, match="slam: there is cluster-mcl or paper-letter or mcl or mcl"
     ):
-        algorithm_of(EvaluateOptions(recording="sim:hall", algorithm="slam"))
+        algorithm_named("slam")
 
 
 def test_every_algorithm_has_a_name_for_people() -> None:

@@ -38,7 +38,7 @@ def beliefs(algorithm: Algorithm, cache: Path, *more: str) -> list[Outcome]:
 
 def kidnapped(algorithm: Algorithm, cache: Path) -> RunMeasures:
     after_20 = task(algorithm, cache, updates=80, kidnapping=AfterStep(20))
-    return run_task(after_20, lambda _made: None).measures
+    return run_task(after_20).measures
 
 
 def test_who_is_kidnapped_is_found_again_with_random_particles_only(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_visibility_makes_a_difference(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("algorithm", WITH_VISIBILITY)
 def test_every_variant_finds_the_robot(algorithm: Algorithm, tmp_path: Path) -> None:
-    measures = run_task(task(algorithm, tmp_path, updates=25), lambda _made: None).measures
+    measures = run_task(task(algorithm, tmp_path, updates=25)).measures
     assert measures.localized
 
 

@@ -1,16 +1,11 @@
 """Made-up steps, runs and experiments, small enough to check by hand."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 
 from evaluation.experiments.case import Case, SimulatedRobot
-from evaluation.experiments.figures import Figure, mean, rate
 from evaluation.experiments.measures import RunMeasures, measures_of
-from evaluation.experiments.provenance import Provenance
-from evaluation.experiments.reliability import Reliability
-from evaluation.experiments.results import ExperimentResult, RunRecord
 from evaluation.experiments.step_facts import StepFacts, facts_of
 from evaluation.experiments.symmetry import turned_copies
 from protocol.answers import Hypothesis, State
@@ -56,52 +51,13 @@ def measures(**changed: Any) -> RunMeasures:
     return msgspec.structs.replace(measures_of([]), **changed)
 
 
-FIGURES: tuple[Figure, ...] = (
-    rate("right at the end", "localized", at_least=1),
-    mean("error once right", "rmse_m", at_most=0.15, unit="m"),
-)
-
-
 def case(name: str = "made-up", **changed: Any) -> Case:
     made = Case(
         name=name,
         title="Made up",
         robot=SimulatedRobot(world="rectangle"),
         updates=12,
-        typical_updates=12,
         seeds=2,
         baselines=("mcl",),
-        figures=FIGURES,
-        update_ms=1.0,
-        ordinary_update_ms=2.0,
     )
     return msgspec.structs.replace(made, **changed)
-
-
-ORIGIN = Provenance(
-    command="clustermcl experiments made-up",
-    version="1.2.3",
-    commit="abc",
-    started="2001-02-03 04:05 UTC",
-    machine="a machine",
-    python="3",
-    numpy="2",
-    numba="0",
-    jobs=2,
-    settings={"belief.max_clusters": 3},
-)
-
-
-def claims(*pairs: tuple[float, bool]) -> Reliability:
-    made = Reliability()
-    for probability, right in pairs:
-        made.add(probability, right)
-    return made
-
-
-def result(runs: Sequence[RunRecord], **changed: Any) -> ExperimentResult:
-    return ExperimentResult(case=case(**changed), provenance=ORIGIN, runs=list(runs))
-
-
-def a_run(algorithm: Any = "cluster-mcl", seed: int = 0, **measured: Any) -> RunRecord:
-    return RunRecord(algorithm=algorithm, seed=seed, measures=measures(**measured))

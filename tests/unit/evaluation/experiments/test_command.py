@@ -1,3 +1,4 @@
+import csv
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,9 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from evaluation.experiments.plan import UnknownExperimentError
-from evaluation.experiments.recorded import DATA_VARIABLE
-from protocol.errors import SettingsError
+from evaluation.experiments.catalogue import DATA_VARIABLE
+from protocol.errors import InputFileError, SettingsError
 
 
 @pytest.fixture(autouse=True)
@@ -18,33 +18,51 @@ def no_recordings(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def own_signals() -> Iterator[None]:
-    """The command takes SIGINT and SIGTERM for itself; the tests want them back."""
+    """The command handles SIGINT and SIGTERM; the tests restore what was there before."""
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
 
 
-def test_the_list_names_the_experiments_and_what_is_left_out() -> None:
-    result = CliRunner().invoke(app, ["experiments", "--list"], env={"COLUMNS": "160"})
+def test_the_list_names_the_experiments() -> None:
+    result = CliRunner().invoke(app, ["experiments", "--list"])
     assert result.exit_code == 0
-    for name in ("cross-no-transition", "kidnap-office", "people", DATA_VARIABLE):
+    for name in ("cross-feature", "kidnap-office", "people"):
         assert name in result.output
 
 
 @pytest.mark.parametrize(
     ("arguments", "kind", "words"),
     [
-        (["crosss"], UnknownExperimentError, "did you mean cross"),
-        (["wean-1"], UnknownExperimentError, DATA_VARIABLE),
+        (["crosss"], SettingsError, "known are cross,"),
+        (["--algorithm", "magic"], SettingsError, "there is cluster-mcl"),
         (["--set", "belief.max_clusters=no"], SettingsError, "belief.max_clusters"),
+        (["--summary"], InputFileError, "cannot be read as a table"),
     ],
 )
-def test_what_cannot_be_done_is_said_before_anything_runs(
+def test_a_wrong_word_is_refused_before_anything_runs(
     tmp_path: Path, arguments: list[str], kind: type[Exception], words: str
 ) -> None:
-    out = tmp_path / "out"
-    result = CliRunner().invoke(app, ["experiments", *arguments, "--out", str(out)])
+    out = tmp_path / "runs.csv"
+    result = CliRunner().invoke(app, ["experiments", *arguments, "--output", str(out)])
     assert isinstance(result.exception, kind)
     assert words in str(result.exception)
-    assert not out.exists()
+
+
+def test_runs_go_into_the_table_once_and_are_summarised(tmp_path: Path) -> None:
+    out = str(tmp_path / "runs.csv")
+    words = ["experiments", "hall", "--seeds", "1", "--output", out, "--jobs", "2"]
+    words += ["--algorithm", "cluster-mcl", "--algorithm", "mcl", "--set", "cluster.particles=300"]
+    for _ in range(2):
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 0, result.exception
+        assert f"2 runs are in {out}" in result.output
+    with Path(out).open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert sorted(row["algorithm"] for row in rows) == ["cluster-mcl", "mcl"]
+    assert {row["settings"] for row in rows} == {"cluster.particles=300"}
+    told = CliRunner().invoke(app, ["experiments", "--summary", "--output", out])
+    assert told.exit_code == 0, told.exception
+    assert told.output.startswith("experiment,algorithm,runs,localized")
+    assert "hall,cluster-mcl,1,1" in told.output

@@ -1,0 +1,40 @@
+import multiprocessing
+
+import pytest
+
+from evaluation.experiments.pool import RunError, in_parallel
+from process_runtime.stop import StopFlag
+from tests.unit.evaluation.experiments.work_pieces import work
+
+
+def test_each_piece_is_done_once_whatever_the_order() -> None:
+    done = dict(in_parallel(work, ["a", "b", "c"], 2, StopFlag()))
+    assert done == {0: "A", 1: "B", 2: "C"}
+
+
+def test_an_error_of_a_piece_is_raised_and_ends_the_others() -> None:
+    with pytest.raises(RunError, match="a bad setting"):
+        list(in_parallel(work, ["refuse", "hang"], 2, StopFlag()))
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_that_dies_is_reported() -> None:
+    with pytest.raises(RunError, match="ended in the middle of a run"):
+        list(in_parallel(work, ["a", "die", "hang"], 1, StopFlag()))
+
+
+def test_a_stop_ends_what_hangs_and_keeps_what_is_done() -> None:
+    stop, done = StopFlag(), []
+    for each in in_parallel(work, ["a", "hang", "b"], 1, stop):
+        done.append(each)
+        stop.set()
+    assert done == [(0, "A")]
+    assert not multiprocessing.active_children()
+
+
+def test_a_signal_to_the_whole_group_is_left_to_the_parent() -> None:
+    assert list(in_parallel(work, ["signalled"], 1, StopFlag())) == [(0, "SIGNALLED")]
+
+
+def test_without_pieces_there_are_no_results() -> None:
+    assert list(in_parallel(work, [], 4, StopFlag())) == []

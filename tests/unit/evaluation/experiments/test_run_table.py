@@ -1,0 +1,97 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from evaluation.experiments.measures import BINS
+from evaluation.experiments.run_table import COLUMNS, RunTable, key_of, rows_of, tasks_of
+from evaluation.experiments.task import Finished, Task
+from particle_filter.settings import BeliefSettings
+from process_runtime.output_files import OutputError
+from process_runtime.settings import Settings
+from protocol.errors import InputFileError
+from tests.unit.evaluation.experiments.made_up import case, measures
+
+
+def finished(**measured: object) -> Finished:
+    counts = np.arange(3.0 * BINS).reshape(3, BINS)
+    return Finished(measures=measures(**measured), calibration=counts, trace=None)
+
+
+def task(seed: int = 0, settings: Settings | None = None) -> Task:
+    return Task(case=case(), algorithm="mcl", seed=seed, settings=settings or Settings())
+
+
+def test_a_row_says_what_was_run_and_what_it_came_to(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "runs.csv"
+    settings = Settings(seed=7, belief=BeliefSettings(max_clusters=9))
+    RunTable(file).append(task(seed=3, settings=settings), finished(localized=True, rmse_m=None))
+    (row,) = rows_of(file)
+    assert (row["experiment"], row["algorithm"], row["seed"]) == ("made-up", "mcl", "3")
+    assert (row["localized"], row["rmse_m"]) == ("True", "")
+    assert row["settings"] == "belief.max_clusters=9"
+    assert [row["claims_0"], row["right_0"], row["claimed_9"]] == ["0.0", "10.0", "29.0"]
+
+
+def test_a_table_is_continued_and_knows_what_it_has(tmp_path: Path) -> None:
+    file = tmp_path / "runs.csv"
+    RunTable(file).append(task(0), finished())
+    again = RunTable(file)
+    assert again.done == {key_of(task(0))}
+    again.append(task(1), finished())
+    assert len(rows_of(file)) == 2
+    assert RunTable(file).done == {key_of(task(0)), key_of(task(1))}
+
+
+def test_the_first_seed_of_each_experiment_comes_first() -> None:
+    cases = [case("a", settings=("belief.max_clusters=9",)), case("b")]
+
+    def settings_of(own: object) -> Settings:
+        return Settings(belief=BeliefSettings(max_clusters=9)) if own else Settings()
+
+    tasks = tasks_of(cases, ["mcl"], None, settings_of)
+    assert [(t.case.name, t.seed) for t in tasks] == [("a", 0), ("b", 0), ("a", 1), ("b", 1)]
+    assert [t.settings.belief.max_clusters for t in tasks[:2]] == [
+        9,
+        BeliefSettings().max_clusters,
+    ]
+    assert [t.seed for t in tasks_of([case("b")], [], range(5, 7), settings_of)] == [5, 5, 6, 6]
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,2\n"])
+def test_a_file_that_is_no_table_of_runs_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "other.csv"
+    file.write_text(text)
+    with pytest.raises(InputFileError, match="no table of this version's runs"):
+        rows_of(file)
+    if text:
+        with pytest.raises(InputFileError):
+            RunTable(file)
+        assert file.read_text() == text
+
+
+def test_a_table_that_cannot_be_written_is_refused_at_once() -> None:
+    with pytest.raises(OutputError):
+        RunTable(Path("/dev/null/runs.csv"))
+
+
+@given(st.binary(max_size=300))
+def test_any_bytes_are_a_table_or_refused(payload: bytes) -> None:
+    import tempfile  # noqa: PLC0415 - hypothesis calls this often, fixtures are made once
+
+    with tempfile.NamedTemporaryFile() as file:
+        Path(file.name).write_bytes(",".join(COLUMNS).encode() + b"\n" + payload)
+        try:
+            rows = rows_of(Path(file.name))
+        except InputFileError:
+            return
+        assert isinstance(rows, list)
+
+
+def test_settings_that_are_defaults_are_not_named(tmp_path: Path) -> None:
+    same = replace(Settings(), seed=99)
+    RunTable(tmp_path / "a.csv").append(task(settings=same), finished())
+    assert rows_of(tmp_path / "a.csv")[0]["settings"] == ""

@@ -1,0 +1,69 @@
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import wilcoxon
+
+from evaluation.experiments.measures import BINS
+from evaluation.experiments.run_table import COLUMNS
+from evaluation.experiments.summary import over_all, summary
+
+
+def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:
+    """A run for each value; what is not given is zero."""
+    count = len(next(iter(columns.values())))
+    table = pd.DataFrame({name: np.zeros(count) for name in COLUMNS})
+    table["experiment"], table["algorithm"], table["seed"] = experiment, algorithm, range(count)
+    table["updates"] = 10
+    for name, values in columns.items():
+        table[name] = values
+    return table
+
+
+def row(table: pd.DataFrame, experiment: str, algorithm: str) -> pd.Series:
+    each = summary(table)
+    chosen = (each["experiment"] == experiment) & (each["algorithm"] == algorithm)
+    return each[chosen].iloc[0]
+
+
+def test_a_share_of_runs_has_its_interval() -> None:
+    found = row(runs("a", "mcl", localized=[1, 1, 1, 0]), "a", "mcl")
+    assert (found["runs"], found["localized"]) == (4, 3)
+    assert 0.3 < found["localized_low"] < 0.75 < found["localized_high"] < 1.0
+
+
+def test_runs_weigh_by_their_updates() -> None:
+    found = row(runs("a", "mcl", log_score=[-1.0, -4.0], updates=[30, 10]), "a", "mcl")
+    assert found["log_score"] == pytest.approx(-1.75)
+
+
+def test_a_run_that_was_never_right_counts_as_infinite_in_the_median() -> None:
+    found = row(runs("a", "mcl", right_within=[3, np.nan, np.nan]), "a", "mcl")
+    assert np.isinf(found["first_right"])
+    assert row(runs("a", "mcl", right_within=[3, 5, np.nan]), "a", "mcl")["first_right"] == 5
+
+
+def test_the_calibration_error_is_the_mean_gap_over_all_claims() -> None:
+    last = BINS - 1
+    table = runs("a", "mcl", **{f"claims_{last}": [6, 4], f"claimed_{last}": [5.7, 3.8]})
+    table[f"right_{last}"] = [3, 4]
+    assert row(table, "a", "mcl")["calibration_error"] == pytest.approx((9.5 - 7) / 10)
+    assert np.isnan(row(runs("a", "mcl", localized=[1]), "a", "mcl")["calibration_error"])
+
+
+def test_scores_are_compared_over_equal_seeds() -> None:
+    ours = [-0.1, -0.2, -0.3, -0.2, -0.1, -0.3]
+    theirs = [-1.0, -0.9, -2.0, -0.8, -1.1, -1.7]
+    table = pd.concat(
+        [runs("a", "cluster-mcl", log_score=ours), runs("a", "mcl", log_score=theirs)]
+    )
+    expected = wilcoxon(np.array(ours) - np.array(theirs)).pvalue
+    assert row(table, "a", "mcl")["p_score"] == pytest.approx(expected)
+    assert np.isnan(row(table, "a", "cluster-mcl")["p_score"])
+
+
+def test_over_all_each_experiment_counts_alike() -> None:
+    table = pd.concat(
+        [runs("a", "mcl", log_score=[-1.0]), runs("b", "mcl", log_score=[-3.0, -3.0, -3.0])]
+    )
+    (both,) = over_all(summary(table)).to_dict("records")
+    assert (both["experiments"], both["log_score"]) == (2, pytest.approx(-2.0))
