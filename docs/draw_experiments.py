@@ -9,7 +9,7 @@ import matplotlib as mpl
 import pandas as pd
 
 mpl.use("svg")
-import matplotlib.pyplot as plt  # noqa: E402 - the backend comes first
+import matplotlib.pyplot as plt
 
 HERE = Path(__file__).parent
 INKS = {
