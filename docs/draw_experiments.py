@@ -21,8 +21,13 @@ NAMES = {
     "mcl": "ordinary MCL", "paper-letter": "the paper's letter", "amcl": "augmented MCL",
 }  # fmt: skip
 NEVER = 68
-STYLE = {"font.size": 9, "svg.hashsalt": "clustermcl", "svg.fonttype": "none", "axes.spines.top": False,
-         "axes.spines.right": False}  # fmt: skip
+STYLE = {
+    "font.size": 9,
+    "svg.hashsalt": "clustermcl",
+    "svg.fonttype": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
 
 def main() -> None:
