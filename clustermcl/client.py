@@ -29,7 +29,7 @@ from protocol.answers import (
     Update,
 )
 from protocol.codec import decode
-from protocol.errors import ClusterMclError, UnreachableError
+from protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Circle, Covariance, Message, PoseTuple
 from protocol.steps import MapMessage
@@ -44,14 +44,6 @@ _PAUSE_S = 0.1
 _POLL_S = 0.1
 _KEPT_MESSAGES = 256
 _SENDER = "client"
-
-
-class CommandRefusedError(ClusterMclError):
-    """The system understood a command and will not carry it out."""
-
-    def __init__(self, *, command: str, problem: str) -> None:
-        self.command, self.problem = command, problem
-        super().__init__(problem)
 
 
 class NotLocalizedError(ClusterMclError):

@@ -4,6 +4,7 @@ from collections import Counter
 
 import msgspec
 
+from coordinator.belief.outcome import belief_after
 from coordinator.failover.term import Term
 from coordinator.instructions import PublishBelief, PublishEvents
 from coordinator.state import CoordinatorState
@@ -89,17 +90,4 @@ class Answers:
         outcome, scan = self._state.outcome, self._state.collector.applied
         if outcome is None or scan is None:
             return None
-        return Belief(
-            sender=self._sender,
-            step=outcome.step,
-            stamp_ns=scan.stamp_ns,
-            odom_from_robot=scan.odom_from_robot,
-            state=outcome.state,
-            hypotheses=outcome.hypotheses,
-            searching=outcome.searching,
-            missing=outcome.missing,
-            last=scan.last,
-            term=self._term.number,
-            elsewhere_probability=outcome.elsewhere_probability,
-            search_progress=outcome.search_progress,
-        )
+        return belief_after(scan, outcome, self._sender, self._term.number)

@@ -58,6 +58,13 @@ def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image
     return canvas.resize((size[0] // _FINER, size[1] // _FINER), Image.Resampling.LANCZOS)
 
 
+def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
+    """Where the picture of a map lies: left, right, lower and upper edge [m]."""
+    view, (width, height) = _view_of(grid_map)
+    right_m = view.left_m + width / view.px_per_m
+    return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
+
+
 def _corners(grid_map: MapMessage) -> list[tuple[float, float]]:
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)

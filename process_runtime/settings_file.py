@@ -82,8 +82,12 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
         where: who wants it, for the error.
 
     Raises:
-        SettingsError: it is of the wrong type or out of its range.
+        SettingsError: it is unknown, of the wrong type or out of its range.
     """
+    _check_known(name, where)
+    if name not in TABLE:
+        problem = f"{name} is nav2's name: give {_canonical(name)}"
+        raise SettingsError(key=name, problem=problem, where=where)
     _check(TABLE[name], value, where)
     section, dot, key = name.rpartition(".")
     if not dot:

@@ -59,6 +59,21 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     search_progress: float = 0.0
     """How near the search that runs is to its end, 0 to 1."""
 
+    @property
+    def pose(self) -> PoseTuple | None:
+        """The most probable place: x [m], y [m], heading [rad]; None: there is none yet."""
+        return self.hypotheses[0].mean if self.hypotheses else None
+
+    @property
+    def covariance(self) -> Covariance | None:
+        """Of `pose`, row by row."""
+        return self.hypotheses[0].covariance if self.hypotheses else None
+
+    @property
+    def probability(self) -> float:
+        """That the robot is at `pose`."""
+        return self.hypotheses[0].probability if self.hypotheses else 0.0
+
 
 class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""

@@ -109,6 +109,14 @@ class RefusedError(UnreachableError):
     """Somebody is there and does not answer now; arguments as for `UnreachableError`."""
 
 
+class CommandRefusedError(ClusterMclError):
+    """A command was understood and will not be carried out."""
+
+    def __init__(self, *, command: str, problem: str) -> None:
+        self.command, self.problem = command, problem
+        super().__init__(problem)
+
+
 class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
 

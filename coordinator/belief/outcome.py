@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from coordinator.belief.cluster_set import Cluster
-from protocol.answers import Hypothesis, State
+from protocol.answers import Belief, Hypothesis, State
 from protocol.job_events import Began, Ended, JobEvent
+from protocol.steps import Scan
 from protocol.work import Job
 
 
@@ -36,6 +37,24 @@ class Outcome:
         begun = {event.job_id for event in self.events if isinstance(event, Began)}
         ended = (event.job_id for event in self.events if isinstance(event, Ended))
         return tuple(job_id for job_id in ended if job_id not in begun)
+
+
+def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Belief:
+    """The belief as it is published, after the step of a scan or a command that came then."""
+    return Belief(
+        sender=sender,
+        step=outcome.step,
+        stamp_ns=scan.stamp_ns,
+        odom_from_robot=scan.odom_from_robot,
+        state=outcome.state,
+        hypotheses=outcome.hypotheses,
+        searching=outcome.searching,
+        missing=outcome.missing,
+        last=scan.last,
+        term=term,
+        elsewhere_probability=outcome.elsewhere_probability,
+        search_progress=outcome.search_progress,
+    )
 
 
 def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:

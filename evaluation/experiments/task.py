@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from coordinator.belief.outcome import Outcome
+from coordinator.belief.outcome import Outcome, belief_after
 from evaluation.experiments.case import ALGORITHMS, Algorithm, Case
 from evaluation.experiments.course import Course, course_of
 from evaluation.experiments.measures import Counts, RunMeasures
@@ -16,7 +16,6 @@ from evaluation.experiments.observer import Observer
 from evaluation.experiments.trace import Trace
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
-from protocol.answers import Belief
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -114,19 +113,7 @@ class Run:
         if recorder.wants_map(scan):
             recorder.on_map(self.course.map, scan.stamp_ns)
         recorder.on_scan(scan)
-        recorder.on_belief(
-            Belief(
-                sender=scan.sender,
-                step=scan.step,
-                stamp_ns=scan.stamp_ns,
-                odom_from_robot=scan.odom_from_robot,
-                state=outcome.state,
-                hypotheses=outcome.hypotheses,
-                searching=outcome.searching,
-                missing=outcome.missing,
-                elsewhere_probability=outcome.elsewhere_probability,
-            )
-        )
+        recorder.on_belief(belief_after(scan, outcome, scan.sender))
 
     def _scans(self, truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:
         """The scans alone, while the truth at each is put aside."""

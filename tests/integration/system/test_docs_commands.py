@@ -139,6 +139,18 @@ def test_a_block_that_needs_no_robot(block: Block, folder: Path, short_folder: s
     assert said or (into and (folder / into[1]).stat().st_size)
 
 
+@pytest.mark.parametrize("block", marked("offline", "python"), ids=str)
+def test_a_program_that_needs_no_robot(
+    block: Block,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    exec(compile(block.text, block.page, "exec"), {})
+    assert re.search("localized|ambiguous|searching", capsys.readouterr().out)
+
+
 @pytest.fixture(scope="module")
 def robot(start_stack: StartStack) -> Settings:
     """A robot in the hall that has driven a while."""

@@ -1,0 +1,213 @@
+"""The library: Cluster-MCL in the caller's process, of the same objects as the processes use."""
+
+import io
+import uuid
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from clustermcl.readings import Reading
+from coordinator.belief.outcome import Outcome, belief_after
+from coordinator.commands import Commands
+from coordinator.pose.odometry_history import OdometryHistory
+from evaluation.in_process import InProcess
+from grid_maps.grid_map import GridMap
+from grid_maps.map_message import to_message
+from live_view.drawing import drawn_picture, extent_m
+from live_view.frames import step_frame
+from process_runtime.settings import Settings
+from process_runtime.settings_file import with_setting
+from protocol import answers
+from protocol.answers import Relocalize, SetPose
+from protocol.errors import CommandRefusedError
+from protocol.message import Circle, Covariance, PoseTuple
+from protocol.steps import Scan
+from protocol.validity import problem_of
+from sensor_bridge.step_maker import StepMaker
+from worker.map_model import default_cache_folder, sensor_model
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+_SENDER = "library"
+_BETWEEN_READINGS_NS = 1_000_000_000
+
+
+class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
+    """The belief after one step: as it is published, and what it takes to draw it."""
+
+    map: GridMap
+    """In which all poses are."""
+    scan: Scan
+    """Of the step."""
+
+    def picture(self) -> "Image":
+        """The map, the places with their probabilities, and the scan from the most probable."""
+        slots = {place.cluster: place.cluster for place in self.hypotheses}
+        frame = step_frame(self, slots, self.scan, None)
+        return drawn_picture(to_message(self.map, _SENDER), frame)
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the picture into a plot of matplotlib, which is to be installed; axes in metres.
+
+        Args:
+            ax: axes to draw into; None: new ones.
+
+        Returns:
+            the axes.
+        """
+        if ax is None:
+            from matplotlib import pyplot  # noqa: PLC0415 - an extra
+
+            ax = pyplot.figure().gca()
+        ax.imshow(self.picture(), extent=extent_m(to_message(self.map, _SENDER)))
+        ax.set(xlabel="x [m]", ylabel="y [m]", title=f"step {self.step}: {self.state}")
+        return ax
+
+    def _repr_png_(self) -> bytes:
+        """The picture, in a notebook."""
+        file = io.BytesIO()
+        self.picture().save(file, "PNG")
+        return file.getvalue()
+
+
+class ClusterMCL:
+    """Localizes one robot in a known map.
+
+        mcl = ClusterMCL(load_map("map.yaml"), robot_from_laser=(0.25, 0.0, 0.0))
+        for reading in read_recording("robot.log"):
+            if belief := mcl.update(reading):
+                print(belief.state, belief.pose)
+
+    With the same seed and readings it believes, bit for bit, what `clustermcl evaluate` and a
+    system of processes believe. Give one object to one thread.
+
+    Args:
+        grid_map: by `load_map`.
+        robot_from_laser: where the laser is on the robot, of readings that do not say: x, y [m],
+            heading [rad].
+        seed: of all random numbers; None: that of the settings.
+        settings: all of them, or those that differ from the defaults by their names, such as
+            ``{"belief.max_clusters": 32}``; `clustermcl settings` lists all.
+
+    Attributes:
+        belief: after the last step or command; None before the first.
+
+    Raises:
+        ValueError: the map has no obstacle.
+        SettingsError: a setting is unknown, of the wrong type or out of its range.
+    """
+
+    def __init__(
+        self,
+        grid_map: GridMap,
+        *,
+        robot_from_laser: PoseTuple = (0.0, 0.0, 0.0),
+        seed: int | None = None,
+        settings: Settings | Mapping[str, object] | None = None,
+    ) -> None:
+        chosen = settings if isinstance(settings, Settings) else Settings()
+        named = dict(settings) if isinstance(settings, Mapping) else {}
+        named |= {} if seed is None else {"seed": seed}
+        for name, value in named.items():
+            chosen = with_setting(chosen, name, value, "ClusterMCL")
+        self.map, self.belief = grid_map, None
+        self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
+        self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
+        model = sensor_model(grid_map, chosen.sensor, default_cache_folder())
+        self._filter = InProcess(model, chosen)
+        self._commands, self._odometry = Commands(), OdometryHistory()
+        self._applied: Scan | None = None
+
+    belief: Belief | None
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Readings that could not be used, by cause."""
+        return self._maker.dropped
+
+    def update(self, reading: Reading, *, force: bool = False) -> Belief | None:
+        """Take the next reading.
+
+        Args:
+            reading: scan, odometry or both, in the order of time.
+            force: make a step of the next scan, also if the robot stands.
+
+        Returns:
+            the belief, if this reading made a step; None: the robot has not moved enough since
+            the last one, or the reading could not be used (`dropped`).
+        """
+        if force:
+            self._maker.force_next()
+        message = reading.as_message(self._stamp_ns, self._robot_from_laser)
+        self._stamp_ns = message.stamp_ns + _BETWEEN_READINGS_NS
+        scan = self._maker.on_reading(message)
+        if self._maker.odometry is not None:
+            self._odometry.add(*self._maker.odometry)
+        return None if scan is None else self._advanced(scan)
+
+    def finish(self) -> Iterator[Belief]:
+        """No reading follows: the beliefs of scans that still waited for later odometry."""
+        while (scan := self._maker.finish()) is not None:
+            yield self._advanced(scan)
+
+    def set_pose(
+        self,
+        map_from_robot: PoseTuple,
+        *,
+        position_sigma_m: float = 0.5,
+        heading_sigma_rad: float = 0.26,
+        covariance: Covariance | None = None,
+    ) -> None:
+        """Give a pose from elsewhere, as `Client.set_pose` does.
+
+        Raises:
+            CommandRefusedError: it cannot be where the robot is.
+            ValueError: a number is not finite, a sigma not positive, or the covariance none.
+        """
+        command = SetPose(
+            sender=_SENDER,
+            command_id=uuid.uuid4().hex,
+            map_from_robot=map_from_robot,
+            position_sigma_m=position_sigma_m,
+            heading_sigma_rad=heading_sigma_rad,
+            covariance=covariance,
+        )
+        if problem := problem_of(command):
+            raise ValueError(f"{map_from_robot} cannot be told: {problem}")
+        self._carry_out(command)
+
+    def relocalize(self, near: Circle | None = None, region: str = "") -> None:
+        """Forget all places and search, as `Client.relocalize` does.
+
+        Raises:
+            CommandRefusedError: there is no such region.
+        """
+        command = Relocalize(sender=_SENDER, command_id=uuid.uuid4().hex, near=near, region=region)
+        self._carry_out(command)
+
+    def _carry_out(self, command: SetPose | Relocalize) -> None:
+        outcome = self._commands.carry_out(
+            command, self._filter.ensemble, self._applied, self._odometry
+        )
+        if problem := self._commands.problem(command.command_id):
+            raise CommandRefusedError(command=type(command).__name__, problem=problem)
+        if outcome is not None and self._applied is not None:
+            self._follow(outcome, self._applied)
+
+    def _advanced(self, scan: Scan) -> Belief:
+        self._applied = scan
+        belief = self._told(self._filter.advance(scan), scan)
+        given = self._commands.carry_out_waiting(self._filter.ensemble, scan, self._odometry)
+        return belief if given is None else self._follow(given, scan)
+
+    def _follow(self, outcome: Outcome, scan: Scan) -> Belief:
+        self._filter.carry_out(outcome)
+        return self._told(outcome, scan)
+
+    def _told(self, outcome: Outcome, scan: Scan) -> Belief:
+        plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
+        self.belief = Belief(**plain, map=self.map, scan=scan)
+        return self.belief

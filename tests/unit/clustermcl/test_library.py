@@ -1,0 +1,189 @@
+"""The library: the beliefs of `evaluate`, from plain numpy arrays."""
+
+import subprocess
+import sys
+import warnings
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clustermcl
+from clustermcl import (
+    Belief,
+    ClusterMCL,
+    CommandRefusedError,
+    Reading,
+    SettingsError,
+    load_map,
+    read_recording,
+)
+from coordinator.belief.outcome import Outcome
+from evaluation.in_process import outcomes
+from grid_maps.map_writer import write_map
+from process_runtime.settings import BridgeSettings
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world
+from sensor_bridge.recording import open_recording, steps_of
+from tests.integration.system.conftest import SMALL
+from worker.map_model import sensor_model
+
+STEPS = 30
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path_factory.getbasetemp() / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+
+
+@pytest.fixture(scope="module")
+def readings() -> list[Reading]:
+    """Odometry and scans of a robot in the cross, as it publishes them."""
+    made = []
+    for tick in islice(Simulation(world("cross_feature"), 3), 150):
+        made += [Reading.of(message) for message in (*tick.odometry, tick.laser)]
+    return made
+
+
+def believed(mcl: ClusterMCL, readings: list[Reading]) -> list[Belief]:
+    return [belief for reading in readings if (belief := mcl.update(reading)) is not None]
+
+
+def evaluated() -> list[Outcome]:
+    """What `evaluate` makes of the same robot."""
+    cross = world("cross_feature")
+    source = SimulatedSource(Simulation(cross, 3), steps=STEPS)
+    scans = (scan for scan, _ in simulated_steps(source, SMALL.bridge, cross.map.digest))
+    model = sensor_model(cross.map, SMALL.sensor, cache_folder=None)
+    return [outcome for _, outcome in outcomes(scans, model, SMALL)]
+
+
+def test_it_believes_what_evaluate_believes_bit_for_bit(readings: list[Reading]) -> None:
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    beliefs, expected = believed(mcl, readings)[:STEPS], evaluated()
+    assert len(beliefs) == STEPS
+    for belief, outcome in zip(beliefs, expected, strict=True):
+        assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
+        assert belief.state == outcome.state
+        assert belief.pose == outcome.hypotheses[0].mean
+
+
+def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
+    hall, log = world("hall"), tmp_path / "robot.log"
+    map_file = write_map(hall.map, tmp_path, "map")
+    lines = []
+    for tick in islice(Simulation(hall, 0), 120):
+        x, y, heading = tick.odometry[0].odom_from_robot
+        words = " ".join(f"{r:.3f}" for r in np.nan_to_num(tick.laser.ranges.array(), posinf=81.8))
+        pose, at = f"{x:.4f} {y:.4f} {heading:.5f}", f"{tick.stamp_ns / 1e9:.3f}"
+        lines.append(f"FLASER 181 {words} {pose} {pose} {at} host {at}")
+    log.write_text("\n".join(lines) + "\n")
+    grid_map = load_map(map_file)
+    bridge = BridgeSettings()
+    steps = steps_of(open_recording(log, bridge), bridge, grid_map.digest)
+    model = sensor_model(grid_map, SMALL.sensor, cache_folder=None)
+    expected = [outcome.hypotheses for _, outcome in outcomes(steps, model, SMALL)]
+    mcl = ClusterMCL(grid_map, settings=SMALL)
+    beliefs = [*believed(mcl, list(read_recording(log))), *mcl.finish()]
+    assert len(expected) > 5
+    assert [belief.hypotheses for belief in beliefs] == expected
+
+
+def test_arrays_make_beliefs_and_a_robot_that_stands_makes_none() -> None:
+    hall = world("hall")
+    mcl = ClusterMCL(hall.map, robot_from_laser=(0.1, 0.0, 0.0), seed=1, settings={
+        "cluster.particles": 300, "search.poses": 4_000,
+    })  # fmt: skip
+    tick = next(iter(Simulation(hall, 0)))
+    laser = tick.laser
+    for odometry, steps in (((0.0, 0.0, 0.0), 1), (np.zeros(3), 1), ([0.3, 0.0, 0.0], 2)):
+        mcl.update(
+            Reading(
+                odometry,
+                laser.ranges.array(),
+                angle_min=laser.angle_min_rad,
+                angle_step=laser.angle_step_rad,
+                range_max=laser.range_max_m,
+            )
+        )
+        assert mcl.belief is not None
+        assert mcl.belief.step == steps - 1
+    assert mcl.update(Reading(np.array([0.3, 0.0, 0.0]), laser.ranges.array(), angle_min=laser.angle_min_rad, angle_step=laser.angle_step_rad, range_max=laser.range_max_m), force=True)  # fmt: skip # noqa: E501
+    assert mcl.belief.scan.robot_from_laser == (0.1, 0.0, 0.0)
+
+
+def test_what_is_no_reading_is_refused_or_counted() -> None:
+    with pytest.raises(ValueError, match="a scan, odometry, or both"):
+        Reading()
+    with pytest.raises(ValueError, match=r"expected \(B,\)"):
+        Reading((0, 0, 0), np.ones((2, 2)))
+    with pytest.raises(ValueError, match="x, y, heading"):
+        Reading((0, 0))
+    mcl = ClusterMCL(world("hall").map, settings=SMALL)
+    assert mcl.update(Reading((np.nan, 0.0, 0.0))) is None
+    assert sum(mcl.dropped.values()) == 1
+
+
+def test_settings_go_by_their_names_and_wrong_ones_are_refused() -> None:
+    hall = world("hall").map
+    for wrong in ("belief.max_cluster", "nonsense", "motion.alpha1", "belief"):
+        with pytest.raises(SettingsError, match=wrong):
+            ClusterMCL(hall, settings={wrong: 8})
+    with pytest.raises(SettingsError, match="expected"):
+        ClusterMCL(hall, settings={"belief.max_clusters": 0})
+
+
+def test_a_pose_can_be_given_and_all_be_forgotten(readings: list[Reading]) -> None:
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    mcl.set_pose((0.0, 0.0, 0.0))  # before the first scan: remembered
+    first = believed(mcl, readings[:20])[0]
+    assert first.pose is not None
+    assert np.hypot(*first.pose[:2]) < 2.0
+    assert first.probability > 0.5
+    mcl.relocalize()
+    assert mcl.belief is not None
+    assert (mcl.belief.state, mcl.belief.hypotheses) == ("searching", ())
+    with pytest.raises(CommandRefusedError, match="unknown region 'attic'"):
+        mcl.relocalize(region="attic")
+    with pytest.raises(ValueError, match="cannot be told"):
+        mcl.set_pose((np.inf, 0.0, 0.0))
+
+
+def test_a_belief_draws_itself(readings: list[Reading]) -> None:
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    belief = believed(mcl, readings[:40])[-1]
+    assert belief._repr_png_().startswith(b"\x89PNG")
+    empty = np.asarray(belief.picture())
+    assert len(np.unique(empty.reshape(-1, 3), axis=0)) > 10
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        pyplot = pytest.importorskip("matplotlib.pyplot", reason="the extra plots is missing")
+        pyplot.switch_backend("agg")
+        axes = belief.plot()
+    assert axes.get_xlim()[0] == pytest.approx(belief.map.map_from_grid[0], abs=1.0)
+    pyplot.close("all")
+
+
+def test_every_public_name_is_there() -> None:
+    for name in clustermcl.__all__:
+        assert getattr(clustermcl, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'Nonsense'"):
+        clustermcl.Nonsense  # noqa: B018 - to see it refused
+
+
+def test_the_import_brings_nothing_with_it() -> None:
+    """0.25 s are asked; without Zenoh, numba and numpy it is a few milliseconds."""
+    code = "import sys, clustermcl; print(*sys.modules)"
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True
+    )
+    heavy = {"zenoh", "numba", "numpy", "scipy", "msgspec", "typer"}
+    assert heavy & set(ran.stdout.split()) == set()
+    code = "import sys; from clustermcl import ClusterMCL; print(*sys.modules)"
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert "zenoh" not in ran.stdout.split()
