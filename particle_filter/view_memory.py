@@ -32,6 +32,11 @@ class ViewMemory(msgspec.Struct, frozen=True):
     """(V, 6) little-endian float32: x [m], y [m] and heading [rad] of a view, seen from where the
     robot is now; its weight; and the variances of that position [m^2] and that heading [rad^2]."""
 
+    @classmethod
+    def of_this_scan(cls) -> "ViewMemory":
+        """A robot that has seen what it sees now, and nothing else."""
+        return cls(np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], "<f4").tobytes())
+
     @property
     def problem(self) -> str | None:
         """Why no robot can have seen this; None where one can."""

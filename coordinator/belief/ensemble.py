@@ -135,7 +135,7 @@ class Ensemble:
         self._events += self.clusters.drop_improbable(step)
         self._follow_search(step, reports)
         if self._lost and not was_lost:
-            self._seen = ViewMemory()  # where the robot may be now it has seen nothing
+            self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
         if not self._search.runs and (self._lost or self._search.is_due(step)):
             self._start_search(step + 1)
         return self._outcome(step, missing)
@@ -323,7 +323,7 @@ class Ensemble:
         protected_until: int = -1,
     ) -> None:
         if newcomers and len(self.clusters):
-            self._seen = ViewMemory()  # what others have seen there tells nothing of these
+            self._seen = ViewMemory.of_this_scan()  # more tells others apart, but not these
         admitted = self.clusters.admit(
             newcomers, step, first_step=first_step, protected_until=protected_until
         )

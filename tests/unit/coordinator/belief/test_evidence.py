@@ -177,3 +177,14 @@ def test_a_place_that_is_new_has_seen_nothing() -> None:
         reports = [tracked("c1", step, 0.25, SOUTH), tracked("c2", step, 0.5, EAST)]
         told.append(probabilities(made.advance(step, reports, TURN))[2])
     assert told[1] > told[0] > 0.5
+
+
+def test_the_scan_by_which_a_place_was_found_is_no_news_of_it() -> None:
+    """Where newcomers came step after step, each scan counted in full."""
+    made = two_places()
+    before = probabilities(made.set_pose(place(0.5, EAST, 0)))
+    reports = [tracked("c0", 1, 0.25, NORTH), tracked("c1", 1, 0.5, SOUTH)]
+    after = probabilities(made.advance(1, reports, TURN))
+    gained = math.log(after[1] / after[0]) - math.log(before[1] / before[0])
+    view = 1.0 - math.exp(-TURN[2] / two_places().settings.belief.view_turn_rad)
+    assert gained == pytest.approx(view * math.log(2.0), rel=0.02)
