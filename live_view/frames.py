@@ -52,6 +52,7 @@ def step_frame(
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
         "elsewhere": elsewhere_probability(belief),
         "scan": [] if scan is None else scan_points_cm(scan),
+        "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
         "truth": truth,
     }
 

@@ -22,6 +22,7 @@ from live_view.admission import Address, Admission
 from live_view.commands import (
     MAX_REQUEST_BYTES,
     Drawn,
+    DriveRobot,
     ShowEarlier,
     ShowPast,
     parsed_request,
@@ -184,6 +185,8 @@ class PageServer:
             pass
         finally:
             room.browsers.discard(browser)
+            if browser.drives:  # nobody is left to stop the robot, or to let it go
+                room.on_event(Commanded(browser, DriveRobot(by_hand=False)))
 
     def _hear(self, room: Room, browser: Browser, text: str | bytes) -> None:
         match parsed_request(text):
@@ -192,6 +195,8 @@ class PageServer:
             case ShowPast() | ShowEarlier() as question:
                 room.on_event(Questioned(browser, question))
             case command if self._commands:
+                if isinstance(command, DriveRobot):
+                    browser.drives = command.by_hand
                 room.on_event(Commanded(browser, command))
             case _:
                 problem = "this page may only look: start it with --allow-commands"

@@ -20,6 +20,8 @@ class Browser:
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         self._backlog = Backlog({})
+        self.drives = False
+        """A person drives the simulated robot on this page."""
         self._send = send
 
     def offer(self, frames: Mapping[str, bytes]) -> None:

@@ -2,8 +2,8 @@
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
-import { hint, markPointed, showAge, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
-import { drawPlot, SHOWN_STEPS, stepAt } from "./plot.js";
+import { hint, markRows, seconds, showAge, showBeams, showClusters, showEvents, showPose, showRobots, showStep, showWorkers } from "./panel.js";
+import { drawPlot, rowText, SHOWN_STEPS, stepAt } from "./plot.js";
 import { steer } from "./steering.js";
 import { ROW_PLACES, StepRows } from "./step_rows.js";
 import { TimeTravel } from "./time_travel.js";
@@ -16,6 +16,7 @@ const view = new MapView($("map"));
 const slots = new Map(); // of every cluster there has been
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let system = {};
+let hovered = null; // step of the plot under the pointer
 
 const known = new StepRows((before) => connection.send({ type: "earlier", before }));
 const connection = new Connection(take, () => {
@@ -124,7 +125,7 @@ function showBesides() {
   if (travel.at !== null) return;
   if (now.step) {
     showStep(now.step);
-    showClusters(now.step.places, view.pointed, now.elsewhere);
+    showClusters(now.step.places, view, now.elsewhere);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
   if (now.eventsDue) showTheEvents(now.events);
@@ -162,8 +163,9 @@ function showPast(frames) {
   const clouds = Object.entries(frames).filter(([topic]) => topic.startsWith("cloud "));
   showMap({ step: frames.step, clouds: new Map(clouds.map(([, cloud]) => [cloud.cluster, cloud])) });
   showStep(frames.step);
-  showClusters(frames.step.places, view.pointed, frames.step.elsewhere);
-  if (frames.pose) showPose(frames.pose, null);
+  showClusters(frames.step.places, view, frames.step.elsewhere);
+  const ago = `${seconds(now.step.stamp_s - frames.step.stamp_s)} before ${travel.newest === "End" ? "the end" : "now"}`;
+  if (frames.pose) showPose(frames.pose, null, ago);
   if (frames.status) showWorkers(frames.status);
   showTheEvents(frames.events);
   showRows();
@@ -175,7 +177,7 @@ function showTheEvents(events) {
 }
 
 function plotAgain() {
-  drawPlot($("plot"), known.rows, known.oldest, travel.at);
+  drawPlot($("plot"), known.rows, known.oldest, travel.at, hovered);
 }
 
 function showMap({ step, clouds }) {
@@ -226,20 +228,36 @@ function showLink() {
 $("clusters").addEventListener("click", ({ target }) => {
   const cluster = Number(target.closest("li")?.dataset.cluster);
   const place = view.step?.places.find((one) => one.cluster === cluster);
-  if (place) view.lookAt(place.pose);
+  if (!place) return;
+  view.lookAt(place.pose);
+  view.select(view.selected === cluster ? null : cluster);
 });
 $("clusters").addEventListener("pointermove", ({ target }) => {
   const cluster = target.closest("li")?.dataset.cluster;
   view.point(cluster === undefined ? null : Number(cluster));
 });
 $("clusters").addEventListener("pointerleave", () => view.point(null));
-view.onPointed = () => markPointed(view.pointed);
+view.onPointed = () => markRows(view);
 $("plot").addEventListener("click", (event) => {
   const step = stepAt($("plot"), known.rows, known.oldest, travel.at, event.offsetX);
   if (step !== null) travel.goTo(step);
 });
 
+$("plot").addEventListener("pointermove", (event) => {
+  hovered = stepAt($("plot"), known.rows, known.oldest, travel.at, event.offsetX);
+  const row = known.rows.find(([step]) => step === hovered);
+  $("plot-at").hidden = !row;
+  $("plot-at").textContent = row ? rowText(row) : "";
+  plotAgain();
+});
+$("plot").addEventListener("pointerleave", () => {
+  hovered = null;
+  $("plot-at").hidden = true;
+  plotAgain();
+});
+
 view.onDrawn = () => {
+  showBeams(view.selected, view.beams);
   const length = view.roundLength(110);
   $("scale").firstElementChild.style.width = `${length * view.view.scale}px`;
   $("scale").lastElementChild.textContent = `${length} m`;
@@ -248,7 +266,7 @@ view.onDrawn = () => {
 setInterval(showAge, 200);
 new ResizeObserver(plotAgain).observe($("plot"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", plotAgain);
-showClusters([], null);
+showClusters([], view);
 showEvents([], slots);
 connection.open();
 

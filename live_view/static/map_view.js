@@ -1,12 +1,13 @@
 // The map with everything in it: drawn when something has changed, never twice in a frame.
+import { BEAM_COLOURS, judgedBeams } from "./beams.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { drawLabels, drawPlace, drawPlacing, drawTruth } from "./symbols.js";
+import { drawLabels, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
 import { drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters that say their percentage, where there is room; the others are small
-const ABOVE = 68, BELOW = 118; // what stands over the map [px]
+const MARGIN = 16; // around the map, and what stands over it [px]
 const ZOOM_RANGE = [0.5, 2000]; // pixels a metre
 
 export class MapView {
@@ -17,7 +18,10 @@ export class MapView {
     this.step = null;
     this.rows = []; // of the steps so far, up to that one
     this.clouds = new Map(); // particles by cluster
+    this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
     this.pointed = null; // cluster under the pointer
+    this.selected = null; // the cluster whose beams are judged
+    this.ruler = null; // { from: [x, y], to: [x, y] }
     this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
     this.follow = this.isFitted = false;
     this.faded = false;
@@ -68,8 +72,11 @@ export class MapView {
     const xs = corners.map((corner) => corner[0]), ys = corners.map((corner) => corner[1]);
     const [west, east, south, north] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    const scale = bounded(Math.min((width - 48) / (east - west), (height - ABOVE - BELOW) / (north - south)));
-    this.view = { x: (west + east) / 2, y: (south + north - (BELOW - ABOVE) / scale) / 2, scale };
+    const actions = document.getElementById("actions");
+    const above = actions.offsetTop + actions.offsetHeight + MARGIN;
+    const below = height - document.getElementById("below").offsetTop + MARGIN;
+    const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), (height - above - below) / (north - south)));
+    this.view = { x: (west + east) / 2, y: (south + north - (below - above) / scale) / 2, scale };
     this.setFollow(false);
     this.isFitted = true;
   }
@@ -131,6 +138,30 @@ export class MapView {
     this.redraw();
   }
 
+  /** Judge the beams of a cluster; null: of none. */
+  select(cluster) {
+    this.selected = cluster;
+    this.onPointed();
+    this.redraw();
+  }
+
+  toggle(layer) {
+    if (!this.layers.delete(layer)) this.layers.add(layer);
+    this.redraw();
+    return this.layers.has(layer);
+  }
+
+  /** As it is drawn, on the ground of unknown cells: a PNG. */
+  picture() {
+    this.draw();
+    const copy = document.createElement("canvas"), context = copy.getContext("2d");
+    [copy.width, copy.height] = [this.canvas.width, this.canvas.height];
+    context.fillStyle = themed("--map-unknown");
+    context.fillRect(0, 0, copy.width, copy.height);
+    context.drawImage(this.canvas, 0, 0);
+    return new Promise((done) => copy.toBlob(done));
+  }
+
   // --- drawing ---
 
   redraw() {
@@ -148,20 +179,26 @@ export class MapView {
     const places = this.step?.places ?? [];
     if (this.follow && places.length) [this.view.x, this.view.y] = places[0].pose;
     const { context, ratio, width, height } = prepared(this.canvas);
+    const { layers } = this;
     this.context = context;
-    if (this.map) this.drawMap(ratio, width, height);
+    this.beams = null;
+    if (this.map && layers.has("map")) this.drawMap(ratio, width, height);
+    if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
     drawWays(this, this.rows, places);
     if (this.step) {
-      drawParticles(this, this.clouds, this.step);
-      this.drawScan(places.find((place) => place.cluster === this.pointed) ?? places[0]);
-      if (this.step.truth) drawTruth(this, this.step.truth);
+      if (layers.has("particles")) drawParticles(this, this.clouds, this.step);
+      const selected = places.find((place) => place.cluster === this.selected);
+      if (selected && this.map && this.step.laser) this.drawBeams(selected);
+      else if (layers.has("scan")) this.drawScan(places.find((place) => place.cluster === this.pointed) ?? places[0]);
+      if (this.step.truth && layers.has("truth")) drawTruth(this, this.step.truth);
       for (let i = places.length - 1; i >= 0; i--) drawPlace(this, places[i]); // the best on top
       const pointed = places.filter((place) => place.cluster === this.pointed);
       drawLabels(this, new Set([...pointed, ...places.slice(0, LABELLED)]));
     }
     context.globalAlpha = 1;
     if (this.placing) drawPlacing(this, this.placing);
+    if (this.ruler) drawRuler(this, this.ruler);
     this.onDrawn();
   }
 
@@ -177,6 +214,46 @@ export class MapView {
     context.imageSmoothingEnabled = view.scale * cell_m < 1.5;
     context.drawImage(picture, 0, -rows, cols, rows);
     context.restore();
+  }
+
+  drawGrid(width, height) {
+    const { context } = this, apart = this.roundLength(110);
+    const [west, north] = this.mapOf([0, 0]), [east, south] = this.mapOf([width, height]);
+    context.strokeStyle = themed("--soft");
+    context.lineWidth = 0.5;
+    context.beginPath();
+    for (let x = Math.ceil(west / apart) * apart; x < east; x += apart) {
+      const left = Math.round(this.screenOf([x, 0])[0]);
+      context.moveTo(left, 0);
+      context.lineTo(left, height);
+    }
+    for (let y = Math.ceil(south / apart) * apart; y < north; y += apart) {
+      const top = Math.round(this.screenOf([0, y])[1]);
+      context.moveTo(0, top);
+      context.lineTo(width, top);
+    }
+    context.stroke();
+  }
+
+  /** Which beams speak for a place, and which against it. */
+  drawBeams(place) {
+    const { context } = this, usual = context.globalAlpha;
+    const { from, judged } = judgedBeams(this.map, place.pose, this.step);
+    this.beams = [0, 0, 0];
+    const start = this.screenOf(from);
+    for (const { to, kind } of judged) {
+      this.beams[kind] += 1;
+      const [left, top] = this.screenOf(to);
+      context.strokeStyle = context.fillStyle = themed(BEAM_COLOURS[kind]);
+      context.globalAlpha = usual * (kind ? 0.55 : 0.2);
+      context.lineWidth = 1;
+      context.beginPath();
+      context.moveTo(...start);
+      context.lineTo(left, top);
+      context.stroke();
+      context.globalAlpha = usual;
+      context.fillRect(left - 2, top - 2, 4, 4);
+    }
   }
 
   drawScan(place) {

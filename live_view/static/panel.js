@@ -1,4 +1,5 @@
 // What stands beside the map.
+import { BEAM_COLOURS } from "./beams.js";
 import { colourOf, isDashed, percent } from "./palette.js";
 
 const $ = (id) => document.getElementById(id);
@@ -6,6 +7,7 @@ const $ = (id) => document.getElementById(id);
 const STALE_AFTER_S = 3;
 
 let pose = null, poseAt = null; // when it came [ms]; null: it is of the past, or recorded
+let before = ""; // how long before now a step that is looked back at was
 let hasEnded = false; // the step that is shown is the run's last
 
 /** Other robots behind the same router, each with a page of its own. */
@@ -30,13 +32,17 @@ export function showStep(frame) {
     ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
   $("step").textContent = frame.step;
   const best = frame.places[0];
-  $("off-box").hidden = $("legend-truth").hidden = !frame.truth;
+  $("off-box").hidden = document.querySelector("[data-layer=truth]").hidden = !frame.truth;
   $("off").textContent = frame.truth && best
     ? `${Math.hypot(best.pose[0] - frame.truth[0], best.pose[1] - frame.truth[1]).toFixed(2)} m` : "–";
 }
 
-export function showPose(frame, at) {
-  [pose, poseAt] = [frame, at];
+/**
+ * @param at when it came [ms]; null: it is of the past, or recorded
+ * @param ago how long before now that was, in words; empty: it is of now
+ */
+export function showPose(frame, at, ago = "") {
+  [pose, poseAt, before] = [frame, at, ago];
   const [x, y, heading] = pose.pose ?? [];
   const sigma = pose.sigma ?? [];
   const told = (value, error, unit) => value === undefined ? ["–"]
@@ -57,7 +63,8 @@ export function showAge() {
   const isRecorded = ["replaying", "finished"].includes(document.documentElement.dataset.link);
   const freshness = hasEnded ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
   $("now").dataset.freshness = freshness;
-  $("freshness").textContent = {
+  announce([$("now").dataset.state, freshness === "fresh" ? "" : freshness, before].filter(Boolean).join(", "));
+  $("freshness").textContent = before || {
     ended: "the run has ended",
     recorded: "recorded",
     none: "no scan yet",
@@ -68,32 +75,56 @@ export function showAge() {
   }[freshness];
 }
 
+/** For who cannot see: what the state is, whenever it is another. */
+function announce(text) {
+  if ($("announced").textContent !== text) $("announced").textContent = text;
+}
+
 export const seconds = (s) => `${s < 10 ? s.toFixed(1) : s.toFixed(0)} s`;
 
-export function showClusters(places, pointed, elsewhere) {
+export function showClusters(places, view, elsewhere) {
+  const focused = document.activeElement.closest("#clusters li")?.dataset.cluster;
   $("cluster-count").textContent = places.length || "";
   const rows = places.map((place) => {
-    const row = element("li");
+    const row = element("li"), button = element("button", "", "row");
     row.style.setProperty("--chip", colourOf(place.slot));
-    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there`;
+    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there, and at its beams`;
     row.dataset.cluster = place.cluster;
-    row.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
+    row.append(button);
+    button.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
     return row;
   });
   if (!places.length) rows.push(element("li", "no place is held possible yet", "more"));
   if (elsewhere != null) {
-    const row = element("li", "", "elsewhere");
+    const row = element("li", "", "elsewhere"), cells = element("span", "", "row");
     row.title = "the probability that the robot is at none of these places";
-    row.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
+    row.append(cells);
+    cells.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
     rows.unshift(row); // in sight, however many places there are
   }
   $("clusters").replaceChildren(...rows);
-  markPointed(pointed);
+  if (focused) document.querySelector(`#clusters li[data-cluster="${focused}"] button`)?.focus({ preventScroll: true });
+  markRows(view);
 }
 
-/** The one row whose cluster is pointed at, here or on the map. */
-export function markPointed(pointed) {
-  for (const row of $("clusters").children) row.classList.toggle("pointed", row.dataset.cluster === String(pointed));
+/** The row whose cluster is pointed at, here or on the map, and the one whose beams are judged. */
+export function markRows({ pointed, selected }) {
+  for (const row of $("clusters").children) {
+    row.classList.toggle("pointed", row.dataset.cluster === String(pointed));
+    row.classList.toggle("selected", row.dataset.cluster === String(selected));
+  }
+}
+
+/** How many beams speak for the place that is selected, and against it. */
+export function showBeams(cluster, counts) {
+  $("beams").hidden = !counts;
+  if (!counts) return;
+  const words = ["hit", "through a wall", "short of one"].map((word, kind) => {
+    const told = element("b", `${counts[kind]} ${word}`);
+    told.style.color = `var(${BEAM_COLOURS[kind]})`;
+    return told;
+  });
+  $("beams").replaceChildren(`beams of c${cluster}:`, ...words);
 }
 
 export function showEvents(events, slots, nothing = "nothing has begun or ended yet") {
@@ -101,23 +132,24 @@ export function showEvents(events, slots, nothing = "nothing has begun or ended 
     const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
     const row = element("li", "", event.kind);
     row.append(slot == null ? element("span") : chip(slot), element("span", event.step, "step"), element("span", event.text));
+    if (event.jobs.length > 1) row.title = event.jobs.join(", ");
     return row;
   });
   $("events").replaceChildren(...(rows.length ? rows : [element("li", nothing, "empty")]));
 }
 
-/** Searches that ended together are one line: there are as many as workers. */
+/** What happened at one step for one cause is one line. */
 function grouped(events) {
   const lines = [];
   for (const event of events) {
-    const before = lines[lines.length - 1];
-    const alike = before && before.step === event.step && before.cause === event.cause;
-    if (alike && event.cause.startsWith("search ")) {
-      before.count += 1;
-      before.text = event.cause.replace("search", `a search by ${before.count} jobs is`).replace("is stopped", "was stopped");
-    } else {
-      lines.push({ ...event, count: 1 });
+    const line = lines[lines.length - 1], what = event.text.slice(event.job.length + 1).replace(/ \([^)]*\)$/, "");
+    if (line?.step !== event.step || line.what !== what) {
+      lines.push({ ...event, what, jobs: [event.job] });
+      continue;
     }
+    line.jobs.push(event.job);
+    const isSearch = event.cause.startsWith("search "), many = what.replace(/^was /, "were ");
+    line.text = isSearch ? `a search by ${line.jobs.length} jobs ${what}` : `${line.jobs[0]} and ${line.jobs.length - 1} more ${many}`;
   }
   return lines;
 }

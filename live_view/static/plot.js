@@ -1,5 +1,5 @@
 // Probability of every cluster over the last steps.
-import { colourOf, isDashed, prepared, themed } from "./palette.js";
+import { colourOf, isDashed, percent, prepared, themed } from "./palette.js";
 
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
 export const SHOWN_STEPS = 300;
@@ -24,8 +24,9 @@ export function stepAt(canvas, rows, oldest, at, left) {
 /**
  * @param oldest step that may be looked back at, though its row may not have come yet
  * @param at the step that is looked back at; null: none
+ * @param hovered the step under the pointer; null: none
  */
-export function drawPlot(canvas, rows, oldest, at) {
+export function drawPlot(canvas, rows, oldest, at, hovered) {
   const { context, width, height } = prepared(canvas);
   const right = width - RIGHT, bottom = height - BOTTOM;
   const [first, last] = span(rows, oldest, at);
@@ -68,13 +69,23 @@ export function drawPlot(canvas, rows, oldest, at) {
     context.fill();
   }
   context.setLineDash([]);
-  if (at === null) return;
   context.strokeStyle = themed("--ink");
   context.lineWidth = 1;
   context.beginPath();
-  context.moveTo(xOf(at), TOP);
-  context.lineTo(xOf(at), bottom);
+  for (const step of [at, hovered]) {
+    if (step === null) continue;
+    context.moveTo(xOf(step), TOP);
+    context.lineTo(xOf(step), bottom);
+  }
   context.stroke();
+}
+
+const TOLD_PLACES = 3;
+
+/** A step and its most probable places in words. */
+export function rowText([step, places]) {
+  const told = places.slice(0, TOLD_PLACES).map(([cluster, , p]) => `c${cluster} ${percent(p)}`);
+  return `step ${step}: ${told.join(", ")}${places.length > TOLD_PLACES ? ", …" : ""}`;
 }
 
 function rowsBetween(rows, first, last) {

@@ -3,10 +3,11 @@ import { Driving } from "./driving.js";
 import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
-const KEY_PAN = 60, KEY_ZOOM = 1.3;
+const KEY_PAN = 60, KEY_ZOOM = 1.3, CLICK_PX = 4;
 const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
 const PLACING = { // what an arrow that is dragged on the map says
   "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
+  "ruler": ["ruler", "Press and drag to measure. Esc: done."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
 };
 
@@ -14,12 +15,13 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const canvas = view.canvas, pointers = new Map();
   const driving = new Driving(send);
   let placing = null; // one of PLACING
+  let pressedAt = [0, 0];
   let drivesAtFirst = null; // whether driving has yet to be switched on; null: nobody has asked for it
 
   const setPlacing = (what) => {
-    placing = what && mayCommand() ? what : null;
-    if (placing) travel.toNow();
-    view.placing = null;
+    placing = what === "ruler" || mayCommand() ? what : null;
+    if (placing && placing !== "ruler") travel.toNow();
+    view.placing = view.ruler = null;
     canvas.classList.toggle("placing", placing !== null);
     for (const [one, [button]] of Object.entries(PLACING)) $(button).setAttribute("aria-pressed", String(one === placing));
     hint(placing ? PLACING[placing][1] : "");
@@ -43,6 +45,16 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     travel.toNow();
     send({ type: "update" });
   };
+  const toggle = (layer) => {
+    document.querySelector(`[data-layer=${layer}]`).setAttribute("aria-pressed", String(view.toggle(layer)));
+  };
+  const save = async () => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(await view.picture());
+    link.download = `${document.title.split(" ")[0]}-step-${view.step?.step ?? 0}.png`;
+    link.click();
+    URL.revokeObjectURL(link.href);
+  };
   const askToRelocalize = () => {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
   };
@@ -60,16 +72,19 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
 
   const startPlacing = (where) => {
     const from = view.mapOf(where);
-    view.placing = { from, to: from, spread: placing === "set_pose" ? USUAL_SPREAD_M : 0 };
+    if (placing === "ruler") view.ruler = { from, to: from };
+    else view.placing = { from, to: from, spread: placing === "set_pose" ? USUAL_SPREAD_M : 0 };
   };
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, at(event));
+    pressedAt = at(event);
     if (!placing) canvas.classList.add("dragging");
     else if (pointers.size === 1) startPlacing(at(event));
   });
   canvas.addEventListener("pointermove", (event) => {
     const before = pointers.get(event.pointerId), now = at(event);
+    $("cursor").textContent = view.mapOf(now).map((m, i) => `${"xy"[i]} ${m.toFixed(2)}`).join("  ") + " m";
     if (!before) {
       view.point(view.clusterAt(now));
       return;
@@ -78,8 +93,8 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
       const other = [...pointers].find(([id]) => id !== event.pointerId)[1];
       const apart = (point) => Math.max(Math.hypot(point[0] - other[0], point[1] - other[1]), 1);
       widen(apart(now) / apart(before), other);
-    } else if (view.placing) {
-      view.placing.to = view.mapOf(now);
+    } else if (view.placing ?? view.ruler) {
+      (view.placing ?? view.ruler).to = view.mapOf(now);
       view.redraw();
     } else {
       view.pan(now[0] - before[0], now[1] - before[1]);
@@ -89,6 +104,8 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const release = (event) => {
     pointers.delete(event.pointerId);
     canvas.classList.remove("dragging");
+    const isClick = Math.hypot(at(event)[0] - pressedAt[0], at(event)[1] - pressedAt[1]) < CLICK_PX;
+    if (!placing && isClick && event.type === "pointerup") view.select(view.clusterAt(at(event)));
     if (!view.placing || pointers.size) return;
     const { from, to, spread } = view.placing, type = placing;
     setPlacing(null);
@@ -118,15 +135,19 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     r: askToRelocalize,
     k: kidnap,
     d: () => drive(!driving.isOn),
-    Escape: () => (placing ? setPlacing(null) : drive(false)),
+    m: () => setPlacing(placing === "ruler" ? null : "ruler"),
+    g: () => toggle("grid"),
+    s: save,
+    "?": () => $("keys").showModal(),
+    Escape: () => (placing ? setPlacing(null) : view.selected !== null ? view.select(null) : drive(false)),
     " ": () => travel.play(!travel.timer),
     ",": () => travel.next(-1),
     ".": () => travel.next(1),
     n: () => travel.toNow(),
   };
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || $("confirm").open) return;
-    if (event.key === " " && event.target instanceof HTMLButtonElement) return; // presses it
+    if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+    if (event.key === " " && event.target.closest("button, summary")) return; // presses it
     if (driving.onKey(event.key, true)) {
       event.preventDefault();
       return;
@@ -144,6 +165,11 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   $("zoom-out").onclick = keys["-"];
   $("fit").onclick = keys.f;
   $("follow").onclick = keys.l;
+  $("ruler").onclick = keys.m;
+  $("save").onclick = save;
+  $("help").onclick = keys["?"];
+  for (const button of $("layers").children) button.onclick = () => toggle(button.dataset.layer);
+  canvas.addEventListener("pointerleave", () => ($("cursor").textContent = ""));
   $("set-pose").onclick = keys.p;
   $("update").onclick = update;
   $("relocalize").onclick = askToRelocalize;
@@ -163,10 +189,11 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     /** Without a system there is nothing to command. */
     onLink() {
       for (const button of $("actions").children) button.disabled = !mayCommand();
-      if (!mayCommand()) {
-        setPlacing(null);
-        drive(false);
-      }
+      if (mayCommand()) return;
+      if (placing !== "ruler" && placing) setPlacing(null);
+      if (!driving.isOn) return;
+      drive(false);
+      hint("Driving has ended: the robot goes on by itself.", true);
     },
     onStatus() {
       $("kidnap").hidden = $("drive").hidden = !isSimulated();

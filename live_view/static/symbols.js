@@ -8,7 +8,7 @@ export function drawPlace(view, place) {
   const colour = colourOf(place.slot);
   const [x, y] = view.screenOf(place.pose);
   const radius = radiusOf(place);
-  drawEllipse(view, place, x, y, colour, usual);
+  if (view.layers.has("ellipses")) drawEllipse(view, place, x, y, colour, usual);
   // The arrow: a disc with a nose; its area tells the probability.
   context.save();
   context.translate(x, y);
@@ -22,7 +22,7 @@ export function drawPlace(view, place) {
   context.stroke();
   context.fillStyle = colour;
   context.fill();
-  if (isDashed(place.slot) || place.cluster === view.pointed) {
+  if (isDashed(place.slot) || [view.pointed, view.selected].includes(place.cluster)) {
     context.setLineDash(isDashed(place.slot) ? [3, 3] : []);
     context.lineWidth = 2;
     context.strokeStyle = themed("--ink");
@@ -102,6 +102,27 @@ export function drawTruth(view, pose) {
     context.stroke();
   }
   context.restore();
+}
+
+/** A distance that is measured, and the direction [degrees, counter-clockwise from x]. */
+export function drawRuler(view, { from, to }) {
+  const { context } = view;
+  const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);
+  const dx = to[0] - from[0], dy = to[1] - from[1], degrees = (Math.atan2(dy, dx) * 180) / Math.PI;
+  const text = `${Math.hypot(dx, dy).toFixed(2)} m, ${degrees.toFixed(0)}°`;
+  context.strokeStyle = themed("--accent");
+  context.lineWidth = 2;
+  context.beginPath();
+  for (const [left, top] of [[x, y], [toX, toY]]) {
+    context.moveTo(left + 4, top);
+    context.arc(left, top, 4, 0, 2 * Math.PI);
+  }
+  context.moveTo(x, y);
+  context.lineTo(toX, toY);
+  context.stroke();
+  context.font = "600 12px system-ui, sans-serif";
+  const width = context.measureText(text).width + 12;
+  drawLabel(view, text, { x: (x + toX) / 2, y: (y + toY) / 2 - 16, width }, themed("--accent"));
 }
 
 /** The arrow that a person is dragging, and two standard deviations of where the robot may be [m]. */

@@ -40,6 +40,7 @@ export class TimeTravel {
     $("slider").value = this.at ?? $("slider").max;
     $("slider-step").textContent = this.at === null ? this.newest.toLowerCase() : `step ${this.at}`;
     $("to-now").disabled = this.at === null;
+    document.documentElement.toggleAttribute("data-past", this.at !== null);
     if (this.linked !== null) {
       [this.linked] = [null];
       this.followLink();

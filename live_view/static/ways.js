@@ -6,12 +6,13 @@ const SHOWN_STEPS = 1000, RECENT_STEPS = 80; // the last ones are drawn stronger
 const JUMP_M = 2;
 
 export function drawWays(view, rows, places) {
-  const { context } = view;
+  const { context, layers } = view;
+  if (!layers.has("trails")) return;
   const ways = new Map(places.slice(0, SHOWN_PLACES).map((place) => [place.cluster, { slot: place.slot, p: place.p, points: [] }]));
   const truth = [];
   for (const [, past, real] of rows.slice(-SHOWN_STEPS)) {
     for (const [cluster, , , x, y] of past) ways.get(cluster)?.points.push([x, y]);
-    if (real) truth.push(real);
+    if (real && layers.has("truth")) truth.push(real);
   }
   const usual = context.globalAlpha;
   context.lineJoin = context.lineCap = "round";

@@ -1,5 +1,6 @@
 """What the page draws of what it is told, in a real browser, without a system behind it."""
 
+import importlib.util
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -7,11 +8,13 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from PIL import Image
 
 from live_view.commands import DriveRobot, KidnapRobot, PlaceRobot
 from live_view.saved_page import saved_page
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
+from protocol.job_events import Ended, JobEvents, NumberedEvent
 from protocol.steps import TruePose
 from protocol.work import TrackReport
 from tests.integration.live_view.page import Page, press
@@ -20,6 +23,7 @@ from tests.integration.waiting import wait_until
 from tests.unit.live_view.messages import (
     belief,
     events,
+    hypothesis,
     pose,
     report,
     scan,
@@ -412,6 +416,7 @@ def test_nothing_covers_a_button(stage: Stage, drawn: Page, pictures: Path, widt
 
 COVERED_BUTTONS = """
 return [...document.querySelectorAll("#stage button, #stage input")].filter((button) => {
+  button.scrollIntoView({block: "nearest", inline: "center"}); // a narrow legend scrolls
   const {left, right, top, bottom} = button.getBoundingClientRect();
   return button.checkVisibility() && [left + 3, right - 3].some((x) =>
     !button.contains(document.elementFromPoint(x, (top + bottom) / 2)));
@@ -470,3 +475,198 @@ def test_without_a_system_no_command_is_offered(stage: Stage, drawn: Page) -> No
     press(drawn, "pr")
     assert not drawn.is_visible("confirm")
     assert not drawn.is_visible("hint")
+
+
+def test_the_past_looks_like_the_past(stage: Stage, drawn: Page, pictures: Path) -> None:
+    play(stage, range(20))
+    has_steps(stage, drawn, 20)
+    before = drawn.snapshot().pixel_at(5.0, 5.0)
+    tint = "return getComputedStyle(document.getElementById('map')).filter"
+    assert drawn.run(tint) == "none"
+    stage.picture.on_belief(msgspec.structs.replace(belief(20, 1, 2), stamp_ns=35_000_000_007))
+    shows(stage, lambda: shown_step(drawn) == 20)
+    drawn.run("liveView.travel.goTo(7)")
+    shows(stage, lambda: drawn.text("freshness") == "35 s before now")
+    assert drawn.run(tint) != "none"
+    assert drawn.snapshot().pixel_at(5.0, 5.0) == before  # a picture that is saved has no tint
+    drawn.save(pictures / "past.png")
+    press(drawn, "n")
+    shows(stage, lambda: drawn.run(tint) == "none")
+
+
+def test_layers_are_switched(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_scan(scan(5, [1.5, 0.0, 0.0, 0.0]))
+    stage.picture.on_belief(belief(5, 1))
+    shows(stage, lambda: shown_step(drawn) == 5)
+    end = (1.0 + 2.5 * 0.8776, 2.0 + 2.5 * 0.4794)
+    wall = (5.0, 0.02)
+    assert is_scan(drawn, end)
+    assert drawn.snapshot().pixel_at(*wall) == (0x2A, 0x32, 0x3B)
+    for layer in ("scan", "map"):
+        drawn.driver.find_element("css selector", f"[data-layer={layer}]").click()
+    assert not is_scan(drawn, end)
+    assert drawn.snapshot().pixel_at(*wall) != (0x2A, 0x32, 0x3B)
+    before = drawn.snapshot().pixels
+    press(drawn, "g")
+    assert (drawn.snapshot().pixels != before).any(axis=2).sum() > 1000  # a grid
+
+
+def test_a_click_on_a_place_judges_its_beams(stage: Stage, drawn: Page) -> None:
+    """It looks along the wall of a room of 10 m by 6 m, from (1, 2) to the right."""
+    straight = msgspec.structs.replace(hypothesis(1, 0.9), mean=(1.0, 2.0, 0.0))
+    beams = [7.95, 20.0, 7.95, 1.0]  # ahead to the wall; then left, back and right
+    seen = msgspec.structs.replace(scan(5, beams), range_max_m=30.0)
+    stage.picture.on_scan(seen)
+    stage.picture.on_belief(msgspec.structs.replace(belief(5, 1), hypotheses=(straight,)))
+    shows(stage, lambda: shown_step(drawn) == 5)
+    assert not drawn.is_visible("beams")
+    x, y = drawn.snapshot().screen_of(1.0, 2.0)
+    drawn.drag_on_map((x, y), (x, y))
+    shows(stage, lambda: drawn.is_visible("beams"))
+    said = drawn.text("beams")
+    assert "1 hit" in said
+    assert "2 through a wall" in said
+    assert "1 short of one" in said
+    press(drawn, "\ue00c")  # Esc
+    shows(stage, lambda: not drawn.is_visible("beams"))
+
+
+def test_a_distance_is_measured(stage: Stage, drawn: Page) -> None:
+    drawn.click("ruler")
+    snapshot = drawn.snapshot()
+    drawn.drag_on_map(snapshot.screen_of(2.0, 2.0), snapshot.screen_of(5.0, 2.0))
+    ruler = drawn.run("return liveView.view.ruler")
+    assert ruler["to"][0] - ruler["from"][0] == pytest.approx(3.0, abs=0.05)
+    assert drawn.snapshot().view == snapshot.view
+    assert not stage.commands
+    drawn.hover_on_map(snapshot.screen_of(4.0, 3.0))
+    _, x, _, y, unit = drawn.text("cursor").split()
+    assert (float(x), float(y), unit) == (
+        pytest.approx(4.0, abs=0.05),
+        pytest.approx(3.0, abs=0.05),
+        "m",
+    )
+    press(drawn, "m")
+    assert drawn.run("return liveView.view.ruler") is None
+
+
+def test_all_keys_are_told(drawn: Page) -> None:
+    press(drawn, "?")
+    assert drawn.is_visible("keys")
+    assert "kidnap" in drawn.text("keys")
+    press(drawn, "\ue00c")  # Esc
+    assert not drawn.is_visible("keys")
+
+
+def test_a_picture_is_saved(stage: Stage, drawn: Page, tmp_path: Path) -> None:
+    stage.picture.on_belief(belief(5, 1))
+    shows(stage, lambda: shown_step(drawn) == 5)
+    drawn.driver.execute_cdp_cmd(
+        "Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)}
+    )
+    press(drawn, "s")
+    wait_until((tmp_path / "r-step-5.png").exists)
+    with Image.open(tmp_path / "r-step-5.png") as image:
+        assert image.size[0] > 800
+
+
+def test_the_plot_says_what_was_probable_at_a_step(stage: Stage, drawn: Page) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
+
+    play(stage, range(30))
+    has_steps(stage, drawn, 30)
+    plot = drawn.driver.find_element("id", "plot")
+    ActionChains(drawn.driver).move_to_element(plot).perform()
+    assert drawn.text("plot-at").startswith("step ")
+    assert drawn.text("plot-at").endswith("c1 45 %, c2 45 %")
+
+
+def test_what_ends_together_is_one_line(stage: Stage, drawn: Page) -> None:
+    ended = [Ended(f"c{n}", "improbable", (), 1e-5) for n in range(4)]
+    searches = [Ended(f"g{n}", "search over", (), None) for n in range(3)]
+    told = [
+        NumberedEvent(number=n, step=9, stamp_ns=9, event=event)
+        for n, event in enumerate([*ended, *searches])
+    ]
+    stage.picture.on_events(JobEvents(sender="c", events=tuple(told), term=1))
+    listed = "return [...document.querySelectorAll('#events li')].map((li) => li.innerText)"
+    shows(stage, lambda: len(drawn.run(listed)) == 2)
+    searches_line, clusters_line = drawn.run(listed)
+    assert "a search by 3 jobs is over" in searches_line
+    assert "c0 and 3 more became too improbable" in clusters_line
+
+
+def test_driving_ends_when_the_page_goes(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_status(status(processes=(simulator(),)))
+    shows(stage, lambda: drawn.is_visible("drive"))
+    press(drawn, "d")
+    shows(stage, lambda: stage.commands == [DriveRobot(0.0, 0.0)])
+    drawn.driver.get("about:blank")
+    shows(stage, lambda: stage.commands[-1] == DriveRobot(by_hand=False))
+
+
+def test_the_list_is_reached_by_keyboard_and_keeps_the_focus(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(1, 4, 7))
+    shows(stage, lambda: len(drawn.run(ROWS)) == 2)
+    drawn.run("document.querySelector('#clusters li[data-cluster=\"7\"] button').focus()")
+    press(drawn, "\ue007")  # Enter
+    assert drawn.run("return liveView.view.selected") == 7
+    stage.picture.on_belief(belief(2, 7, 4))
+    shows(stage, lambda: drawn.run(ROWS)[0] == "7")
+    assert drawn.run("return document.activeElement.closest('li').dataset.cluster") == "7"
+
+
+def test_every_state_is_announced(stage: Stage, drawn: Page) -> None:
+    assert drawn.run("return document.getElementById('announced').role") == "status"
+    stage.picture.on_belief(belief(1, 4))
+    stage.picture.on_pose(pose(1))
+    shows(stage, lambda: drawn.text("announced") == "ambiguous")
+    stage.picture.on_belief(msgspec.structs.replace(belief(2, 4), state="lost"))
+    stage.picture.on_pose(pose(2, freshness="blind", workers=0))
+    shows(stage, lambda: drawn.text("announced") == "lost, blind")
+
+
+@pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
+@pytest.mark.parametrize("shown", ["now", "past", "blind", "waiting", "keys"])
+def test_axe_finds_nothing_serious(
+    stage: Stage, drawn: Page, pictures: Path, screen: str, shown: str
+) -> None:
+    """Contrast, names and roles, by axe-core's rules for WCAG 2.1 AA."""
+    for step in range(20):
+        stage.picture.on_belief(many_places(step))
+        stage.picture.on_pose(pose(step))
+    stage.picture.on_events(events(3, 15))
+    stage.picture.on_status(status(processes=(simulator(),)))
+    has_steps(stage, drawn, 20)
+    with drawn.on_screen(screen):
+        match shown:
+            case "past":
+                drawn.run("liveView.travel.goTo(7)")
+                shows(stage, lambda: shown_step(drawn) == 7)
+            case "blind":
+                stage.picture.on_pose(pose(19, freshness="blind", workers=0))
+                stage.picture.on_status(status(workers={}))
+                shows(stage, lambda: drawn.text("freshness").startswith("blind"))
+            case "waiting":
+                stage.picture.on_link("no system")
+                shows(stage, lambda: drawn.is_visible("banner"))
+            case "keys":
+                press(drawn, "?")
+        drawn.save(pictures / f"{shown}-{screen}.png")
+        assert serious_problems(drawn) == []
+
+
+def serious_problems(page: Page) -> list[str]:
+    """What axe-core finds on the page, the serious and the critical."""
+    package = importlib.util.find_spec("axe_core_python")
+    if package is None or package.origin is None:
+        pytest.skip("axe-core-python is not installed: pip install 'clustermcl[browser]'")
+    page.run((Path(package.origin).parent / "axe.min.js").read_text())
+    found = page.run_async(
+        "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}).then(done)"
+    )
+    return [
+        f"{violation['id']}: {[(n['html'][:90], n['any'][:1]) for n in violation['nodes'][:3]]}"
+        for violation in found["violations"]
+        if violation["impact"] in ("serious", "critical")
+    ]

@@ -65,6 +65,7 @@ def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None
     wait_until(lambda: not running.is_visible("banner"), 60.0)  # workers may be starting
     wait_until(lambda: running.run("return liveView.view.map !== null"), 60.0)  # it has just begun
     wait_until(lambda: running.text("worker-count") == "2", 60.0)
+    running.driver.find_element("css selector", "#system summary").click()
     wait_until(lambda: running.text("latency").startswith("scan to belief"), 60.0)
 
 
@@ -161,7 +162,7 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("relocalize")
     running.click("confirm-yes")
     wait_until(lambda: "forgotten" in system.causes())
-    wait_until(lambda: "was forgotten by command" in running.text("events"))
+    wait_until(lambda: "forgotten by command" in running.text("events"))
 
 
 MEAN_OF_CLOUD = """
