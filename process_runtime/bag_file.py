@@ -16,12 +16,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, cast
 
+from process_runtime.bag_chunks import bound_library, check_overlaps, check_unpacked
 from process_runtime.compressed import (
     BROKEN_STREAM_ERRORS,
     broken_stream_problem,
     open_decompressed,
     os_problem,
-    too_long_problem,
 )
 from protocol.errors import InputFileError
 
@@ -41,7 +41,6 @@ _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
-_MAX_UNPACKED_BYTES = 2**33
 
 
 @dataclass(frozen=True)
@@ -156,6 +155,7 @@ class BagFile:
         except ImportError as missing:
             problem = "is a ROS bag; to read it, install the extra: pip install 'clustermcl[ros2]'"
             raise self._error(self._path, problem) from missing
+        bound_library()
         try:
             path = self._as_library_wants(stack)
             ros1 = path.suffix == ".bag"
@@ -168,12 +168,15 @@ class BagFile:
                 return stack.enter_context(rosbag2.Reader(file))
 
             try:
-                return entered(path)
+                reader = entered(path)
             except Exception as broken:
                 reader = entered(self._mended(path, broken, stack))
                 if not any(one.msgcount for one in reader.connections):
                     raise
-                return reader
+            if isinstance(reader, rosbag2.Reader):
+                for storage in getattr(reader.storage, "storages", [reader.storage]):
+                    check_overlaps(getattr(storage, "chunks", ()))  # of MCAP only
+            return reader
         except InputFileError:
             raise
         except OSError as failed:
@@ -227,8 +230,7 @@ class BagFile:
             try:
                 while piece := source.read1(2**20):
                     target.write(piece)
-                    if target.tell() > _MAX_UNPACKED_BYTES:
-                        raise self._error(self._path, too_long_problem())
+                    check_unpacked(target.tell())
             except BROKEN_STREAM_ERRORS as broken:
                 self._cut = f"from here on {broken_stream_problem(broken)}"
 

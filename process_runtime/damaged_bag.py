@@ -4,16 +4,17 @@
 new bag; of a chunk that the cut went through, too, as far as it can be unpacked. Needs ``ros2``.
 """
 
-import bz2
 import io
 import shutil
 import sqlite3
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from process_runtime.bag_chunks import MOST_FILE_BYTES, unpacked
 
 _ROS1_START = b"#ROSBAG V2.0\n"
 _ROS1_MESSAGE, _ROS1_CHUNK, _ROS1_CONNECTION = 2, 5, 7
@@ -59,7 +60,7 @@ def _mend_ros1(damaged: Path, mended: Path) -> None:
     with damaged.open("rb") as source, Writer(mended) as writer:
         if source.read(len(_ROS1_START)) != _ROS1_START:
             raise ValueError("its first line is not that of a bag")
-        for head, data in _ros1_messages(source):
+        for head, data in _bounded(_ros1_messages(source)):
             number = head[b"conn"]
             if head[b"op"][0] == _ROS1_CONNECTION and number not in connections:
                 names = _ros1_fields(data)
@@ -79,9 +80,9 @@ def _ros1_messages(source: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], bytes
     """Connections and messages of all chunks, to the cut."""
     for head, data, whole in _ros1_records(source):
         if head[b"op"][0] == _ROS1_CHUNK:
-            unpacked = _unpacker(head[b"compression"].decode())(data)
+            content = unpacked(head[b"compression"].decode(), data)
             inner = (
-                (head, data) for head, data, whole in _ros1_records(io.BytesIO(unpacked)) if whole
+                (head, data) for head, data, whole in _ros1_records(io.BytesIO(content)) if whole
             )
             yield from inner
         elif whole and head[b"op"][0] in (_ROS1_MESSAGE, _ROS1_CONNECTION):
@@ -136,7 +137,7 @@ def _copy_mcap(source: BinaryIO, writer: Any) -> None:
 
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
-    for kind, data in _mcap_contents(source):
+    for kind, data in _bounded(_mcap_contents(source)):
         stream = ReadDataStream(io.BytesIO(data))
         if kind == _MCAP_SCHEMA:
             schema = Schema.read(stream)
@@ -193,7 +194,7 @@ def _mcap_unpacked(chunk: bytes) -> bytes:
     # start time, end time, size, checksum, name of the compression, compressed size, records
     name_size = int.from_bytes(chunk[28:32], "little")
     name, records_at = chunk[32 : 32 + name_size].decode(), 32 + name_size + 8
-    return _unpacker(name)(chunk[records_at:])
+    return unpacked(name, chunk[records_at:])
 
 
 # --- sqlite -------------------------------------------------------------------------------------
@@ -229,23 +230,14 @@ def _copy_rows(source: sqlite3.Connection, target: sqlite3.Connection, table: st
             target.execute(f"INSERT INTO {table} VALUES ({places})", row)
 
 
-# --- chunks -------------------------------------------------------------------------------------
+# --- both
 
 
-def _unpacker(compression: str) -> Callable[[bytes], bytes]:
-    """What unpacks as much as there is of something cut off."""
-    from backports import zstd  # noqa: PLC0415 - comes with rosbags
-    from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - see above
-
-    match compression:
-        case "" | "none":
-            return bytes
-        case "bz2":
-            return bz2.BZ2Decompressor().decompress
-        case "lz4":
-            unpack: Callable[[bytes], bytes] = LZ4FrameDecompressor().decompress
-            return unpack
-        case "zstd":
-            return zstd.ZstdDecompressor().decompress
-        case other:
-            raise ValueError(f"chunks are packed by {other!r:.20}")
+def _bounded(contents: Iterable[tuple[Any, bytes]]) -> Iterator[tuple[Any, bytes]]:
+    """As many as may be written: what a file stands for may be more than any disk holds."""
+    left = MOST_FILE_BYTES
+    for head, data in contents:
+        left -= len(data)
+        if left < 0:
+            return
+        yield head, data

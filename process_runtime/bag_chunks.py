@@ -1,0 +1,94 @@
+"""Chunks of ROS bags, unpacked with a bound: 92 kB of zstd can stand for gigabytes."""
+
+import bz2
+from collections.abc import Iterable
+from functools import cache, partial
+from types import SimpleNamespace
+from typing import Any
+
+MOST_BYTES = 2**26
+"""Of one chunk, or one packed message, once unpacked. Recorders write chunks of a few megabytes."""
+MOST_OVERLAPPING_BYTES = 2**27
+"""Of all chunks that hold messages of one moment: they are unpacked together."""
+MOST_FILE_BYTES = 2**33
+"""Of a whole bag that is packed or damaged; it is unpacked to the disk."""
+
+
+def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
+    """What was packed; of a chunk that is cut off, as much as can be unpacked.
+
+    Args:
+        compression: as ROS 1 and MCAP name it.
+        packed: the bytes.
+        most: how many bytes it may be; never more than `MOST_BYTES`.
+
+    Raises:
+        ValueError: it is more, or packed in another way.
+    """
+    from backports import zstd  # noqa: PLC0415 - comes with rosbags
+    from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - see above
+
+    most = min(most, MOST_BYTES)
+    match compression:
+        case "" | "none":
+            return packed
+        case "bz2":
+            content = bz2.BZ2Decompressor().decompress(packed, most + 1)
+        case "lz4":
+            content = LZ4FrameDecompressor().decompress(packed, most + 1)
+        case "zstd":
+            content = zstd.ZstdDecompressor().decompress(packed, most + 1)
+        case other:
+            raise ValueError(f"chunks are packed by {other!r:.20}")
+    if len(content) > most:
+        raise ValueError(f"a chunk of {len(packed)} bytes unpacks to more than {most}")
+    return content
+
+
+def check_unpacked(count: int) -> None:
+    """Refuse a whole bag that unpacks to more bytes than `MOST_FILE_BYTES`.
+
+    Raises:
+        ValueError: so it does.
+    """
+    if count > MOST_FILE_BYTES:
+        raise ValueError(f"unpacks to more than {MOST_FILE_BYTES} bytes")
+
+
+@cache
+def bound_library() -> None:
+    """Let `rosbags` unpack by `unpacked`; by itself it unpacks whatever a chunk stands for."""
+    from backports import zstd  # noqa: PLC0415 - comes with rosbags
+    from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415 - an extra
+    from rosbags.rosbag2 import reader as ros2  # noqa: PLC0415 - see above
+    from rosbags.rosbag2 import storage_mcap as mcap  # noqa: PLC0415 - see above
+
+    class Bounded(zstd.ZstdFile):
+        def read(self, size: int | None = -1) -> bytes:
+            check_unpacked(self.tell())
+            return super().read(size)
+
+    ros1.decompressors |= {name: partial(unpacked, name) for name in ("bz2", "lz4")}
+    mcap.DECOMPRESSORS |= {name: partial(unpacked, name) for name in ("lz4", "zstd")}
+    bounded: Any = SimpleNamespace(
+        decompress=partial(unpacked, "zstd"), open=lambda file, _mode: Bounded(file)
+    )
+    ros2.zstd = bounded  # type: ignore[attr-defined] # imported there
+
+
+def check_overlaps(chunks: Iterable[Any]) -> None:
+    """Refuse chunks of an MCAP file that would have to be unpacked together.
+
+    Raises:
+        ValueError: those of one moment are more than `MOST_OVERLAPPING_BYTES`.
+    """
+    changes = []
+    for chunk in chunks:
+        changes.append((chunk.message_start_time, 0, chunk.uncompressed_size))
+        end = max(chunk.message_start_time, chunk.message_end_time)
+        changes.append((end, 1, -chunk.uncompressed_size))
+    held = 0
+    for _, _, change in sorted(changes):
+        held += change
+        if held > MOST_OVERLAPPING_BYTES:
+            raise ValueError(f"chunks of {held} bytes, unpacked, hold messages of one moment")
