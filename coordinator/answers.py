@@ -63,6 +63,7 @@ class Answers:
             uptime_s=(now_ns - self._started_ns) / 1e9,
             term=self._term.number,
             newest_step=self._state.newest_step,
+            settings=self._state.newest_settings,
             overloaded=self._state.overload.is_overloaded,
         )
 

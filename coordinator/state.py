@@ -31,10 +31,11 @@ from coordinator.step_collector import ReadyStep, StepCollector
 from particle_filter.arrays import Pose
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose
-from particle_filter.settings import FilterSettings
+from particle_filter.settings import FilterSettings, filter_with, section_with
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
 from protocol.job_events import EndedCause
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Place, Report, TrackJob
@@ -51,6 +52,7 @@ class CoordinatorState:
         bridge: BridgeSettings,
     ) -> None:
         self._seed = filter_settings.seed
+        self._filter_settings, self._bridge, self._live = filter_settings, bridge, AS_STARTED
         self.ensemble = Ensemble(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
@@ -82,6 +84,25 @@ class CoordinatorState:
         """The newest whose scan has arrived, applied or not; -1: none."""
         known = (self.collector.newest_scan, self.collector.applied)
         return max((scan.step for scan in known if scan is not None), default=-1)
+
+    @property
+    def live(self) -> LiveSettings:
+        """The settings that hold at the applied step, in place of those of the start."""
+        return self._live
+
+    @live.setter
+    def live(self, live: LiveSettings) -> None:
+        if live != self._live:
+            self._live = live
+            settings = filter_with(self._filter_settings, live)
+            self.ensemble.use(settings)
+            self.pose.use(settings.motion, section_with(self._bridge, live))
+
+    @property
+    def newest_settings(self) -> LiveSettings:
+        """Those of the newest scan that has arrived."""
+        newest = self.collector.newest_scan
+        return newest.settings if newest is not None else self._live
 
     @property
     def changed(self) -> bool:
@@ -169,6 +190,7 @@ class CoordinatorState:
 
     def apply(self, ready: ReadyStep, now_ns: int) -> None:
         """Decide a step."""
+        self.live = ready.scan.settings
         self._notice_overload(ready, now_ns)
         expected = self.ensemble.expected
         weighing = self.ensemble.clusters.job_ids or expected
@@ -323,6 +345,7 @@ class CoordinatorState:
         self._changed = True
         applied = state.collector.applied
         if applied is not None:
+            self.live = applied.settings
             self.pose.resume(
                 applied.stamp_ns,
                 applied.odom_from_robot,

@@ -13,7 +13,8 @@ from coordinator.belief.outcome import Outcome
 from particle_filter.arrays import Pose
 from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import FilterSettings
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import FilterSettings, filter_with
 from protocol.steps import Scan
 from protocol.work import Assignment, Job
 from worker.jobs import RunningJob, running
@@ -39,12 +40,14 @@ class InProcess:
 
     def __init__(self, model: SensorModel, settings: FilterSettings) -> None:
         self._model, self._settings = model, settings
+        self._started = settings
         self.ensemble = Ensemble(settings)
         self._jobs: dict[str, RunningJob] = {}
         self._odom_from_robot: Pose | None = None
 
     def advance(self, scan: Scan) -> Outcome:
         """What a step comes to; its jobs have begun and ended."""
+        self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
         reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
@@ -54,6 +57,17 @@ class InProcess:
         outcome = self.ensemble.advance(scan.step, reports, moved)
         self.carry_out(outcome)
         return outcome
+
+    def _use(self, settings: FilterSettings) -> None:
+        """Go by the settings that hold at a step."""
+        if settings == self._settings:
+            return
+        if settings.sensor != self._settings.sensor:
+            self._model = computed_model(self._model.grid, settings.sensor)
+        self._settings = settings
+        self.ensemble.use(settings)
+        for job in self._jobs.values():
+            job.use(self._model, settings)
 
     def carry_out(self, outcome: Outcome) -> None:
         """End and begin jobs, also as a command has it."""

@@ -128,6 +128,10 @@ class GlobalSearch:
         self.log_evidence = 0.0
         """Log of the average likelihood of all scans so far over the shard's part of the space."""
 
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Weigh and move by other numbers from the next step on, in the same map."""
+        self._model, self._settings = model, settings
+
     @property
     def left_out_gap(self) -> float:
         """What was left out weighs e^-this of what was kept, or is worse than the best by this."""

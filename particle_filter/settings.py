@@ -4,7 +4,8 @@ They travel inside every job that the coordinator hands out, so that all workers
 filter alike. The defaults are one set for all buildings and recordings.
 """
 
-from typing import Annotated, Literal, TypeAlias
+from functools import lru_cache
+from typing import Annotated, Literal, TypeAlias, TypeVar
 
 import msgspec
 from msgspec import Meta
@@ -298,3 +299,25 @@ class FilterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     cluster: ClusterSettings = ClusterSettings()
     search: SearchSettings = SearchSettings()
     belief: BeliefSettings = BeliefSettings()
+
+
+SectionT = TypeVar("SectionT", bound=msgspec.Struct)
+
+
+def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
+    """A section of the settings with what is live in place of its values.
+
+    Args:
+        section: as the process was started.
+        live: has fields of the same names; None where nothing was changed.
+    """
+    values = {name: getattr(live, name, None) for name in section.__struct_fields__}
+    changed = {name: value for name, value in values.items() if value is not None}
+    return msgspec.structs.replace(section, **changed)
+
+
+@lru_cache(maxsize=8)
+def filter_with(settings: FilterSettings, live: msgspec.Struct) -> FilterSettings:
+    """The filter's numbers with those that are live."""
+    motion, sensor = section_with(settings.motion, live), section_with(settings.sensor, live)
+    return msgspec.structs.replace(settings, motion=motion, sensor=sensor)

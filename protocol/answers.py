@@ -5,6 +5,7 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from protocol.health import Health
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Circle, Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
@@ -157,6 +158,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """The newest whose scan has arrived, applied or not: a bridge that starts goes on after it."""
     search_progress: float = 0.0
     """As in `Belief`."""
+    settings: LiveSettings = AS_STARTED
+    """Of the newest scan."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
@@ -198,6 +201,15 @@ class Update(Message, frozen=True, kw_only=True, tag="update/1"):
 
     command_id: str
     """The same id again does nothing."""
+
+
+class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
+    """Change settings while the robot drives. A query on ``command/configure``.
+
+    The bridge answers; they hold from its next step on, and are all that is live from then on.
+    """
+
+    settings: LiveSettings
 
 
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):

@@ -24,6 +24,7 @@ BRIDGE_ALIVE = "bridge/alive"
 BRIDGE_HEALTH = "bridge/health"
 KIDNAP = "simulator/kidnap"
 UPDATE = "command/update"
+CONFIGURE = "command/configure"
 DRIVE = "simulator/drive"
 
 BELIEF = "belief"
@@ -40,7 +41,7 @@ _CONSTANT = frozenset(
     (
         *(ODOMETRY_READING, LASER_READING, MAP_READING),
         *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE),
-        UPDATE,
+        *(UPDATE, CONFIGURE),
         *(
             BELIEF,
             POSE,

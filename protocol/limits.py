@@ -8,6 +8,7 @@ from typing import Any, get_args
 from protocol import keys
 from protocol.answers import (
     Belief,
+    Configure,
     Drive,
     Hypotheses,
     Kidnap,
@@ -55,6 +56,7 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         keys.RELOCALIZE: Relocalize,
         keys.KIDNAP: Kidnap,
         keys.UPDATE: Update,
+        keys.CONFIGURE: Configure,
         keys.DRIVE: Drive,
         WorkerTopic.ORDER: WorkOrder,
         WorkerTopic.REPORT: Report,

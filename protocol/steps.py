@@ -3,6 +3,7 @@
 import msgspec
 
 from protocol.arrays import ArrayBlob
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Message, PoseTuple
 
 
@@ -90,6 +91,8 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     others: tuple[LaserBeams, ...] = ()
     """What the robot's other lasers saw a moment before. Where it has driven in between, their
     places on it are changed by that, so that all beams are as from this step's pose."""
+    settings: LiveSettings = AS_STARTED
+    """What holds from this step on in place of the settings of the start."""
 
 
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):

@@ -13,18 +13,25 @@ import zenoh
 
 from particle_filter.arrays import OCCUPIED
 from protocol import keys
-from protocol.answers import Relocalize, SetPose, Update
+from protocol.answers import Configure, Relocalize, SetPose, Update
 from protocol.arrays import ArrayBlob
 from protocol.message import Message
 from protocol.steps import LaserReading, MapReading, OdometryReading
-from ros2_bridge.outputs import GiveMap, GivePose, LookOnce, Reading, SearchEverywhere
+from ros2_bridge.outputs import (
+    GiveMap,
+    GivePose,
+    LookOnce,
+    Reading,
+    Reconfigure,
+    SearchEverywhere,
+)
 from zenoh_link.wire import Asked, EventSink, Publisher, Received, ask_later, serve, subscribe
 
 HEARD = (keys.BELIEF, keys.ALL_REPORTS)
 
 _COMMAND_TIMEOUT_S = 5.0
 
-Command: TypeAlias = GivePose | SearchEverywhere | LookOnce
+Command: TypeAlias = GivePose | SearchEverywhere | LookOnce | Reconfigure
 
 
 class CoreLink:
@@ -123,3 +130,5 @@ class CoreLink:
                 return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
             case LookOnce():
                 return keys.UPDATE, Update(sender=name, command_id=command_id)
+            case Reconfigure(settings=settings):
+                return keys.CONFIGURE, Configure(sender=name, settings=settings)

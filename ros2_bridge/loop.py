@@ -29,6 +29,7 @@ from ros2_bridge.outputs import (
     LookOnce,
     Output,
     Publish,
+    Reconfigure,
     Refused,
     SearchEverywhere,
 )
@@ -149,6 +150,7 @@ class BridgeLoop:
             case Received(key=keys.STATUS):
                 self._status = decode_ours(event.payload, Status)
                 self.services.freshness = self._status.freshness
+                self._do(self.services.on_live_settings(self._status.settings))
             case Received():
                 self._on_report(event)
             case Answered(received=received):
@@ -218,7 +220,7 @@ class BridgeLoop:
                     self._bond.end()
                 case GiveMap():
                     self._link.give_map(output)
-                case GivePose() | SearchEverywhere() | LookOnce():
+                case GivePose() | SearchEverywhere() | LookOnce() | Reconfigure():
                     self._link.command(
                         output,
                         lambda answer: self._inbox.put(Answered(answer)),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from grid_maps.grid_map import GridMap
+from protocol.live_settings import LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import LaserReading, OdometryReading
 from ros2_bridge.topics import Topic
@@ -50,6 +51,13 @@ class LookOnce:
 
 
 @dataclass(frozen=True)
+class Reconfigure:
+    """Have the system go by these settings from its next step on."""
+
+    settings: LiveSettings
+
+
+@dataclass(frozen=True)
 class GiveMap:
     """Have the system localize in a map."""
 
@@ -67,5 +75,13 @@ class Refused:
 
 Reading: TypeAlias = LaserReading | OdometryReading
 Output: TypeAlias = (
-    Publish | Bond | Reading | GivePose | SearchEverywhere | LookOnce | GiveMap | Refused
+    Publish
+    | Bond
+    | Reading
+    | GivePose
+    | SearchEverywhere
+    | LookOnce
+    | Reconfigure
+    | GiveMap
+    | Refused
 )

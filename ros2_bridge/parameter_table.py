@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from process_runtime.settings import Settings
+from protocol.live_settings import LiveSettings
 
 Value: TypeAlias = bool | int | float | str
 
@@ -55,8 +56,15 @@ class Parameter:
 
     @property
     def is_live(self) -> bool:
-        """Whether it may be set while the node runs; the others are of other processes."""
-        return self.setting in LIVE
+        """Whether it may be set while the node runs."""
+        return self.setting in LIVE or self.live_name is not None
+
+    @property
+    def live_name(self) -> str | None:
+        """Its field of `LiveSettings`, where it is of other processes and can be set live."""
+        section, _, key = self.setting.rpartition(".")
+        is_live = section in LIVE_SECTIONS and key in LiveSettings.__struct_fields__
+        return key if is_live else None
 
     def value(self, settings: Settings) -> Value:
         """Its value, as the settings are."""
@@ -68,6 +76,7 @@ class Parameter:
         return float(value) if isinstance(self.default, float) else value
 
 
+LIVE_SECTIONS = ("bridge", "motion", "sensor")
 LIVE = frozenset(
     f"ros2.{key}"
     for key in (

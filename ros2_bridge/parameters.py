@@ -2,14 +2,17 @@
 
 from typing import Any
 
+import msgspec
 import numpy as np
 
+from particle_filter.settings import section_with
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol.errors import SettingsError
+from protocol.live_settings import AS_STARTED, LiveSettings
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, response_of
-from ros2_bridge.parameter_table import PARAMETERS, Parameter, Value
+from ros2_bridge.parameter_table import LIVE_SECTIONS, PARAMETERS, Parameter, Value
 
 _NOT_SET = 0
 _TYPES: dict[type, tuple[int, str]] = {
@@ -27,11 +30,19 @@ class Parameters:
     """The node's parameters, which are settings by nav2's names.
 
     Args:
-        settings: of all processes; only the bridge's own can change.
+        settings: of all processes.
     """
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
+        self.live = AS_STARTED
+        """Those of other processes that were set since."""
+
+    def adopt(self, live: LiveSettings) -> None:
+        """Know what was set before this node was there."""
+        self.live = live
+        changed = {name: section_with(getattr(self.settings, name), live) for name in LIVE_SECTIONS}
+        self.settings = msgspec.structs.replace(self.settings, **changed)
 
     def get(self, request: Any) -> Any:
         """Answer `GetParameters`: what there is not is told as not set."""
@@ -86,12 +97,12 @@ class Parameters:
 
     def _set_all(self, parameters: list[Any]) -> Any:
         """Take all of them or none; a `SetParametersResult`."""
-        before, reason = self.settings, ""
+        before, reason = (self.settings, self.live), ""
         try:
             for wanted in parameters:
                 self._set(wanted.name, wanted.value)
         except SettingsError as error:
-            self.settings, reason = before, str(error)
+            (self.settings, self.live), reason = before, str(error)
         result = "rcl_interfaces/msg/SetParametersResult"
         return new(result, successful=not reason, reason=reason)
 
@@ -110,7 +121,7 @@ class Parameters:
             problem = f"{name} is a {type(parameter.default).__name__}"
         else:
             value = getattr(wanted, _FIELDS[wanted.type])
-            if value == parameter.value(self.settings):
+            if value == parameter.value(self.settings) and not parameter.live_name:
                 return
         if parameter is not None and not problem and not parameter.is_live:
             problem = parameter.reason or f"{parameter.setting} is read at the start"
@@ -121,6 +132,8 @@ class Parameters:
         except ValueError as error:
             raise SettingsError(key=name, problem=f"{name} = {value}: {error}") from None
         self.settings = with_setting(self.settings, parameter.setting, setting, name)
+        if parameter.live_name:
+            self.live = msgspec.structs.replace(self.live, **{parameter.live_name: setting})
 
     def _told(self, name: str) -> Any:
         """A parameter as a `ParameterValue`."""

@@ -4,13 +4,14 @@ from collections.abc import Callable
 from typing import Any
 
 from process_runtime.settings import Settings
+from protocol.live_settings import AS_STARTED, LiveSettings
 from ros2_bridge import message_types as types
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
 from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
-from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, SearchEverywhere
+from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, Reconfigure, SearchEverywhere
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.type_descriptions import get_type_description
 
@@ -31,7 +32,7 @@ class Services:
     def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int], node: str) -> None:
         self.lifecycle = Lifecycle()
         self._amcl, self._clock, self._node = amcl, clock, node
-        self._parameters = Parameters(settings)
+        self._parameters, self._is_new = Parameters(settings), True
         self.freshness = "unreachable"
         """As the system told last."""
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
@@ -131,13 +132,29 @@ class Services:
         return new(response_of(types.SET_INITIAL_POSE)), outputs
 
     def _set_parameters(self, request: Any) -> Answer:
-        response = self._parameters.set(request)
+        live, response = self._parameters.live, self._parameters.set(request)
         both = zip(request.parameters, response.results, strict=True)
-        return response, self._use([wanted for wanted, result in both if result.successful])
+        taken = self._use([wanted for wanted, result in both if result.successful])
+        return response, taken + self._reconfigured(live)
 
     def _set_parameters_atomically(self, request: Any) -> Answer:
-        response = self._parameters.set_atomically(request)
-        return response, self._use(request.parameters if response.result.successful else [])
+        live, response = self._parameters.live, self._parameters.set_atomically(request)
+        taken = self._use(request.parameters if response.result.successful else [])
+        return response, taken + self._reconfigured(live)
+
+    def _reconfigured(self, before: LiveSettings) -> list[Output]:
+        live = self._parameters.live
+        return [] if live == before else [Reconfigure(live)]
+
+    def on_live_settings(self, told: LiveSettings) -> list[Output]:
+        """What the system goes by. A new node adopts it; later the system follows the node."""
+        wanted, is_first, self._is_new = self._parameters.live, self._is_new, False
+        if told == wanted:
+            return []
+        if is_first and wanted == AS_STARTED:
+            self._parameters.adopt(told)
+            return []
+        return [Reconfigure(wanted)]
 
     def _use(self, taken: list[Any]) -> list[Output]:
         """Go on with parameters that were set, and tell all nodes."""

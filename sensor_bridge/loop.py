@@ -14,9 +14,10 @@ from process_runtime.logs import CauseCounter
 from process_runtime.settings import BridgeSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief, CommandDone, Status, Update
+from protocol.answers import Belief, CommandDone, Configure, Status, Update
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, RefusedError, printable
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.steps import (
     LaserReading,
     MapMessage,
@@ -99,6 +100,8 @@ class BridgeLoop:
         self._next: Reading | None = None
         self._steps_left = source.steps if source else None
         self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
+        self._live_settings: LiveSettings | None = None
+        """As commanded; None: not yet, and what a coordinator knows counts."""
 
     def run(self, stop: StopFlag) -> None:
         """Serve until told to stop or until deaf; a recording's end does not end it."""
@@ -106,6 +109,7 @@ class BridgeLoop:
         serve(self._session, keys.MAP, self._inbox)
         serve(self._session, keys.SCAN_HISTORY, self._inbox)
         serve(self._session, keys.UPDATE, self._inbox)
+        serve(self._session, keys.CONFIGURE, self._inbox)
         for key in self._extension.serves:
             serve(self._session, key, self._inbox)
         watch(self._session, keys.COORDINATOR_ALIVE, self._inbox)
@@ -218,14 +222,15 @@ class BridgeLoop:
 
         Where those are near the highest that there can be, they begin anew.
         """
-        first_step = 0
+        first_step, live = 0, self._live_settings
         try:
             status = self._status()
+            live = live or status.settings
             known = max(status.step, status.newest_step)
             first_step = known + 1 if known < MAX_SCAN_STEP // 2 else 0
         except ClusterMclError as error:
             _log.info("steps start at 0: %s", error)
-        return StepMaker(
+        maker = StepMaker(
             self._settings,
             first_map.digest,
             self._name,
@@ -233,6 +238,8 @@ class BridgeLoop:
             paced=self._pacing.paced,
             live=self._live,
         )
+        maker.configure(live or AS_STARTED)
+        return maker
 
     def _status(self) -> Status:
         """What a coordinator tells; one that refuses now, for its link has just come back, soon."""
@@ -308,6 +315,9 @@ class BridgeLoop:
         if asked.key == keys.UPDATE:
             self._on_update(asked)
             return
+        if asked.key == keys.CONFIGURE:
+            self._on_configure(asked)
+            return
         if asked.key in self._extension.serves:
             self._extension.serves[asked.key](asked)
             return
@@ -323,6 +333,16 @@ class BridgeLoop:
             return
         scans = tuple(self._history.between(first, last))
         asked.answer(ScanHistory(sender=self._name, scans=scans))
+
+    def _on_configure(self, asked: Asked) -> None:
+        try:
+            self._live_settings = decode(asked.payload, Configure).settings
+        except MalformedMessageError as error:
+            asked.refuse(str(error))
+            raise
+        if self._maker is not None:
+            self._maker.configure(self._live_settings)
+        asked.answer(CommandDone(sender=self._name))
 
     def _on_update(self, asked: Asked) -> None:
         """Make a step of the next scan; the very first becomes one anyway."""

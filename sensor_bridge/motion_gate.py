@@ -29,7 +29,7 @@ class MotionGate:
     """
 
     def __init__(self, settings: BridgeSettings) -> None:
-        self._distance_m, self._turn_rad = settings.gate_distance_m, settings.gate_turn_rad
+        self.settings = settings
         self._last: PoseTuple | None = None
         self._is_open = False
         self.is_held = False
@@ -63,6 +63,7 @@ class MotionGate:
     def _has_moved(self, odom_from_robot: PoseTuple, share: float = 1.0) -> bool:
         if self._last is None:
             return True
+        gate = self.settings
         driven_m = math.dist(odom_from_robot[:2], self._last[:2])
         turned_rad = abs(wrap_angle(odom_from_robot[2] - self._last[2]))
-        return driven_m >= share * self._distance_m or turned_rad >= share * self._turn_rad
+        return driven_m >= share * gate.gate_distance_m or turned_rad >= share * gate.gate_turn_rad

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Iterator
 
 import msgspec
 
+from particle_filter.settings import section_with
 from process_runtime.settings import BridgeSettings
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Scan
@@ -69,6 +71,7 @@ class StepMaker:
         self._map_digest, self._sender = map_digest, sender
         self._paced, self._live = paced, live
         self._next_step = first_step
+        self._settings, self._live_settings = settings, AS_STARTED
         self._gate = MotionGate(settings)
         self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
         self._lasers = LaserInputs()
@@ -111,6 +114,11 @@ class StepMaker:
     def hold(self, is_held: bool) -> None:
         """Make no steps for the time being: those that are made already are too many."""
         self._gate.is_held = is_held
+
+    def configure(self, live: LiveSettings) -> None:
+        """Let these settings hold from the next step on."""
+        self._live_settings = live
+        self._gate.settings = section_with(self._settings, live)
 
     def force_next(self) -> None:
         """Let the next usable scan become a step, however little the robot has moved."""
@@ -243,6 +251,7 @@ class StepMaker:
             live=self._live,
             standing=standing,
             others=self._lasers.used_for(reading, odom_from_robot),
+            settings=self._live_settings,
         )
 
 

@@ -31,6 +31,10 @@ class Elsewhere:
         self._model, self._settings = model, settings
         self._poses = UniformPoses(model.grid, self._rng(0, part=1))
 
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Go on with other numbers."""
+        self._model, self._settings = model, settings
+
     def advance(self, scan: Scan) -> ElsewhereReport:
         """Tell the average likelihood of a scan, just as that of a cluster is told."""
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, self._rng(scan.step))

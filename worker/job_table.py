@@ -86,6 +86,11 @@ class JobTable:
         self._searches.keep_only(self._jobs.values())
         self._reports.keep_only(self._jobs)
 
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Let all jobs go on with other numbers."""
+        for job in self._jobs.values():
+            job.use(model, settings)
+
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
         """The job if it has begun already: an order may come twice."""
         job = self._jobs.get(job_id)

@@ -46,6 +46,9 @@ class RunningJob(Protocol):
     def advance(self, scan: Scan) -> Report:
         """Take the scan of a later step; steps in between are lost."""
 
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Go on with other numbers from the next scan on."""
+
     def handed_on(self) -> Assignment:
         """The same job, from where another worker would carry on with the same numbers."""
 
@@ -108,6 +111,10 @@ class Tracking:
             )
             rules = replace(settings.cluster, particles=job.particles or settings.cluster.particles)
             self._cloud = cluster_filter.drawn_from(poses, log_weights, rules, rng)
+
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Go on with other numbers."""
+        self._model, self._settings = model, settings
 
     def advance(self, scan: Scan) -> TrackReport:
         """Move, weigh, and tell what the cluster makes of the scan."""
@@ -188,6 +195,10 @@ class Searching:
         self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
         self._odom_from_robot: Pose | None = None
 
+    def use(self, model: SensorModel, settings: FilterSettings) -> None:
+        """Go on with other numbers; the slices of a scan that have begun keep theirs."""
+        self._model, self._settings = model, settings
+
     def handed_on(self) -> Assignment:
         """The same job: a search is carried on from its first scan."""
         return self.assignment
@@ -208,6 +219,7 @@ class Searching:
 
     def slices(self, scan: Scan) -> Slices[SearchReport]:
         """As `advance`, in slices; the step counts as done from the first on."""
+        self._search.use(self._model, self._settings)
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
         beams, rng = scan_beams(scan, self._model), self._rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step

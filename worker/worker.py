@@ -1,12 +1,14 @@
 """What one worker decides: told what happened, answers what is to be done."""
 
+from collections import deque
 from dataclasses import dataclass
 
 import msgspec
 
-from particle_filter.settings import FilterSettings, SensorSettings
+from particle_filter.settings import FilterSettings, SensorSettings, filter_with
 from protocol.codec import encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
+from protocol.live_settings import AS_STARTED
 from protocol.steps import MapMessage, Scan
 from protocol.work import OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
 from worker.copies import Copies
@@ -33,7 +35,7 @@ from worker.instructions import (
     PublishReport,
     Warn,
 )
-from worker.job_table import JobTable, MissingScans
+from worker.job_table import RECENT_SCANS, JobTable, MissingScans
 from worker.term_fence import TermFence
 
 HISTORY_TIMEOUT_S = 5.0
@@ -69,6 +71,14 @@ class Worker:
         self._preparing = False
         """The map has been asked for, or its sensor model is being built."""
         self._waiting: _WaitingOrder | None = None
+        self._ordered: FilterSettings | None = None
+        """The filter's numbers, as the last order had them."""
+        self._live = AS_STARTED
+        """What holds in their place, by the newest scan."""
+        self._in_force: FilterSettings | None = None
+        """What the jobs go by."""
+        self._held: deque[Scan] = deque(maxlen=RECENT_SCANS)
+        """Scans that wait for a sensor model with other numbers."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
 
@@ -112,12 +122,35 @@ class Worker:
         if self._is_of_another_map(scan):
             detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
             return [Warn("scan of another map", detail)]
+        if not self._is_prepared(scan):
+            self._held.append(scan)
+            return self._go_on()
         lost = self._table.lost_before(scan)
         if lost is None or self._has_fallen_behind(dropped):
             return _published(self._table.on_scan(scan))
         self._table.wait_for(lost)
         reports = self._table.on_scan(scan)
         return [*_published(reports), *self._fetch(self._table.missing(), LOST_SCANS_TIMEOUT_S)]
+
+    def _is_prepared(self, scan: Scan) -> bool:
+        """Whether the jobs go by the numbers that hold at a scan, or there are none yet."""
+        if self._held:
+            return False
+        self._live = scan.settings
+        if self._built is None or self._ordered is None:
+            return True
+        settings = filter_with(self._ordered, scan.settings)
+        if self._built.model.settings != settings.sensor:
+            return False
+        if self._in_force != settings:
+            self._in_force = settings
+            self._table.use(self._built.model, settings)
+        return True
+
+    def _release(self) -> list[Instruction]:
+        """Take the scans that were held."""
+        held, self._held = self._held, deque(maxlen=RECENT_SCANS)
+        return [do for scan in held for do in self._on_scan(scan, self._dropped)]
 
     def _is_of_another_map(self, scan: Scan) -> bool:
         return self._map is not None and scan.map_digest != self._map.digest
@@ -161,16 +194,25 @@ class Worker:
         return [Warn("order overtaken", detail), Answer(question, self._answer())]
 
     def _go_on(self) -> list[Instruction]:
-        """Follow the order that waits, or get what it needs."""
-        if self._waiting is None:
+        """Follow the order that waits and take the scans that do, or get what they need."""
+        waiting, settings = self._waiting, self._ordered
+        if waiting is not None:
+            settings, digest = waiting.settings, waiting.order.map_digest
+        elif self._held and self._built is not None:
+            digest = self._built.map_digest
+        else:
             return []
-        order, sensor = self._waiting.order, self._waiting.settings.sensor
-        if not order.begin or self._has_model(order.map_digest, sensor):
-            return self._follow(self._waiting)
+        assert settings is not None  # a scan is held only by a worker that has followed an order
+        sensor = filter_with(settings, self._live).sensor
+        has_model = self._has_model(digest, sensor)
+        if waiting is not None and (has_model or not waiting.order.begin):
+            return [*self._follow(waiting), *self._go_on()]
+        if has_model:
+            return self._release()
         if self._preparing:
             return []
         self._preparing = True
-        if self._map is None or self._map.digest != order.map_digest:
+        if self._map is None or self._map.digest != digest:
             return [FetchMap()]
         return [BuildModel(self._map, sensor)]
 
@@ -182,9 +224,12 @@ class Worker:
 
     def _on_map(self, message: MapMessage) -> list[Instruction]:
         self._preparing = False
-        if self._waiting is None:
+        if self._waiting is None and self._built is not None and self._held:
+            expected = self._built.map_digest
+        elif self._waiting is not None:
+            expected = self._waiting.order.map_digest
+        else:
             return []
-        expected = self._waiting.order.map_digest
         if message.digest != expected:
             error = MapMismatchError(worker=self._name, expected=expected, found=message.digest)
             return self._refuse_waiting(error)
@@ -200,7 +245,9 @@ class Worker:
             if not self._fence.check(order):  # once more: it may have waited for long
                 return self._overtaken(waiting.question, order)
             if self._built is not None:
-                self._table.follow(order, self._built.model, waiting.settings)
+                settings = filter_with(waiting.settings, self._live)
+                self._table.follow(order, self._built.model, settings)
+                self._ordered = waiting.settings
         except (OldTermError, ValueError) as error:
             return self._refused(waiting.question, error)
         self._fence.order = order.order

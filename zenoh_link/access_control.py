@@ -80,7 +80,7 @@ _ROLES = {
     "bridge": Rights(
         publishes=(keys.SCAN, keys.ODOMETRY, keys.TRUTH, keys.BRIDGE_HEALTH),
         reads=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING, keys.BELIEF),
-        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE),
+        serves=(keys.MAP, keys.SCAN_HISTORY, keys.KIDNAP, keys.DRIVE, keys.UPDATE, keys.CONFIGURE),
         asks=(keys.STATUS, keys.MAP_READING),
         announces=(keys.BRIDGE_ALIVE,),
         watches=(keys.BRIDGE_ALIVE, keys.COORDINATOR_ALIVE),
@@ -110,13 +110,13 @@ _ROLES = {
         publishes=(keys.ODOMETRY_READING, keys.LASER_READING, keys.MAP_READING),
         reads=(keys.BELIEF, keys.ALL_REPORTS),
         serves=(keys.MAP_READING,),
-        asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+        asks=(keys.STATUS, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.CONFIGURE),
     ),
     "viewer": _VIEWER,
     "operator": Rights(
         reads=_VIEWER.reads,
         asks=(
-            *(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE),
+            *(*_VIEWER.asks, keys.SET_POSE, keys.RELOCALIZE, keys.UPDATE, keys.CONFIGURE),
             *(keys.KIDNAP, keys.DRIVE),
         ),
     ),

@@ -69,7 +69,7 @@ class ClusterSet:
     """All clusters of one robot, in the order of their numbers."""
 
     def __init__(self, rules: BeliefSettings, sensor: SensorSettings) -> None:
-        self._rules, self._sensor = rules, sensor
+        self._rules, self.sensor = rules, sensor
         self._clusters: dict[int, Cluster] = {}
         self._next_cluster = 0
         self.log_elsewhere = 0.0
@@ -186,7 +186,7 @@ class ClusterSet:
         ordered = [reports.get(job_id) for job_id in self.job_ids]
         fit = np.array([r.log_likelihood_per_beam if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
-        misfits = [misfit(best, self._sensor) for best in fit.tolist()]
+        misfits = [misfit(best, self.sensor) for best in fit.tolist()]
         return np.array([share_that_counts(new_view, each, self._rules) for each in misfits])
 
     def carry(

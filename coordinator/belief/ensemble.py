@@ -66,6 +66,10 @@ class Ensemble:
         self._begin: dict[str, Job] = {}
         self._events: list[JobEvent] = []
 
+    def use(self, settings: FilterSettings) -> None:
+        """Go on with other motion and sensor models."""
+        self.settings, self.clusters.sensor = settings, settings.sensor
+
     @property
     def searches(self) -> int:
         """How many have begun."""

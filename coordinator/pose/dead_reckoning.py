@@ -70,6 +70,10 @@ class DeadReckoning:
         self._step: PoseTuple = (0.0, 0.0, 0.0)
         self._piece = self._now = self._step
 
+    def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
+        """Go on with other numbers."""
+        self._motion, self._bridge = motion, bridge
+
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
         """A step was taken there; what odometry said since is counted on as one piece."""
         self._covariance = NO_NOISE
@@ -101,7 +105,7 @@ class BlindDrive:
     """
 
     def __init__(self, bridge: BridgeSettings) -> None:
-        self._bridge = bridge
+        self.bridge = bridge
         self._counted: PoseTuple | None = None
         self.gates = 0.0
 
@@ -112,7 +116,7 @@ class BlindDrive:
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
         """The robot is there now; less than a gate is not counted, or it would be noise."""
         self._counted = self._counted or odom_from_robot
-        gates = gates_between(self._counted, odom_from_robot, self._bridge)
+        gates = gates_between(self._counted, odom_from_robot, self.bridge)
         if gates >= 1.0:
             self._counted = odom_from_robot
             self.gates += gates

@@ -54,6 +54,11 @@ class PoseTracker:
         self._by_scan = True
         self._lateness: Lateness | None = None
 
+    def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
+        """Go on with another motion model and another gate."""
+        self._since_step.use(motion, bridge)
+        self._blind.bridge = bridge
+
     @property
     def live(self) -> bool:
         """Whether stamps are of a clock that runs like any other, as the newest scan said.

@@ -27,6 +27,7 @@ from coordinator.recorder.records import Started, without_bulk
 from coordinator.step_collector import OpenStep
 from particle_filter.view_memory import ViewMemory
 from protocol.job_events import JobEvent, NumberedEvent
+from protocol.live_settings import LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Job, Report, SearchReport
@@ -48,6 +49,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_newer_in_a_row": int,
         },
         "_state": {
+            "live": LiveSettings,
             "outcome": Outcome | None,
             "counters": dict[str, int],
             "steps_applied": int,

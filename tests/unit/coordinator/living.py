@@ -286,8 +286,9 @@ class Living:
             case worker_instructions.FetchMap():
                 told = msgspec.structs.replace(MAP, digest=self.map_digest)
                 self._tell_later(name, worker_events.MapArrived(told))
-            case worker_instructions.BuildModel():
-                assert instruction.settings == self._model.settings
+            case worker_instructions.BuildModel(settings=settings):
+                if settings != self._model.settings:
+                    self._model = computed_model(self._model.grid, settings)
                 self._tell_later(
                     name, worker_events.ModelBuilt(instruction.map.digest, self._model)
                 )

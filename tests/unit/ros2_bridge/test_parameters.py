@@ -13,12 +13,13 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import TABLE
 from protocol.errors import InputFileError, SettingsError
+from protocol.live_settings import LiveSettings
 from ros2_bridge import message_types as types
 from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE
 from ros2_bridge.message_types import decode, encode, new, request_of
 from ros2_bridge.nav2_params import read_nav2_params
-from ros2_bridge.outputs import GivePose
+from ros2_bridge.outputs import GivePose, Reconfigure
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.services import Services
@@ -258,7 +259,9 @@ def test_what_is_the_bridges_own_can_be_set() -> None:
         ("publish", STRING, {"string_value": "all"}, "expected"),
         ("publish", BOOL, {"bool_value": True}, "publish is a str"),
         ("transform_tolerance", DOUBLE, {"double_value": -1.0}, "ros2.transform_tolerance_s"),
-        ("max_beams", INTEGER, {"integer_value": 9}, "sensor.max_beams is read at the start"),
+        ("max_beams", INTEGER, {"integer_value": 0}, "max_beams: sensor.max_beams = 0: expected"),
+        ("alpha1", DOUBLE, {"double_value": -0.1}, "alpha1 = -0.1: a variance is not negative"),
+        ("scan_topic", STRING, {"string_value": "a"}, "ros2.scan_topic is read at the start"),
         ("pf_err", DOUBLE, {"double_value": 9.0}, PARAMETERS["pf_err"].reason),
     ],
 )
@@ -307,7 +310,7 @@ def test_of_several_at_once_all_are_set_or_none() -> None:
 def test_only_what_was_taken_is_told_to_all_nodes() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/robot1/amcl")
     taken = parameter("tf_broadcast", BOOL, bool_value=False)
-    refused = parameter("max_beams", INTEGER, integer_value=9)
+    refused = parameter("max_particles", INTEGER, integer_value=9)
     request = new(request_of(types.SET_PARAMETERS), parameters=[refused, taken])
     _, (told,) = services.call("~/set_parameters", request)
     assert told.message.changed_parameters == [taken]
@@ -318,7 +321,7 @@ def test_only_what_was_taken_is_told_to_all_nodes() -> None:
 
 def test_the_value_it_has_already_can_always_be_set() -> None:
     parameters = Parameters(Settings())
-    assert set_one(parameters, "max_beams", INTEGER, integer_value=60).successful
+    assert set_one(parameters, "max_particles", INTEGER, integer_value=2000).successful
 
 
 @pytest.mark.parametrize(
@@ -340,7 +343,7 @@ def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> Non
     names = ["transform_tolerance", "max_beams", "pf_err", "what"]
     request = new(request_of(types.DESCRIBE_PARAMETERS), names=names)
     told = Parameters(Settings()).describe(request).descriptors
-    assert [one.read_only for one in told] == [False, True, True, False]
+    assert [one.read_only for one in told] == [False, False, True, False]
     assert told[0].description == "ros2.transform_tolerance_s"
     assert told[2].description.startswith("without effect: particles are for each cluster")
     assert told[3].type == 0
@@ -384,3 +387,55 @@ def test_without_a_pose_or_without_the_wish_a_reset_sets_none() -> None:
             services.change(DEACTIVATE)
         services.change(CLEAN_UP)
         assert amcl.settings == settings
+
+
+def set_live(services: Services, *wanted: Any) -> list[Any]:
+    """What is to be done for parameters that are set."""
+    request = new(request_of(types.SET_PARAMETERS), parameters=list(wanted))
+    response, outputs = services.call("~/set_parameters", request)
+    assert all(result.successful for result in response.results)
+    return [one for one in outputs if isinstance(one, Reconfigure)]
+
+
+NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")
+NAV2_LIVE += tuple(f"alpha{number}" for number in range(1, 6))
+NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tolerance")
+
+
+@pytest.mark.parametrize("name", NAV2_LIVE)
+def test_what_nav2_can_change_while_it_drives_and_means_something_here_can_be_set(
+    name: str,
+) -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    value = {"integer_value": 31} if name == "max_beams" else {"double_value": 0.25}
+    told = set_live(services, parameter(name, INTEGER if name == "max_beams" else DOUBLE, **value))
+    names = new(request_of(types.GET_PARAMETERS), names=[name])
+    response, _ = services.call("~/get_parameters", names)
+    (found,) = value.values()
+    assert found == pytest.approx(getattr(response.values[0], next(iter(value))))
+    if not PARAMETERS[name].setting.startswith("ros2."):
+        (reconfigured,) = told
+        setting = PARAMETERS[name].setting.rpartition(".")[2]
+        expected = {setting: PARAMETERS[name].converted(found)}
+        assert reconfigured.settings == LiveSettings(**expected)
+
+
+def test_all_that_was_set_is_told_together_also_what_is_as_the_node_was_started() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
+    (told,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
+    assert told.settings == LiveSettings(turn_noise_per_turn=0.5, max_beams=60)
+    assert set_live(services, parameter("tf_broadcast", BOOL, bool_value=False)) == []
+
+
+def test_a_new_node_knows_what_was_set_before_and_later_tells_who_has_forgotten_it() -> None:
+    services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
+    before = LiveSettings(max_beams=31)
+    assert services.on_live_settings(before) == []
+    names = new(request_of(types.GET_PARAMETERS), names=["max_beams"])
+    response, _ = services.call("~/get_parameters", names)
+    assert response.values[0].integer_value == 31
+    (told,) = set_live(services, parameter("sigma_hit", DOUBLE, double_value=0.3))
+    assert told.settings == LiveSettings(max_beams=31, hit_sigma_m=0.3)
+    assert services.on_live_settings(told.settings) == []
+    assert services.on_live_settings(LiveSettings()) == [told]

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
+from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
 from sensor_bridge.step_history import StepHistory
@@ -47,6 +48,18 @@ def test_or_after_enough_turning_the_short_way_round() -> None:
     headings = (3.0, 3.1, -3.1, -3.0)  # 3.0 to -3.1 is 0.183 rad across the half turn
     steps = made_of(*(laser_reading(i, (0, 0, h)) for i, h in enumerate(headings)))
     assert [step.odom_from_robot[2] for step in steps] == [3.0, -3.0]
+
+
+def test_settings_that_are_live_hold_from_the_next_step_on_and_travel_in_it() -> None:
+    maker, live = a_maker(), LiveSettings(gate_distance_m=0.05, max_beams=9)
+    steps = []
+    for number, reading in enumerate(driving(0.0, 0.05, 0.1, 0.11, 0.16, 0.3, 0.37)):
+        if number in (2, 5):
+            maker.configure(live if number == 2 else AS_STARTED)
+        if (scan := maker.on_reading(reading)) is not None:
+            steps.append(scan)
+    assert [step.odom_from_robot[0] for step in steps] == [0.0, 0.1, 0.16, 0.37]
+    assert [step.settings for step in steps] == [AS_STARTED, live, live, AS_STARTED]
 
 
 def test_a_standing_robot_makes_one_step() -> None:

@@ -1,15 +1,20 @@
 """The worker's decisions: a list of events in, a list of instructions out."""
 
+from typing import Any
+
 import msgspec
 import pytest
 
 from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_models import computed_model
 from protocol.errors import MalformedMessageError, UnreachableError
-from protocol.steps import MapMessage
+from protocol.live_settings import LiveSettings
+from protocol.steps import MapMessage, Scan
 from protocol.work import (
     Assignment,
     Checkpoint,
     OrderAnswer,
+    Report,
     TakeOver,
     WorkerState,
     WorkOrder,
@@ -40,6 +45,7 @@ from worker.instructions import (
     Warn,
 )
 from worker.job_table import MissingScans
+from worker.jobs import running
 from worker.worker import HISTORY_TIMEOUT_S, LOST_SCANS_TIMEOUT_S, Worker
 
 NOBODY = UnreachableError(who="map", problem="no answer on 'map': nobody is there", waited_s=30.0)
@@ -174,6 +180,84 @@ def test_past_scans_of_another_map_are_left_out(tracking: Worker) -> None:
     other = msgspec.structs.replace(scan(2), map_digest="another")
     caught_up = told(tracking, HistoryArrived(MissingScans(2, 3), (other, scan(3))))
     assert reported(caught_up) == [("c0", 3), ("c0", 4)]
+
+
+# --- settings that are live
+
+
+def live(step: int, **values: Any) -> Scan:
+    return msgspec.structs.replace(scan(step), settings=LiveSettings(**values))
+
+
+def reports(instructions: list[Instruction]) -> list[Report]:
+    return [one.report for one in instructions if isinstance(one, PublishReport)]
+
+
+def test_another_motion_model_holds_from_the_scan_on_that_brings_it(
+    tracking: Worker, model: SensorModel
+) -> None:
+    told(tracking, ScanArrived(scan(1)))
+    noisy = {"drive_noise_per_metre": 0.5, "turn_noise_per_metre": 0.7}
+    (report,) = reports(told(tracking, ScanArrived(live(2, **noisy))))
+    motion = msgspec.structs.replace(SETTINGS.motion, **noisy)
+    alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
+    alone.advance(scan(1))
+    alone.use(model, msgspec.structs.replace(SETTINGS, motion=motion))
+    assert report == alone.advance(scan(2))
+    assert report != running(track("c0", cloud()), model, SETTINGS, sender="w").advance(scan(2))
+
+
+def test_scans_with_another_sensor_model_wait_for_it_and_each_is_answered_by_its_own(
+    tracking: Worker, model: SensorModel
+) -> None:
+    wide = msgspec.structs.replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
+    values = {"hit_sigma_m": 0.4, "max_beams": 9}
+    told(tracking, ScanArrived(scan(1)))
+    (build,) = told(tracking, ScanArrived(live(2, **values)))
+    assert isinstance(build, BuildModel)
+    assert build.settings == wide
+    assert told(tracking, ScanArrived(live(3, **values))) == []
+    assert told(tracking, ScanArrived(scan(4))) == []  # and back again
+    other = computed_model(model.grid, wide)
+    *published, again = told(tracking, ModelBuilt("map", other))
+    alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
+    alone.advance(scan(1))
+    alone.use(other, msgspec.structs.replace(SETTINGS, sensor=wide))
+    assert reports(published) == [alone.advance(scan(2)), alone.advance(scan(3))]
+    assert isinstance(again, BuildModel)
+    assert again.settings == SETTINGS.sensor
+    alone.use(model, SETTINGS)
+    assert reports(told(tracking, ModelBuilt("map", model))) == [alone.advance(scan(4))]
+
+
+def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorModel) -> None:
+    values = {"max_beams": 9}
+    fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
+    told(
+        tracking,
+        ScanArrived(live(1, **values)),
+        ModelBuilt("map", computed_model(model.grid, fewer)),
+    )
+    answered = told(tracking, asked(2, track("c1", cloud()), keep=(("c0", 1),)))
+    assert not any(isinstance(one, BuildModel) for one in answered)
+    assert answers(answered)[2].problem == ""
+    assert {one.job_id for one in reports(told(tracking, ScanArrived(live(2, **values))))} == {
+        "c0",
+        "c1",
+    }
+
+
+def test_a_model_that_cannot_be_built_is_asked_for_again_with_the_next_scan(
+    tracking: Worker, model: SensorModel
+) -> None:
+    told(tracking, ScanArrived(live(1, max_beams=9)))
+    assert told(tracking, MapFailed(NOBODY)) == []
+    (fetch,) = told(tracking, ScanArrived(live(2, max_beams=9)))
+    assert fetch == FetchMap()
+    (build,) = told(tracking, MapArrived(grid()))
+    assert isinstance(build, BuildModel)
+    built = computed_model(model.grid, build.settings)
+    assert reported(told(tracking, ModelBuilt("map", built))) == [("c0", 1), ("c0", 2)]
 
 
 # --- orders

@@ -105,9 +105,10 @@ FOLLOWS_FROM_SETTINGS = {
     *("_sender", "_version", "_seed", "settings", "_settings", "_rules", "_sensor", "_motion"),
     *("_bridge", "_snapshot_every_steps", "_stale_after_s", "_stale_ns", "_blind_after_gates"),
     *("_is_folder_named", "_keeps_pose_on_new_map", "_last_poses", "_last_pose_probability"),
-    *("_own_us", "_started_ns", "_began_ns"),
+    *("_own_us", "_started_ns", "_began_ns", "_filter_settings"),
+    *("_live", "sensor", "bridge"),  # set by `_state.live`
 }
-"""Attributes that nothing changes after the coordinator was made."""
+"""Attributes that nothing changes after the coordinator was made, or that `live` settles."""
 
 
 def test_an_attribute_is_in_the_snapshot_or_follows_from_the_settings() -> None:

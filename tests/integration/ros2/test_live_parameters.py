@@ -1,0 +1,100 @@
+"""Parameters set while the robot drives reach all our processes, and stay when these are killed."""
+
+from typing import Any
+
+import pytest
+
+from clustermcl.stack import COORDINATOR
+from coordinator.process import filter_settings
+from evaluation.in_process import outcomes
+from protocol import keys
+from protocol.answers import CommandDone, Configure
+from protocol.live_settings import LiveSettings
+from protocol.steps import Scan, ScanHistory
+from robot_simulator.worlds.catalogue import world
+from ros2_bridge import message_types as types
+from ros2_bridge.message_types import new, request_of
+from tests.integration.faults.system import System
+from tests.integration.ros2.robot import RosRobot
+from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system
+from tests.integration.waiting import wait_until
+from worker.map_model import sensor_model
+from zenoh_link.wire import ask
+
+EXPECTED = LiveSettings(
+    gate_distance_m=0.1, turn_noise_per_turn=0.5, max_beams=31, hit_sigma_m=0.3, hit_weight=0.6
+)
+
+
+def set_parameters(robot: RosRobot, **values: float) -> list[Any]:
+    kind = types.SET_PARAMETERS
+    parameters = []
+    for name, value in values.items():
+        is_whole = isinstance(value, int)
+        fields = {"integer_value": value} if is_whole else {"double_value": value}
+        told = new("rcl_interfaces/msg/ParameterValue", type=2 if is_whole else 3, **fields)
+        parameters.append(new("rcl_interfaces/msg/Parameter", name=name, value=told))
+    request = new(request_of(kind), parameters=parameters)
+    results: list[Any] = robot.call("/amcl/set_parameters", kind, request).results
+    return results
+
+
+def newest_scan(tested: System) -> Scan:
+    return history(tested)[-1]
+
+
+def history(tested: System) -> tuple[Scan, ...]:
+    scans = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=5.0).scans
+    assert scans
+    return scans
+
+
+def kill(tested: System, name: str) -> None:
+    killed = tested.pid(name)
+    tested.hurt(name)
+
+    def is_replaced() -> bool:
+        tested.stack.ended()
+        return tested.stack.pids().get(name, killed) != killed
+
+    wait_until(is_replaced)
+
+
+@pytest.mark.timeout(400)
+def test_what_is_set_holds_from_the_next_step_on_everywhere_and_after_every_take_over() -> None:
+    with robot_and_system() as (tested, robot), tested.client as client:
+        drive = Drive(robot, tested)
+        with drive.driving():
+            wait_until(lambda: tested.beliefs and not tested.beliefs[-1].searching, 120.0)
+            tested.wait_for_steps(3, 60.0)
+            results = set_parameters(
+                robot, update_min_d=0.1, alpha1=0.25, max_beams=31, sigma_hit=0.3, z_hit=0.6
+            )
+            assert [result.reason for result in results] == [""] * 5
+            wait_until(lambda: newest_scan(tested).settings == EXPECTED)
+            tested.wait_for_steps(6, 60.0)
+            kill(tested, COORDINATOR)
+            tested.wait_for_steps(6, 90.0)
+            scans, beliefs = history(tested), list(tested.beliefs)
+            assert client.status().settings == EXPECTED
+            kill(tested, "sensor_bridge")
+            tested.wait_for_steps(3, 90.0)
+            assert newest_scan(tested).settings == EXPECTED
+            # Whoever has forgotten them is told again.
+            done = ask(
+                tested.session, keys.CONFIGURE, CommandDone, timeout_s=5.0,
+                message=Configure(sender="test", settings=LiveSettings()),
+            )  # fmt: skip
+            assert not done.problem
+            wait_until(lambda: newest_scan(tested).settings == LiveSettings(), 60.0)
+            wait_until(lambda: newest_scan(tested).settings == EXPECTED, 60.0)
+    # Every cluster was weighed by these numbers at each step: one process believes the same.
+    assert {scan.settings for scan in scans} == {LiveSettings(), EXPECTED}
+    model = sensor_model(world(WORLD).map, tested.settings.sensor, cache_folder=None)
+    plain = filter_settings(tested.settings)
+    alone = {outcome.step: outcome for _, outcome in outcomes(scans, model, plain)}
+    compared = [belief for belief in beliefs if belief.step in alone]
+    assert compared[-1].step > next(one.step for one in scans if one.settings == EXPECTED) + 5
+    for belief in compared:
+        assert belief.missing == ()
+        assert belief.hypotheses == alone[belief.step].hypotheses, f"step {belief.step}"

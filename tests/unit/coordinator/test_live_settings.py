@@ -1,0 +1,64 @@
+"""Settings that change while a robot drives: told in scans, and known to the next coordinator."""
+
+import msgspec
+import pytest
+
+from coordinator.state import CoordinatorState
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import BridgeSettings
+from protocol.live_settings import AS_STARTED, LiveSettings
+from tests.unit.coordinator import living
+from tests.unit.coordinator.living import Living, scan_of, symmetric_room
+
+LIVE = LiveSettings(turn_noise_per_turn=0.4, hit_weight=0.5, gate_distance_m=0.7)
+
+
+@pytest.fixture(scope="module")
+def model() -> SensorModel:
+    return symmetric_room()
+
+
+def state_of(tested: Living) -> CoordinatorState:
+    assert tested.coordinator is not None
+    return tested.coordinator._state
+
+
+def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:
+    since, blind = state.pose._since_step, state.pose._blind
+    return (
+        state.ensemble.settings.motion.turn_noise_per_turn,
+        since._motion.turn_noise_per_turn,
+        state.ensemble.clusters.sensor.hit_weight,
+        blind.bridge.gate_distance_m,
+    )
+
+
+def test_the_coordinator_goes_by_what_the_applied_scan_brings_and_so_does_the_next_one(
+    model: SensorModel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tested = Living(model)
+    for step in range(4):
+        tested.drive(step)
+    started = (
+        *(living.SETTINGS.motion.turn_noise_per_turn,) * 2,
+        living.SETTINGS.sensor.hit_weight,
+        BridgeSettings().gate_distance_m,
+    )
+    assert goes_by(state_of(tested)) == started
+    monkeypatch.setattr(
+        living, "scan_of", lambda step: msgspec.structs.replace(scan_of(step), settings=LIVE)
+    )
+    tested.drive(4)
+    assert goes_by(state_of(tested)) == (0.4, 0.4, 0.5, 0.7)
+    assert tested.coordinator is not None
+    assert tested.coordinator.status(tested._now_ns, {}).settings == LIVE
+    tested.coordinator = None
+    tested.revive()
+    assert goes_by(state_of(tested)) == (0.4, 0.4, 0.5, 0.7)
+    assert tested.coordinator.status(tested._now_ns, {}).settings == LIVE
+    monkeypatch.undo()
+    tested.drive(5)
+    assert goes_by(state_of(tested)) == started
+    assert state_of(tested).live == AS_STARTED
+    assert FilterSettings() != state_of(tested).ensemble.settings  # those of the test

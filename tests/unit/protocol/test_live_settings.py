@@ -1,0 +1,55 @@
+"""Settings that can change while a robot drives."""
+
+import math
+from typing import Any
+
+import msgspec
+import pytest
+
+from particle_filter.settings import FilterSettings, filter_with, section_with
+from process_runtime.settings import BridgeSettings
+from process_runtime.settings_table import TABLE
+from protocol.live_settings import AS_STARTED, LiveSettings
+
+SECTIONS = ("bridge", "motion", "sensor")
+NUMBERS = (-1, 0, 1e-9, 0.5, 1, 1.5, 2, 65_536, 65_537, 1e9, 1e10, math.nan, math.inf, "1", None)
+
+
+def setting_of(name: str) -> Any:
+    (found,) = [TABLE[f"{one}.{name}"] for one in SECTIONS if f"{one}.{name}" in TABLE]
+    return found.checked_type
+
+
+def fits(value: object, kind: Any) -> bool:
+    try:
+        msgspec.convert(value, kind)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("name", LiveSettings.__struct_fields__)
+def test_each_takes_what_the_setting_of_its_name_takes_if_it_is_a_number_of_this_world(
+    name: str,
+) -> None:
+    for value in NUMBERS[:-1]:
+        taken = fits({name: value}, LiveSettings)
+        if isinstance(value, str) or not abs(value) <= 1e9:
+            assert not taken, value
+        else:
+            assert taken == fits(value, setting_of(name)), value
+
+
+def test_what_is_live_stands_in_for_the_setting_and_all_else_stays() -> None:
+    live = LiveSettings(gate_distance_m=0.5, turn_noise_per_turn=0.3, max_beams=9)
+    settings = filter_with(FilterSettings(seed=7), live)
+    assert (settings.seed, settings.motion.turn_noise_per_turn, settings.sensor.max_beams) == (
+        7,
+        0.3,
+        9,
+    )
+    assert settings.motion.drive_noise_per_metre == FilterSettings().motion.drive_noise_per_metre
+    assert section_with(BridgeSettings(rate=3.0), live) == BridgeSettings(
+        rate=3.0, gate_distance_m=0.5
+    )
+    assert filter_with(FilterSettings(), AS_STARTED) == FilterSettings()
