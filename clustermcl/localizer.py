@@ -11,6 +11,7 @@ import msgspec
 from clustermcl.readings import Reading
 from coordinator.belief.outcome import Outcome, belief_after
 from coordinator.commands import Commands
+from coordinator.free_ground import FreeGround
 from coordinator.pose.odometry_history import OdometryHistory
 from evaluation.in_process import InProcess
 from grid_maps.grid_map import GridMap
@@ -120,6 +121,7 @@ class ClusterMCL:
         self._filter = InProcess(model, chosen)
         self._commands, self._odometry = Commands(), OdometryHistory()
         self._applied: Scan | None = None
+        self._ground = FreeGround.of(grid_map)
 
     belief: Belief | None
 
@@ -190,7 +192,7 @@ class ClusterMCL:
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(
-            command, self._filter.ensemble, self._applied, self._odometry
+            command, self._filter.ensemble, self._applied, self._odometry, self._ground
         )
         if problem := self._commands.problem(command.command_id):
             raise CommandRefusedError(command=type(command).__name__, problem=problem)
@@ -200,8 +202,9 @@ class ClusterMCL:
     def _advanced(self, scan: Scan) -> Belief:
         self._applied = scan
         belief = self._told(self._filter.advance(scan), scan)
-        given = self._commands.carry_out_waiting(self._filter.ensemble, scan, self._odometry)
-        return belief if given is None else self._follow(given, scan)
+        ensemble, ground = self._filter.ensemble, self._ground
+        given = self._commands.carry_out_waiting(ensemble, scan, self._odometry, ground)
+        return self._follow(given, scan) if isinstance(given, Outcome) else belief
 
     def _follow(self, outcome: Outcome, scan: Scan) -> Belief:
         self._filter.carry_out(outcome)

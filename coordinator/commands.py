@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
+from coordinator.free_ground import FreeGround
 from coordinator.pose.dead_reckoning import carried
 from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.random_streams import Purpose
@@ -42,7 +43,7 @@ class CommandsState(msgspec.Struct, frozen=True):
     set_poses: int
     """How many poses have been given; their random streams are numbered by it."""
     waiting: Commanded | None = None
-    """Came before the first step, and is carried out after it."""
+    """Came before the first step, or before the map, and is carried out after both."""
 
 
 class Commands:
@@ -68,42 +69,56 @@ class Commands:
         ensemble: Ensemble,
         applied: Scan | None,
         odometry: OdometryHistory,
+        ground: FreeGround | None,
     ) -> Outcome | None:
         """Do what is commanded, as of the last applied scan.
 
-        What comes before the first scan is remembered until `carry_out_waiting`; of several, the
-        last counts.
+        What comes before the first scan is remembered until `carry_out_waiting`, and so is a pose
+        that comes before the map; of several, the last counts.
 
         Args:
             command: it has an id that is new.
             ensemble: is told.
             applied: the scan of the last step; None before the first.
             odometry: tells how the robot moved since a pose was true.
+            ground: where a robot can be; None: the map has not arrived yet.
 
         Returns:
             None where nothing is done now: it waits, or is refused.
         """
         commanded, problem = _held(command, odometry, ensemble.settings.search.regions)
+        problem = problem or _ground_problem(command, ground)
         self._problems[command.command_id] = problem
         while len(self._problems) > KEPT_COMMANDS:
             del self._problems[next(iter(self._problems))]
         if problem:
             return None
-        if applied is None:
+        if applied is None or not _can_be_judged(command, ground):
             self._waiting = replace(commanded, during_search=ensemble.searches > 0)
             return None
         return self._outcome(commanded, ensemble, applied)
 
     def carry_out_waiting(
-        self, ensemble: Ensemble, applied: Scan, odometry: OdometryHistory
-    ) -> Outcome | None:
-        """Do what was commanded before the first step, which is over now; None: there is nothing.
+        self,
+        ensemble: Ensemble,
+        applied: Scan,
+        odometry: OdometryHistory,
+        ground: FreeGround | None,
+    ) -> Outcome | str | None:
+        """Do what was commanded before the first step, or the map, came.
 
         A search that was asked for before the first one began is that one: it knows of no place.
+
+        Returns:
+            Why it is refused, where it is; None: there is nothing to do.
         """
-        waiting, self._waiting = self._waiting, None
-        if waiting is None:
+        waiting = self._waiting
+        if waiting is None or not _can_be_judged(waiting.command, ground):
             return None
+        self._waiting = None
+        if problem := _ground_problem(waiting.command, ground):
+            self._problems[waiting.command.command_id] = problem
+            return problem
         if isinstance(waiting.command, Relocalize) and not waiting.during_search:
             return None
         if waiting.odom_from_robot is None and (first := odometry.at(odometry.oldest_ns)):
@@ -158,6 +173,20 @@ def _held(
     return Commanded(command, *found), ""
 
 
+def _can_be_judged(command: SetPose | Relocalize, ground: FreeGround | None) -> bool:
+    return ground is not None or isinstance(command, Relocalize)
+
+
+def _ground_problem(command: SetPose | Relocalize, ground: FreeGround | None) -> str:
+    if ground is None or isinstance(command, Relocalize):
+        return ""
+    return ground.problem_of(command.map_from_robot, _covariance(command)) or ""
+
+
+def _covariance(given: SetPose) -> Covariance:
+    return given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
+
+
 def _region_problem(region: str, known: Mapping[str, object]) -> str:
     if not region or region in known:
         return ""
@@ -173,7 +202,7 @@ def _at_step(
     The motion there makes it less certain. What is told of now, after the step, is carried back
     as it is: it gets its noise on the way forth.
     """
-    covariance = given.covariance or diagonal(given.position_sigma_m, given.heading_sigma_rad)
+    covariance = _covariance(given)
     if commanded.odom_from_robot is None:
         return given.map_from_robot, covariance
     forth = commanded.stamp_ns < applied.stamp_ns

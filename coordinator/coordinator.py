@@ -14,8 +14,10 @@ from coordinator.checkpoint import to_bytes
 from coordinator.failover.checkpoint_series import CheckpointSeries
 from coordinator.failover.state_recovery import StateRecovery, Told
 from coordinator.failover.term import Term
+from coordinator.free_ground import FreeGround
 from coordinator.instructions import (
     AnswerCommand,
+    FetchMap,
     FetchScans,
     Instruction,
     PublishCheckpoint,
@@ -149,6 +151,8 @@ class Coordinator:
                 return self._on_time_passed(now_ns)
             case events.CommandArrived(command):
                 return self._on_command(command, now_ns)
+            case events.MapArrived(ground):
+                return self._on_map_arrived(ground, now_ns)
             case events.TimePassed():
                 return self._on_time_passed(now_ns)
             case _:
@@ -236,6 +240,12 @@ class Coordinator:
         problem = commands.problem(command.command_id) or ""
         return [*instructions, AnswerCommand(CommandDone(sender=self._sender, problem=problem))]
 
+    def _on_map_arrived(self, ground: FreeGround, now_ns: int) -> list[Instruction]:
+        """A pose that waited for the map is believed or refused."""
+        believed = self._state.on_map_arrived(ground)
+        published = self._answers.publication(now_ns) if believed else []
+        return [*published, *self._on_time_passed(now_ns)]
+
     def _on_time_passed(self, now_ns: int) -> list[Instruction]:
         """Apply the steps that are due and tell workers what is news to them.
 
@@ -255,6 +265,8 @@ class Coordinator:
         orders = self._state.placement.orders(
             term=self._term.number, map_digest=self.map_digest, now_ns=now_ns
         )
+        if self._state.wants_map(now_ns):
+            instructions.append(FetchMap())
         first = self._checkpoint(now_ns, needed=self._state.changed or bool(orders))
         return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 

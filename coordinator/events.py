@@ -9,6 +9,7 @@ from typing import TypeAlias
 import msgspec
 
 from coordinator.failover.state_recovery import Told
+from coordinator.free_ground import FreeGround
 from protocol.answers import Relocalize, SetPose
 from protocol.steps import OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report
@@ -95,6 +96,12 @@ class CommandArrived(_Fact, frozen=True):
     command: SetPose | Relocalize
 
 
+class MapArrived(_Fact, frozen=True):
+    """The bridge has answered with its map."""
+
+    ground: FreeGround
+
+
 class TimePassed(_Fact, frozen=True):
     """Nothing but time."""
 
@@ -113,5 +120,6 @@ Event: TypeAlias = (
     | LinkLost
     | LinkBack
     | CommandArrived
+    | MapArrived
     | TimePassed
 )

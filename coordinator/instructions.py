@@ -55,6 +55,11 @@ class FetchScans:
 
 
 @dataclass(frozen=True)
+class FetchMap:
+    """Ask the bridge for its map, of which `MapArrived` keeps the free ground."""
+
+
+@dataclass(frozen=True)
 class AnswerCommand:
     """Tell the person who gave a command what came of it."""
 
@@ -68,5 +73,6 @@ Instruction = (
     | PublishEvents
     | PublishBelief
     | FetchScans
+    | FetchMap
     | AnswerCommand
 )

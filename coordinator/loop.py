@@ -15,6 +15,7 @@ from coordinator.events import (
     HistoryArrived,
     LinkBack,
     LinkLost,
+    MapArrived,
     OdometryArrived,
     OrderAnswered,
     ReportArrived,
@@ -25,6 +26,7 @@ from coordinator.events import (
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
+from coordinator.free_ground import FreeGround
 from coordinator.instructions import AnswerCommand, Instruction, PublishBelief
 from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
@@ -34,6 +36,7 @@ from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.report_sizes import check_places, has_too_large_snapshot
 from coordinator.step_collector import without_snapshot
+from grid_maps.map_message import from_message
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.memory import AfterLargeMessages
@@ -44,7 +47,7 @@ from protocol.codec import decode
 from protocol.errors import MalformedMessageError, MapMismatchError, printable
 from protocol.health import Health
 from protocol.keys import WorkerKey, WorkerTopic
-from protocol.steps import OdometryReading, Scan, ScanHistory
+from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
 from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
@@ -177,6 +180,10 @@ class CoordinatorLoop:
                 return OdometryArrived(decode(message.payload, OdometryReading))
             case keys.SCAN_HISTORY:
                 return HistoryArrived(decode(message.payload, ScanHistory).scans)
+            case keys.MAP:
+                self._memory.passed(now_ns / 1e9)
+                grid_map = from_message(decode(message.payload, MapMessage))
+                return MapArrived(FreeGround.of(grid_map))
             case keys.CHECKPOINT:
                 checkpoint = decode(message.payload, Checkpoint)
                 believed = self._trust.believes(checkpoint)

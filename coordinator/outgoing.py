@@ -11,6 +11,7 @@ from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AnswerCommand,
     AskState,
+    FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
@@ -54,6 +55,8 @@ class Outgoing:
                     self._ask(keys.worker_state(worker), self._trust.signed(question))
                 case FetchScans():
                     self._fetch(instruction, time.monotonic() + ASK_AGAIN_WITHIN_S)
+                case FetchMap():
+                    self._ask(keys.MAP)
                 case PublishCheckpoint(checkpoint):
                     self._checkpoints.put(self._trust.signed(checkpoint))
                 case PublishEvents(events):

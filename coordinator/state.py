@@ -22,6 +22,7 @@ from coordinator.checkpoint import (
 )
 from coordinator.commands import Commands
 from coordinator.event_log import EventLog
+from coordinator.free_ground import FreeGround
 from coordinator.map_change import MapChangeDetector
 from coordinator.membership.placement import Placement
 from coordinator.overload import OverloadDetector
@@ -39,6 +40,8 @@ from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Place, Report, TrackJob
+
+ASK_MAP_AGAIN_NS = 2_000_000_000
 
 
 class CoordinatorState:
@@ -66,6 +69,8 @@ class CoordinatorState:
         self.steps_applied = self.reports_missing = 0
         self.overload = OverloadDetector()
         self._map_digest, self._map_changes = "", MapChangeDetector()
+        self._ground: FreeGround | None = None
+        self._map_asked_ns: int | None = None
         self._founded = False
         self._changed = True
 
@@ -130,6 +135,27 @@ class CoordinatorState:
         if scan.map_digest != self._map_digest:
             self.counters["scan of another map"] += 1
         return scan.map_digest == self._map_digest
+
+    @property
+    def _free_ground(self) -> FreeGround | None:
+        known = self._ground
+        return known if known and known.map_digest == self._map_digest else None
+
+    def wants_map(self, now_ns: int) -> bool:
+        """Whether to ask for the map now; poses that are given are compared with it."""
+        asked_ns = self._map_asked_ns
+        if not self._map_digest or self._free_ground is not None:
+            return False
+        if asked_ns is not None and now_ns - asked_ns < ASK_MAP_AGAIN_NS:
+            return False
+        self._map_asked_ns = now_ns
+        return True
+
+    def on_map_arrived(self, ground: FreeGround) -> bool:
+        """The bridge answered; whether a pose that waited for it has been believed."""
+        self._ground = ground
+        applied = self.collector.applied
+        return applied is not None and self._carry_out_waiting(applied)
 
     def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
         """A worker is there; it gets no orders for a while, and has heard no checkpoint yet."""
@@ -203,11 +229,18 @@ class CoordinatorState:
         if not outcome.missing or set(weighing) - set(outcome.missing):
             self.pose.weighed(ready.scan.stamp_ns, ready.scan.odom_from_robot)
         self._follow(outcome, ready.scan)
-        history = self.pose.history
-        given = self.commands.carry_out_waiting(self.ensemble, ready.scan, history)
-        if given is not None:
+        self._carry_out_waiting(ready.scan)
+
+    def _carry_out_waiting(self, applied: Scan) -> bool:
+        history, ground = self.pose.history, self._free_ground
+        given = self.commands.carry_out_waiting(self.ensemble, applied, history, ground)
+        if isinstance(given, str):
+            self.counters["pose off the map refused"] += 1
+        elif given is not None:
             self._founded = True
-            self._follow(given, ready.scan)
+            self._follow(given, applied)
+            return True
+        return False
 
     def _notice_overload(self, ready: ReadyStep, now_ns: int) -> None:
         """Where there is no time for all, periodic searches come later.
@@ -224,7 +257,8 @@ class CoordinatorState:
         """Do what is commanded; False if it waits for the first step, or is refused."""
         applied = self.collector.applied
         history, self._changed = self.pose.history, True
-        outcome = self.commands.carry_out(command, self.ensemble, applied, history)
+        ground = self._free_ground
+        outcome = self.commands.carry_out(command, self.ensemble, applied, history, ground)
         if outcome is None or applied is None:
             return False
         self._founded = True

@@ -9,6 +9,8 @@ from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Circle, Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
+"""`searching`: no place is known, or the most probable one was given and no scan has confirmed it.
+`ambiguous`: several are possible. `localized`: one is all but certain. `lost`: none is probable."""
 Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
 """`fresh`: odometry and scans arrive. `blind`: odometry alone moves the pose, for the robot has
 driven on without a step, or no worker is left. `stale`: nothing new has arrived for a while.

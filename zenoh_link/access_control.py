@@ -96,7 +96,7 @@ _ROLES = {
             *(keys.SET_POSE, keys.RELOCALIZE),
         ),
         asks=(
-            *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY),
+            *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY, keys.MAP),
             keys.STATUS,  # of the one that acts: for metrics and probes where it stands by
         ),
         announces=(keys.COORDINATOR_ALIVE,),

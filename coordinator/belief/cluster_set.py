@@ -48,6 +48,8 @@ class Cluster(msgspec.Struct, frozen=True):
     protected_until: int = -1
     """The step before which it may not be replaced."""
     effective_sample_size: float = 0.0
+    confirmed: bool = True
+    """Whether a scan was likelier there than elsewhere; a pose that was given waits for one."""
 
     @property
     def job_id(self) -> str:
@@ -144,6 +146,7 @@ class ClusterSet:
                     mean=report.mean,
                     covariance=report.covariance,
                     effective_sample_size=report.effective_sample_size,
+                    confirmed=cluster.confirmed or self._is_confirmed(evidence[index], elsewhere),
                 )
         if not reports:
             return 0.0  # nothing but evidence moves probabilities
@@ -162,6 +165,11 @@ class ClusterSet:
             log_scan = float(np.logaddexp(log_here + log_scan, log_there + log_scan))
         self._set(belief.normalised_logs(np.append(among + log_here, log_there)))
         return log_scan
+
+    def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
+        if self._rules.kidnapping_probability == 0.0:  # nobody weighs what is elsewhere
+            return True
+        return bool(log_here > log_elsewhere)
 
     def _kidnapped(self, news: float) -> tuple[float, float]:
         """Logs of the probabilities of all clusters together, and of none of them.
@@ -246,7 +254,7 @@ class ClusterSet:
         """
         leaving = self._make_room(len(newcomers), step, first_step)
         first = self._next_cluster
-        for place, _ in newcomers:
+        for place, cause in newcomers:
             self._clusters[self._next_cluster] = Cluster(
                 self._next_cluster,
                 math.log(place.share) if place.share > 0.0 else LEAST_LOG,
@@ -254,6 +262,7 @@ class ClusterSet:
                 place.mean,
                 place.covariance,
                 protected_until,
+                confirmed=cause != "given",
             )
             self._next_cluster += 1
         self._normalise()
@@ -366,7 +375,12 @@ class ClusterSet:
         ]
         admitted, events = self.admit(newcomers, step)
         for part in admitted:
-            aged = replace(part, born_step=whole.born_step, protected_until=whole.protected_until)
+            aged = replace(
+                part,
+                born_step=whole.born_step,
+                protected_until=whole.protected_until,
+                confirmed=whole.confirmed,
+            )
             self._clusters[part.cluster] = aged
         return admitted, [_ended(whole, "split", *admitted), *events]
 

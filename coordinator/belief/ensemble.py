@@ -378,6 +378,8 @@ class Ensemble:
             return "searching"
         if self._lost:
             return "lost"
+        if not self.clusters.by_probability()[0].confirmed:
+            return "searching"
         sure = hypotheses[0].probability >= self.settings.belief.localized_probability
         return "localized" if sure else "ambiguous"
 

@@ -20,6 +20,7 @@ from coordinator.belief.search_pool import SearchPool
 from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
 from coordinator.failover.state_recovery import Told
+from coordinator.free_ground import FreeGround
 from coordinator.membership import order_delivery, second_keepers, straggler_policy
 from coordinator.membership.jobs import PlacedJob
 from coordinator.pose.lateness import Lateness
@@ -55,6 +56,8 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "steps_applied": int,
             "reports_missing": int,
             "_map_digest": str,
+            "_ground": FreeGround | None,
+            "_map_asked_ns": int | None,
             "_founded": bool,
             "_changed": bool,
         },

@@ -18,6 +18,7 @@ from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AskState,
+    FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
@@ -33,6 +34,7 @@ from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Node
 from tests.simulation.world import COORDINATOR, SETTINGS
+from tests.unit.coordinator.reports import free_everywhere
 
 if TYPE_CHECKING:
     from tests.simulation.simulation import Simulation
@@ -249,6 +251,12 @@ class CoordinatorNode(Node):
                     simulation.send_order(self, worker, self.trust.signed(order))
                 case AskState(worker, question):
                     simulation.send_take_over(self, worker, self.trust.signed(question))
+                case FetchMap():
+                    ground = free_everywhere(self.coordinator.map_digest)
+                    simulation.ask_bridge(
+                        self,
+                        lambda _bridge, ground=ground: lambda: self.tell(events.MapArrived(ground)),  # type: ignore[misc]
+                    )
                 case FetchScans(first, last):
                     simulation.ask_bridge(
                         self,

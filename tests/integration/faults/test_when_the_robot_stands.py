@@ -1,5 +1,6 @@
 """A robot that stands is told where it may be: after its start, a command, and with a new map."""
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -7,9 +8,10 @@ from contextlib import contextmanager
 
 import msgspec
 import numpy as np
+import pytest
 import zenoh
 
-from clustermcl.client import Client
+from clustermcl.client import Client, CommandRefusedError
 from clustermcl.stack import COORDINATOR
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
@@ -103,3 +105,35 @@ def test_a_robot_that_stands_is_told_where_it_may_be() -> None:
             assert told < 400, "steps of a standing robot end when it is told"
         status = client.status()
         assert status.counters["map changed"] == 1
+
+
+def test_a_pose_off_the_map_is_refused_and_a_wrong_one_is_never_localized() -> None:
+    """What a person gives while the robot stands counts when a scan has confirmed it."""
+    drawn = world("cross_feature").map
+    bridge = BridgeSettings(map="zenoh", source="zenoh")
+    with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:
+        wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
+        with (
+            answering(tested.session, map_reading(drawn)),
+            standing_robot(tested.session, "cross_feature") as pose,
+        ):
+            wait_until_told(tested, client, pose, drawn.digest)
+            left, low, _ = drawn.map_from_grid
+            for off in ((700.0, 0.5, 1.6), (500.0, 500.0, 0.0), (left - 5.0, low, 0.0)):
+                assert "no free ground" in refused(client, off)
+            x, y, heading = pose
+            before = len(tested.beliefs)
+            client.set_pose((x, y, heading + math.pi / 2), heading_sigma_rad=0.1)
+            wait_until(lambda: len(tested.beliefs) > before + 10)
+            after = tested.beliefs[before:]
+            assert after[0].hypotheses[0].probability > 0.9
+            assert {belief.state for belief in after} == {"searching"}
+            client.set_pose(pose)
+            wait_until(lambda: tested.beliefs[-1].state == "localized")
+            assert may_be_at(tested.beliefs[-1], pose)
+
+
+def refused(client: Client, pose: tuple[float, float, float]) -> str:
+    with pytest.raises(CommandRefusedError) as caught:
+        client.set_pose(pose)
+    return str(caught.value)

@@ -164,7 +164,13 @@ def test_a_pose_that_a_person_gives_is_believed_at_once(system: Settings) -> Non
         answer: PoseAnswer = client.pose()
     assert answer.map_from_robot == pytest.approx((5.0, 6.0, math.radians(86.0)))
     assert answer.probability == pytest.approx(0.95)
-    assert answer.state == "localized"
+    assert answer.state == "searching", "no scan has confirmed it: the recording is over"
+
+
+def test_a_pose_off_the_map_is_refused_in_a_line(system: Settings) -> None:
+    done = typed(system, "set-pose", "700", "0.5", "1.6")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "the map has no free ground within 3 sigma" in done.stderr
 
 
 def test_a_pose_may_come_with_a_covariance_and_a_time(system: Settings) -> None:

@@ -14,6 +14,7 @@ from coordinator.coordinator import Coordinator
 from coordinator.events import (
     CommandArrived,
     HistoryArrived,
+    MapArrived,
     OrderAnswered,
     ReportArrived,
     ScanArrived,
@@ -26,6 +27,7 @@ from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AskState,
+    FetchMap,
     FetchScans,
     Instruction,
     PublishBelief,
@@ -58,6 +60,7 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
+from tests.unit.coordinator.reports import free_everywhere
 from worker import events as worker_events
 from worker import instructions as worker_instructions
 from worker.worker import Worker
@@ -247,6 +250,8 @@ class Living:
             case FetchScans(first=first, last=last):
                 found = self._history(first, last)
                 self._tell(lambda c, now: c.handle(HistoryArrived(found), now))
+            case FetchMap():
+                self._tell(lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
                     asked = self.trust.signed(question)

@@ -4,8 +4,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
 from coordinator.belief.search_pool import Pool, Views
+from coordinator.free_ground import FreeGround
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE
 from particle_filter.settings import BeliefSettings
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
@@ -26,6 +30,12 @@ def literal_bayes(**more: object) -> BeliefSettings:
         "particles": 0,
     }
     return BeliefSettings(**rules | more)  # type: ignore[arg-type] # keywords of the test
+
+
+def free_everywhere(map_digest: str = "map") -> FreeGround:
+    """A map of 200 m x 200 m without a wall, about the origin."""
+    ground = FreeGround.of(GridMap(np.full((200, 200), FREE, np.int8), 1.0, (-100.0, -100.0, 0.0)))
+    return replace(ground, map_digest=map_digest)
 
 
 NO_SPREAD = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.01)

@@ -11,6 +11,7 @@ from coordinator.events import (
     CommandArrived,
     LinkBack,
     LinkLost,
+    MapArrived,
     OdometryArrived,
     OrderAnswered,
     ReportArrived,
@@ -24,6 +25,7 @@ from coordinator.failover.state_recovery import Told
 from coordinator.instructions import (
     AnswerCommand,
     AskState,
+    FetchMap,
     Instruction,
     PublishBelief,
     PublishCheckpoint,
@@ -38,7 +40,14 @@ from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
 from protocol.steps import OdometryReading
 from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
-from tests.unit.coordinator.reports import NO_SPREAD, literal_bayes, scan, searched, tracked
+from tests.unit.coordinator.reports import (
+    NO_SPREAD,
+    free_everywhere,
+    literal_bayes,
+    scan,
+    searched,
+    tracked,
+)
 
 SECOND = 1_000_000_000
 NORTH, SOUTH = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0)
@@ -61,6 +70,7 @@ class Story:
         self.coordinator = Coordinator(
             "coordinator", settings, rules, "test", 0, last_poses=last_poses
         )
+        self.has_map = True
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
@@ -76,6 +86,9 @@ class Story:
                     self.told.append(belief)
                 case PublishEvents(events=events):
                     self.told.append(decode(encode(events), JobEvents))
+                case FetchMap() if self.has_map:
+                    ground = free_everywhere(self.coordinator.map_digest)
+                    self.follow(self.coordinator.handle(MapArrived(ground), 0))
                 case AskState(worker=worker):
                     nothing = Told(term=0, holds=(), checkpoint=None, reports=())
                     self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
@@ -455,6 +468,48 @@ def test_a_pose_with_a_covariance_is_believed_with_just_that() -> None:
     story.follow(story.coordinator.handle(CommandArrived(command), SECOND))
     best = story.beliefs[-1].hypotheses[0]
     assert (best.mean, best.covariance) == ((1.0, 2.0, 0.5), covariance)
+
+
+OFF_THE_MAP = (700.0, 0.5, 1.6)
+
+
+def test_a_pose_off_the_map_is_refused_in_a_sentence() -> None:
+    story = Story("a").bootstrapped()
+    told = len(story.beliefs)
+    problem = commanded(story.coordinator, given("1", map_from_robot=OFF_THE_MAP))
+    assert problem.startswith("the map has no free ground within 3 sigma (0.50 m each) of x 700")
+    assert len(story.beliefs) == told
+    assert commanded(story.coordinator, given("2", map_from_robot=(100.5, 0.5, 1.6))) == ""
+
+
+def test_a_pose_off_the_map_that_waited_for_the_map_is_refused_all_the_same() -> None:
+    story = Story("a")
+    early = given("1", map_from_robot=OFF_THE_MAP)
+    assert commanded(story.coordinator, early) == "", "nobody knows the map yet"
+    searched_everywhere(story)
+    assert [place.probability for place in story.beliefs[0].hypotheses] == [0.5, 0.5]
+    assert "no free ground" in commanded(story.coordinator, early)
+    assert story.coordinator.status(SECOND, {}).counters["pose off the map refused"] == 1
+
+
+def test_a_pose_waits_for_the_map_and_is_believed_when_it_arrives() -> None:
+    story = Story("a")
+    story.has_map = False
+    searched_everywhere(story)
+    assert commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5))) == ""
+    assert len(story.beliefs) == 1
+    story.has_map = True
+    story.follow(story.coordinator.handle(TimePassed(), 3 * SECOND))
+    assert story.beliefs[-1].hypotheses[0].mean == (1.0, 2.0, 0.5)
+
+
+def test_a_given_pose_is_no_place_of_a_new_map_before_that_is_known() -> None:
+    story = tracking_story(CoordinatorSettings(keep_pose_on_new_map=True))
+    story.has_map = False
+    in_a_new_map(story, 5, 6, 7)
+    told = len(story.beliefs)
+    commanded(story.coordinator, given("1", map_from_robot=(1.0, 2.0, 0.5)))
+    assert len(story.beliefs) == told
 
 
 def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:

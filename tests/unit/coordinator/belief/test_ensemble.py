@@ -205,8 +205,34 @@ def test_a_pose_given_by_a_person_takes_its_probability_from_the_others() -> Non
     made = bootstrapped({NORTH: 0.5, SOUTH: 0.5})
     outcome = made.set_pose(place(0.95, EAST, 0))
     assert probabilities(outcome) == pytest.approx({0: 0.025, 1: 0.025, 2: 0.95})
-    assert outcome.state == "localized"
     assert outcome.events == (Began("c2", "given", pytest.approx(0.95)),)
+
+
+def test_a_given_pose_is_localized_when_a_scan_is_likelier_there_than_elsewhere() -> None:
+    """A robot that stands is `searching` until then, and the bridge makes steps meanwhile."""
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.001)
+    assert made.set_pose(place(0.95, EAST, 0)).state == "searching"
+    unlikely, likely = tracked("c2", 1, 0.1, EAST), tracked("c2", 3, 0.3, EAST)
+    assert made.advance(1, [unlikely, elsewhere(1, math.log(0.2))]).state == "searching"
+    silent = made.advance(2, [tracked("c2", 2, 0.3, EAST)])
+    assert silent.state == "searching", "nobody has weighed what is elsewhere"
+    done = made.advance(3, [likely, elsewhere(3, math.log(0.2))])
+    assert (done.state, done.hypotheses[0].cluster) == ("localized", 2)
+    assert made.advance(4, []).state == "localized", "and it stays"
+
+
+def test_a_given_pose_that_is_split_waits_for_its_scan_all_the_same() -> None:
+    made = bootstrapped({NORTH: 1.0}, kidnapping_probability=0.001)
+    made.set_pose(place(0.95, EAST, 0))
+    parts = (place(0.99, EAST, 1), place(0.01, SOUTH, 1))
+    split = made.advance(1, [msgspec.structs.replace(tracked("c1", 1, 0.3, EAST), parts=parts)])
+    assert split.state == "searching"
+
+
+def test_where_nobody_weighs_elsewhere_the_first_report_confirms_a_given_pose() -> None:
+    made = bootstrapped({NORTH: 0.5, SOUTH: 0.5}, kidnapping_probability=0.0)
+    assert made.set_pose(place(0.95, EAST, 0)).state == "searching"
+    assert made.advance(1, [tracked("c2", 1, 0.1, EAST)]).state == "localized"
 
 
 def test_a_command_stops_the_search_that_runs() -> None:

@@ -1,0 +1,84 @@
+"""The free ground of a map, coarse: where a robot can be at all."""
+
+import math
+
+import msgspec
+import numpy as np
+
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE
+from particle_filter.poses import between
+from protocol.message import Covariance, PoseTuple
+from protocol.pose_arrays import covariance_matrix
+
+LEAF_M = 0.2
+MAX_LEAVES = 1_000_000
+"""A larger map has larger leaves: 125 kB in memory and in recordings, before compression."""
+REACH_SIGMAS = 3.0
+"""A pose is believed to be no further off than this."""
+
+
+class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
+    """A map's squares that hold a free cell."""
+
+    map_digest: str
+    leaf_m: float
+    map_from_grid: PoseTuple
+    rows: int
+    cols: int
+    bits: bytes
+    """(rows x cols) one bit a leaf; row 0 has the lowest y."""
+
+    @classmethod
+    def of(cls, grid_map: GridMap) -> "FreeGround":
+        """The free ground of a map."""
+        cells, side = grid_map.cells, LEAF_M / grid_map.cell_m
+        leaf = max(round(side), math.ceil(math.sqrt(cells.size / MAX_LEAVES)), 1)
+        first = range(0, cells.shape[1], leaf)
+        free = np.array(
+            [
+                np.logical_or.reduceat((cells[row : row + leaf] == FREE).any(axis=0), first)
+                for row in range(0, cells.shape[0], leaf)
+            ]
+        )
+        return cls(
+            map_digest=grid_map.digest,
+            leaf_m=leaf * grid_map.cell_m,
+            map_from_grid=grid_map.map_from_grid,
+            rows=free.shape[0],
+            cols=free.shape[1],
+            bits=np.packbits(free).tobytes(),
+        )
+
+    def problem_of(self, map_from_robot: PoseTuple, covariance: Covariance) -> str | None:
+        """Why a robot cannot be at a pose; None where free ground is within its uncertainty.
+
+        Args:
+            map_from_robot: x [m], y [m], heading [rad].
+            covariance: of it.
+        """
+        bits = np.unpackbits(np.frombuffer(self.bits, np.uint8), count=self.rows * self.cols)
+        free = bits.reshape(self.rows, self.cols)
+        x, y, _ = between(np.array(self.map_from_grid), np.array(map_from_robot)).tolist()
+        variances, axes = np.linalg.eigh(covariance_matrix(covariance)[:2, :2])
+        # A leaf counts as reached from anywhere in it: its own spread is added.
+        spread = np.maximum(variances, 0.0) + self.leaf_m**2 / 12
+        reach_m = REACH_SIGMAS * math.sqrt(float(spread[-1]))
+        rows, cols = self._near(y, reach_m), self._near(x, reach_m)
+        near = np.argwhere(free[rows, cols]) + np.array([rows.start + 0.5, cols.start + 0.5])
+        off = near[:, ::-1] * self.leaf_m - (x, y)
+        turn = self.map_from_grid[2]
+        map_axes = axes.T @ [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+        if np.any((off @ map_axes.T) ** 2 @ (1.0 / spread) <= REACH_SIGMAS**2):
+            return None
+        x, y, _ = map_from_robot
+        sigma_m = math.sqrt(max(float(variances[-1]), 0.0))
+        return (
+            f"the map has no free ground within {REACH_SIGMAS:g} sigma ({sigma_m:.2f} m each) "
+            f"of x {x:.2f} m, y {y:.2f} m; give a pose on free ground, or a larger uncertainty"
+        )
+
+    def _near(self, at_m: float, reach_m: float) -> slice:
+        """Rows or columns of leaves within reach; those beyond the map's rim are left out."""
+        first, last = (at_m - reach_m) / self.leaf_m, (at_m + reach_m) / self.leaf_m
+        return slice(max(math.floor(first), 0), max(math.ceil(last), 0))

@@ -1,0 +1,95 @@
+"""Which poses a robot can have: free ground has to be within their uncertainty."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+
+from coordinator.belief.given_places import diagonal
+from coordinator.free_ground import MAX_LEAVES, REACH_SIGMAS, FreeGround
+from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from particle_filter.poses import compose
+from protocol.message import PoseTuple
+from protocol.pose_arrays import covariance_tuple
+
+SHARP, WIDE = diagonal(0.02, 0.1), diagonal(1.0, 0.1)
+EAST_ONLY = (1.0, 0.0, 0.0, 0.0, 0.0004, 0.0, 0.0, 0.0, 0.01)
+
+
+def room(map_from_grid: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> FreeGround:
+    """4 m x 2 m in cells of 0.1 m: a wall 0.8 m thick, a room of 2 m, and unknown ground."""
+    cells = np.full((20, 40), UNKNOWN, np.int8)
+    cells[:, :8], cells[:, 8:28] = OCCUPIED, FREE
+    return FreeGround.of(GridMap(cells, 0.1, map_from_grid))
+
+
+@pytest.mark.parametrize("x", [0.81, 1.5, 2.79])
+def test_on_free_ground_there_is_no_problem(x: float) -> None:
+    assert room().problem_of((x, 1.0, 0.5), SHARP) is None
+
+
+@pytest.mark.parametrize(
+    "place", [(0.4, 1.0), (3.5, 1.0), (500.0, 500.0), (-1.0, 1.0), (1.5, -0.5), (1.5, 2.6)]
+)
+def test_walls_unknown_ground_and_what_is_off_the_map_are_a_problem(
+    place: tuple[float, float],
+) -> None:
+    problem = room().problem_of((*place, 0.0), SHARP)
+    assert problem is not None
+    assert f"x {place[0]:.2f} m, y {place[1]:.2f} m" in problem
+
+
+def test_a_pose_that_is_uncertain_enough_reaches_free_ground() -> None:
+    assert room().problem_of((0.0, 1.0, 0.0), WIDE) is None
+    assert room().problem_of((0.0, 1.0, 0.0), EAST_ONLY) is None
+    assert room().problem_of((1.5, 3.0, 0.0), EAST_ONLY) is not None, "uncertain in x alone"
+
+
+def test_a_map_that_is_turned_is_read_in_its_own_frame() -> None:
+    turned = room((10.0, 5.0, np.pi / 2))  # its x axis points along the map's y axis
+    assert turned.problem_of((9.0, 6.5, 0.0), SHARP) is None
+    assert turned.problem_of((9.0, 5.3, 0.0), SHARP) is not None
+    assert turned.problem_of((1.5, 1.0, 0.0), SHARP) is not None
+
+
+def test_a_covariance_that_is_not_quite_one_is_read_as_its_cloud_is() -> None:
+    crooked = (1.0, 0.0, 0.0, 0.0, -1e-9, 0.0, 0.0, 0.0, 0.01)
+    assert room().problem_of((0.0, 1.0, 0.0), crooked) is None
+
+
+def test_a_large_map_takes_little() -> None:
+    cells = np.full((4_000, 4_000), OCCUPIED, np.int8)
+    cells[3_999, 3_999] = FREE
+    ground = FreeGround.of(GridMap(cells, 0.05, (0.0, 0.0, 0.0)))
+    assert len(ground.bits) <= MAX_LEAVES // 8 + 1
+    assert ground.problem_of((199.97, 199.97, 0.0), SHARP) is None
+    assert ground.problem_of((100.0, 100.0, 0.0), SHARP) is not None
+
+
+@given(
+    cells=arrays(np.int8, st.tuples(st.integers(1, 7), st.integers(1, 7)),
+                 elements=st.sampled_from([FREE, OCCUPIED, UNKNOWN])),
+    origin=st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+    pose=st.tuples(*[st.floats(-6.0, 6.0)] * 3),
+    root=arrays(np.float64, (3, 3), elements=st.floats(-1.0, 1.0)),
+)  # fmt: skip
+def test_it_agrees_with_the_distance_of_each_free_leaf(
+    cells: Cells, origin: PoseTuple, pose: PoseTuple, root: NDArray[np.float64]
+) -> None:
+    """The naive way: every leaf's middle in the map, and its Mahalanobis distance."""
+    assume(np.any(cells == FREE))  # a map without free ground is refused
+    covariance = root @ root.T
+    ground = FreeGround.of(GridMap(cells, 0.5, origin))
+    spread = np.linalg.inv(covariance[:2, :2] + np.eye(2) * 0.5**2 / 12)
+    distances = [
+        (off := compose(np.array(origin), np.array([(col + 0.5) * 0.5, (row + 0.5) * 0.5, 0.0]))[:2]
+         - pose[:2]) @ spread @ off
+        for row, col in np.argwhere(cells == FREE)
+    ]  # fmt: skip
+    nearest = min(distances, default=np.inf)
+    assume(abs(nearest - REACH_SIGMAS**2) > 1e-6)
+    problem = ground.problem_of(pose, covariance_tuple(covariance))
+    assert (problem is None) == (nearest < REACH_SIGMAS**2)
