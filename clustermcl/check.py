@@ -1,7 +1,6 @@
 """`clustermcl check`: is a map fit for localizing, and does a recording agree with it."""
 
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from evaluation.map_check.symmetries import Symmetry
 from evaluation.map_check.views import WAY_M
 from evaluation.recordings import opened
 from grid_maps.load import load_map_with_obstacles
+from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from sensor_bridge.recording import steps_of
@@ -57,7 +57,7 @@ def run_check(
         agreement=agreement,
     )
     text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
-    sys.stdout.write(text + "\n")
+    standard_output().write(text + "\n")
 
 
 def lines_of(report: MapReport) -> Iterator[str]:

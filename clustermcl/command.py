@@ -11,7 +11,7 @@ from clustermcl.commands import asking, recordings, running, telling
 from clustermcl.loudness import LoudCommands, set_loudness
 from evaluation.experiments.command import experiments
 from process_runtime.main import EXIT_ERROR
-from process_runtime.output import written_output
+from process_runtime.output import standard_output, written_output
 from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError, UnreachableError
 
@@ -87,7 +87,7 @@ for _group, _commands in COMMANDS.items():
 
 def _say_version(asked: bool) -> None:
     if asked:
-        sys.stdout.write(f"clustermcl {version('clustermcl')}\n")
+        standard_output().write(f"clustermcl {version('clustermcl')}\n")
         raise typer.Exit
 
 

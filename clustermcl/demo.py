@@ -1,7 +1,6 @@
 """The demo: everything on this machine, on a recording or a simulated robot, until its end."""
 
 import socket
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -19,6 +18,7 @@ from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.view import say_link
 from live_view.admission import Address, parsed_address
 from process_runtime.logs import is_quiet
+from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag, stop_on_signals
@@ -149,5 +149,6 @@ def _run(
 
 
 def _print(text: str) -> None:
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    output = standard_output()
+    output.write(text + "\n")
+    output.flush()

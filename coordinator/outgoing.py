@@ -87,7 +87,7 @@ class Outgoing:
         ask_later(
             self._session,
             selector,
-            self._inbox.put,
+            self._inbox.put_own,
             on_failure,
             timeout_s=ORDER_TIMEOUT_S,
             message=message,

@@ -271,8 +271,8 @@ class LiveLoop:
             ask_later(
                 self._session,
                 key,
-                self._inbox.put,
-                lambda words: self._inbox.put(_Unanswered(key, words)),
+                self._inbox.put_own,
+                lambda words: self._inbox.put_own(_Unanswered(key, words)),
                 timeout_s=timeout_s or self._settings.zenoh.query_timeout_s,
             )
 
@@ -284,13 +284,13 @@ class LiveLoop:
         browser = commanded.browser
         key, message = message_of(commanded.command, "live_view", uuid.uuid4().hex)
         if self._session is None:
-            self._inbox.put(_Unanswered(key, "", browser))
+            self._inbox.put_own(_Unanswered(key, "", browser))
             return
         ask_later(
             self._session,
             key,
-            lambda received: self._inbox.put(_Answered(received, commanded)),
-            lambda words: self._inbox.put(_Unanswered(key, words, browser)),
+            lambda received: self._inbox.put_own(_Answered(received, commanded)),
+            lambda words: self._inbox.put_own(_Unanswered(key, words, browser)),
             timeout_s=_COMMAND_TIMEOUT_S,
             message=message,
         )

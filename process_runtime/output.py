@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TextIO
 
 from protocol.errors import ClusterMclError
 
@@ -17,6 +18,17 @@ class OutputLostError(ClusterMclError):
     def __init__(self, *, problem: str) -> None:
         self.problem = problem
         super().__init__(f"the output cannot be written: {problem}")
+
+
+def standard_output() -> TextIO:
+    """Where a command writes what it was asked for.
+
+    Raises:
+        OutputLostError: whoever started it has closed it.
+    """
+    if sys.stdout is None:
+        raise OutputLostError(problem="standard output is closed")
+    return sys.stdout
 
 
 @contextmanager

@@ -223,8 +223,8 @@ class BridgeLoop:
                 case GivePose() | SearchEverywhere() | LookOnce() | Reconfigure():
                     self._link.command(
                         output,
-                        lambda answer: self._inbox.put(Answered(answer)),
-                        lambda key, words: self._inbox.put(Unanswered(key, words)),
+                        lambda answer: self._inbox.put_own(Answered(answer)),
+                        lambda key, words: self._inbox.put_own(Unanswered(key, words)),
                     )
                 case reading:
                     self._link.put(reading)
@@ -238,7 +238,8 @@ class BridgeLoop:
             return
         self._next_status_s = now_s + _STATUS_EVERY_S
         key = keys.STATUS
-        self._link.ask(key, self._inbox.put, lambda words: self._inbox.put(Unanswered(key, words)))
+        put = self._inbox.put_own
+        self._link.ask(key, put, lambda words: put(Unanswered(key, words)))
         self._publishers[topics.DIAGNOSTICS.name].put(self._diagnostics())
 
     def _diagnostics(self) -> object:

@@ -67,6 +67,15 @@ class Inbox(Generic[EventT]):
             self._append(self._events, event)
             return True
 
+    def put_own(self, event: EventT) -> None:
+        """Append what this process sends to itself: its own questions bound how much that is.
+
+        Others' events may fill the inbox; a timer that were refused then would never come again.
+        """
+        with self._lock:
+            if not self._closed:
+                self._append(self._events, event)
+
     def put_newest(self, kind: str, state: EventT) -> None:
         """Append a state; the oldest of its kind gives way when there are too many.
 

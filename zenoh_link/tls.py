@@ -6,6 +6,7 @@ Zenoh only says that it cannot connect. Python's own TLS, given the same files, 
 import re
 import socket
 import ssl
+import stat
 from pathlib import Path
 
 from process_runtime.settings import ZenohSettings
@@ -84,6 +85,7 @@ def _check_readable(name: str, file: str) -> None:
     key, given = f"zenoh.{name}", f"zenoh.{name} = {file!r}"
     try:
         text = Path(file).read_text(encoding="ascii", errors="replace")
+        mode = Path(file).stat().st_mode
     except FileNotFoundError as error:
         raise SettingsError(key=key, problem=f"{given}: no such file") from error
     except OSError as error:
@@ -92,6 +94,9 @@ def _check_readable(name: str, file: str) -> None:
     if not re.search(rf"-----BEGIN [A-Z ]*{kind}-----", text):
         article = "private key" if kind == "PRIVATE KEY" else "certificate"
         raise SettingsError(key=key, problem=f"{given}: there is no {article} in it (PEM)")
+    if kind == "PRIVATE KEY" and mode & stat.S_IRWXO:
+        problem = f"{given}: others may read or write it; run chmod o= on it"
+        raise SettingsError(key=key, problem=problem)
 
 
 def _context(settings: ZenohSettings) -> ssl.SSLContext:

@@ -85,6 +85,9 @@ class EventSink(Protocol):
     def put(self, event: Event) -> bool:
         """Append; False: there is no room."""
 
+    def put_own(self, event: Event) -> None:
+        """Append what this process sends to itself."""
+
     def put_newest(self, kind: str, state: Event) -> None:
         """Append a state; the oldest of its kind gives way when there are too many."""
 
@@ -207,7 +210,7 @@ def watch_link(session: zenoh.Session, inbox: EventSink) -> None:
     """Put what happens to this session's own link into the inbox, that it is up first."""
 
     def on_transport(event: zenoh.TransportEvent) -> None:
-        inbox.put(Link(event.kind == zenoh.SampleKind.PUT))
+        inbox.put_own(Link(event.kind == zenoh.SampleKind.PUT))
 
     session.info.declare_transport_events_listener(on_transport, history=True)
 

@@ -21,6 +21,7 @@ from clustermcl.commands.options import (
     of_bag,
 )
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS
+from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 
@@ -175,7 +176,7 @@ def record(
     from clustermcl.record import run_record  # noqa: PLC0415 - see the package
 
     steps = run_record(settings, file)
-    sys.stdout.write(f"{file}: {steps} steps\n")
+    standard_output().write(f"{file}: {steps} steps\n")
 
 
 def replay(
@@ -218,5 +219,6 @@ def settings(
     from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the package
 
     chosen, notes = settings_with_nav2(from_nav2, settings_file, assignments or ())
-    sys.stdout.writelines(f"# {line}\n" for line in notes)
-    sys.stdout.write(settings_as_toml(chosen))
+    output = standard_output()
+    output.writelines(f"# {line}\n" for line in notes)
+    output.write(settings_as_toml(chosen))

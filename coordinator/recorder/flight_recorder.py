@@ -156,5 +156,6 @@ class FlightRecorder:
         except OSError as error:
             if not self._failed:
                 _log.warning("the flight recorder cannot write, and will try again: %s", error)
-            self._failed, self._retry_s = True, time.monotonic() + RETRY_S
+            wait_s = 0.0 if isinstance(error, FileNotFoundError) else RETRY_S  # it was removed
+            self._failed, self._retry_s = True, time.monotonic() + wait_s
         self._unwritten += sum(isinstance(record, EventTold) for record in records)

@@ -5,6 +5,7 @@ it: sorted by name, files are sorted by time. A file is only ever appended to, s
 copied at any moment.
 """
 
+import os
 import re
 from collections.abc import Sequence
 from io import FileIO
@@ -58,7 +59,8 @@ class Ring:
         self._make_room()
         path = self._folder / f"{self._series:017d}-{self._number:06d}.flight"
         self._number += 1
-        self._file, self._blocks, self._written_bytes = FileIO(path, "x"), BlockWriter(), 0
+        self._file = FileIO(path, "x", opener=_private)
+        self._blocks, self._written_bytes = BlockWriter(), 0
         try:
             self._append(self._blocks.first(head))
         except OSError:  # on a full disk there would soon be thousands of empty ones
@@ -66,7 +68,14 @@ class Ring:
             raise
 
     def write(self, records: Sequence[Record]) -> None:
-        """Append records, as one block."""
+        """Append records; a file that was removed meanwhile is closed.
+
+        Raises:
+            OSError: see `begin`.
+        """
+        if self._file is not None and os.fstat(self._file.fileno()).st_nlink == 0:
+            self.close()
+            raise FileNotFoundError(f"its file was removed from {self._folder}")
         self._append(self._blocks.next(records))
 
     def close(self) -> None:
@@ -94,6 +103,11 @@ class Ring:
                 break
             path.unlink(missing_ok=True)
             del sizes[path]
+
+
+def _private(path: str, flags: int) -> int:
+    """A recording tells where the robot was: nobody but its owner may read it."""
+    return os.open(path, flags, 0o600)
 
 
 def files_in(folder: Path) -> list[Path]:

@@ -30,6 +30,16 @@ def test_a_full_disk_is_one_line_and_exit_code_2(words: list[str]) -> None:
     assert typed("clustermcl", *words) == (2, said)
 
 
+@pytest.mark.parametrize("words", [["settings"], ["--version"]], ids=" ".join)
+def test_an_output_that_is_closed_is_one_line_and_exit_code_2(words: list[str]) -> None:
+    command = [sys.executable, "-I", "-m", "clustermcl", *words]
+    ran = subprocess.run(
+        ["sh", "-c", '"$@" >&-', "sh", *command], capture_output=True, text=True, check=False
+    )
+    said = "clustermcl: the output cannot be written: standard output is closed\n"
+    assert (ran.returncode, ran.stderr) == (2, said)
+
+
 def test_so_it_is_for_the_routers_file() -> None:
     said = "secure_router: the output cannot be written: No space left on device\n"
     assert typed("zenoh_link.secure_router") == (2, said)

@@ -143,3 +143,15 @@ def test_large_events_are_refused_by_their_bytes() -> None:
     assert inbox.put(Heavy(bytes(400)))
     inbox.count_refused("query")
     assert inbox.dropped() == {"event": 1, "query too large": 1}
+
+
+def test_what_a_process_sends_itself_is_never_refused() -> None:
+    """Strangers fill the inbox with questions; a timer that is refused then never comes again."""
+    inbox: Inbox[str] = Inbox({}, max_events=3)
+    assert [inbox.put("question") for _ in range(5)] == [True, True, True, False, False]
+    inbox.put_own("timer")
+    assert not inbox.put("question")
+    assert [inbox.get(0.0) for _ in range(4)] == ["question", "question", "question", "timer"]
+    inbox.close()
+    inbox.put_own("too late")
+    assert inbox.get(0.0) is None

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+import shutil
 import time
 from io import FileIO
 from pathlib import Path
@@ -155,3 +156,29 @@ def test_particles_and_beams_are_left_out_and_nothing_else() -> None:
     assert isinstance(past, HistoryArrived)
     assert [one.step for one in past.scans] == [1, 2]
     assert all(one.ranges.array().shape == (0,) for one in past.scans)
+
+
+def test_nobody_else_may_read_a_recording(tmp_path: Path) -> None:
+    RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
+    assert [file.stat().st_mode & 0o777 for file in files_in(tmp_path)] == [0o600]
+
+
+def test_a_folder_that_was_removed_is_begun_again_and_what_is_missing_counted(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "flight"
+    recordings = Recordings(folder)
+    recorded = recordings.make(STARTED)
+    recorder = recordings.made[0].recorder
+    for now_ns in range(5):
+        recorded.handle(TimePassed(), now_ns)
+    shutil.rmtree(folder)
+    with caplog.at_level(logging.WARNING):
+        for now_ns in range(5, 15):
+            recorded.handle(TimePassed(), now_ns)
+    assert "was removed" in caplog.text
+    lost = recorder.lost[LOST]
+    assert len(events_in(folder)) + lost == 10, "at once, and what is not in it is counted"
+    assert lost <= 2
+    gap = Happened("not recorded", f"{5 + lost} events before {7:017d}-000001.flight")
+    assert gap in recordings.replay()
