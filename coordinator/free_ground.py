@@ -29,6 +29,10 @@ class FreeGround(msgspec.Struct, frozen=True, kw_only=True):
     bits: bytes
     """(rows x cols) one bit a leaf; row 0 has the lowest y."""
 
+    def __post_init__(self) -> None:
+        if len(self.bits) != -(-self.rows * self.cols // 8):
+            raise ValueError(f"{len(self.bits)} bytes do not fill {self.rows} x {self.cols} leaves")
+
     @classmethod
     def of(cls, grid_map: GridMap) -> "FreeGround":
         """The free ground of a map."""

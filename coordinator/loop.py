@@ -1,8 +1,10 @@
 """The rim of the coordinator: Zenoh in, Zenoh out; what happens between is `Coordinator`."""
 
 import logging
+import threading
 import time
 from collections.abc import Callable, Iterable
+from typing import TypeAlias
 
 import msgspec
 import zenoh
@@ -55,7 +57,6 @@ from zenoh_link.inbox import Inbox
 from zenoh_link.wire import (
     Asked,
     Event,
-    Events,
     Link,
     Received,
     Token,
@@ -70,6 +71,9 @@ ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
 
 _log = logging.getLogger(__name__)
+
+_InboxEvent: TypeAlias = Event | FreeGround | MalformedMessageError
+"""The map's thread sends the last two."""
 
 
 class CoordinatorLoop:
@@ -88,7 +92,8 @@ class CoordinatorLoop:
         self._is_anybody_there, self._deaf = is_anybody_there, DeafLink()
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
         self._recorder, self._trust = recorder, trust
-        self._inbox: Events = Inbox(
+        self._map_reader: threading.Thread | None = None
+        self._inbox: Inbox[_InboxEvent] = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
         )
         self._causes, self._another_map = causes, CauseCounter()
@@ -141,7 +146,7 @@ class CoordinatorLoop:
             _log.warning(DEAF)
         return is_deaf
 
-    def _handle(self, event: Event | None, now_ns: int) -> list[Instruction]:
+    def _handle(self, event: _InboxEvent | None, now_ns: int) -> list[Instruction]:
         try:
             match event:
                 case Received():
@@ -153,6 +158,10 @@ class CoordinatorLoop:
                     return self._change(self._membership.token(name, event.alive, now_ns), now_ns)
                 case Link():
                     return self._on_link(event, now_ns)
+                case FreeGround():
+                    return self._recorder.handle(MapArrived(event), now_ns)
+                case MalformedMessageError():
+                    raise event
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
         return self._recorder.handle(TimePassed(), now_ns)
@@ -182,8 +191,8 @@ class CoordinatorLoop:
                 return HistoryArrived(decode(message.payload, ScanHistory).scans)
             case keys.MAP:
                 self._memory.passed(now_ns / 1e9)
-                grid_map = from_message(decode(message.payload, MapMessage))
-                return MapArrived(FreeGround.of(grid_map))
+                self._read_map(message.payload)
+                return TimePassed()
             case keys.CHECKPOINT:
                 checkpoint = decode(message.payload, Checkpoint)
                 believed = self._trust.believes(checkpoint)
@@ -206,6 +215,19 @@ class CoordinatorLoop:
             case _:
                 problem = message.key
                 raise MalformedMessageError(expected="key of a coordinator's", problem=problem)
+
+    def _read_map(self, payload: bytes) -> None:
+        """Unpack a map in a thread of its own: the largest takes seconds. One at a time."""
+
+        def read() -> None:
+            try:
+                self._inbox.put_own(FreeGround.of(from_message(decode(payload, MapMessage))))
+            except MalformedMessageError as error:
+                self._inbox.put_own(error)
+
+        if self._map_reader is None or not self._map_reader.is_alive():
+            self._map_reader = threading.Thread(target=read, daemon=True)
+            self._map_reader.start()
 
     def _fitting(self, worker: str, report: Report) -> Report:
         """A report of a size that the settings allow.

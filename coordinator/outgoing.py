@@ -22,7 +22,7 @@ from coordinator.instructions import (
 from protocol import keys
 from protocol.job_events import event_text
 from protocol.message import Message
-from zenoh_link.wire import Events, Publisher, ask_later
+from zenoh_link.wire import EventSink, Publisher, ask_later
 
 ASK_AGAIN_WITHIN_S = 0.5
 """Just after a link came up, a query for lost scans finds nobody; it is repeated so long."""
@@ -35,7 +35,7 @@ _log = logging.getLogger(__name__)
 class Outgoing:
     """Publishes and asks; answers come through the inbox."""
 
-    def __init__(self, session: zenoh.Session, inbox: Events, trust: Trust) -> None:
+    def __init__(self, session: zenoh.Session, inbox: EventSink, trust: Trust) -> None:
         self._session, self._inbox, self._trust = session, inbox, trust
         self._events = Publisher(session, keys.EVENTS)
         self._belief = Publisher(session, keys.BELIEF)

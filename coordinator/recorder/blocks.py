@@ -97,7 +97,7 @@ class BlockReader:
 
     @property
     def cut_bytes(self) -> int:
-        """At the end, that make no whole block; 0 while there are more blocks."""
+        """At the end, that make no whole block; ask after all records."""
         return self._file.seek(0, os.SEEK_END) - self._whole
 
     def _next_block(self) -> bytes | None:

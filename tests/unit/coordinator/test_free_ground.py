@@ -1,5 +1,6 @@
 """Which poses a robot can have: free ground has to be within their uncertainty."""
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -93,3 +94,11 @@ def test_it_agrees_with_the_distance_of_each_free_leaf(
     assume(abs(nearest - REACH_SIGMAS**2) > 1e-6)
     problem = ground.problem_of(pose, covariance_tuple(covariance))
     assert (problem is None) == (nearest < REACH_SIGMAS**2)
+
+
+def test_bits_that_do_not_fill_the_map_are_refused() -> None:
+    """A recording that somebody has made up shall not ask for gigabytes."""
+    told = msgspec.msgpack.decode(msgspec.msgpack.encode(room()))
+    for sides in ({"rows": 10**6, "cols": 10**6}, {"rows": -1}, {"rows": 0}):
+        with pytest.raises(msgspec.ValidationError, match="do not fill"):
+            msgspec.convert(told | sides, FreeGround)
