@@ -167,7 +167,6 @@ class TakeOver:
     def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
         """Take what a worker holds, and what it has reported while nobody was there."""
         self._state.placement.held(worker, told.holds, now_ns)
-        self._state.placement.copied(worker, told.copies)
         applied = self._state.collector.applied
         for report in told.reports:
             if isinstance(report, SearchReport) or applied is None or report.step > applied.step:

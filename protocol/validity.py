@@ -83,9 +83,7 @@ def _(message: WorkOrder) -> str | None:
         number_problem("order", message.order)
         or number_problem("term", message.term)
         or number_problem("snapshot_every_steps", message.snapshot_every_steps)
-        or first_problem(
-            assignment_problem(given) for given in (*message.begin, *message.new_copies)
-        )
+        or first_problem(assignment_problem(given) for given in message.begin)
     )
 
 

@@ -1,6 +1,5 @@
 """Work from the coordinator to workers, and what they report back."""
 
-from collections.abc import Iterable
 from typing import TypeAlias
 
 import msgspec
@@ -86,11 +85,6 @@ class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """Of the coordinator that gave it. Another that knew of nothing gave its own jobs such ids."""
 
 
-def steps_of(copies: Iterable[Assignment]) -> dict[str, int]:
-    """The step of each cluster's particles, by job."""
-    return {copy.job_id: copy.job.start.step for copy in copies if isinstance(copy.job, TrackJob)}
-
-
 class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     """All that a worker shall do from now on: jobs it keeps and jobs it begins.
 
@@ -110,10 +104,6 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     begin: tuple[Assignment, ...]
     term_proof: bytes = b""
     """Who has the coordinators' key can tell by it that a coordinator has had this term."""
-    copies: tuple[tuple[str, int], ...] = ()
-    """(job id, step of its particles) of other workers' clusters of which it keeps a copy."""
-    new_copies: tuple[Assignment, ...] = ()
-    """Those of them that it does not have yet."""
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
@@ -131,8 +121,6 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """The highest term that the worker knows."""
     term_proof: bytes = b""
     """As it came with that term."""
-    copies: tuple[tuple[str, int], ...] = ()
-    """(job id, step of its particles) of other workers' clusters of which it has a copy."""
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -261,5 +249,3 @@ class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     """Checkpoints to carry on from where the newest one is of no use, newest first."""
     term_proof: bytes = b""
     """As it came with the term."""
-    copies: tuple[Assignment, ...] = ()
-    """Other workers' clusters, each from where one could carry on if its worker is gone."""

@@ -11,7 +11,6 @@ from protocol.errors import MalformedMessageError, MapMismatchError, OldTermErro
 from protocol.live_settings import AS_STARTED
 from protocol.steps import MapMessage, Scan
 from protocol.work import OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
-from worker.copies import Copies
 from worker.events import (
     BrokenOrderAsked,
     CheckpointHeard,
@@ -65,7 +64,7 @@ class Worker:
 
     def __init__(self, name: str, incarnation: int) -> None:
         self._name, self._incarnation = name, incarnation
-        self._table, self._copies, self._fence = JobTable(name), Copies(), TermFence()
+        self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
         self._built: ModelBuilt | None = None
         self._preparing = False
@@ -239,8 +238,7 @@ class Worker:
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
         self._waiting = None
         order = waiting.order
-        is_news = self._table.is_news(order) or self._copies.is_news(order)
-        again = [] if is_news else self._table.said_last()
+        again = [] if self._table.is_news(order) else self._table.said_last()
         try:
             if not self._fence.check(order):  # once more: it may have waited for long
                 return self._overtaken(waiting.question, order)
@@ -251,7 +249,6 @@ class Worker:
         except (OldTermError, ValueError) as error:
             return self._refused(waiting.question, error)
         self._fence.order = order.order
-        self._copies.follow(order)
         missing = self._table.missing()
         self._table.wait_for(missing)
         return [
@@ -277,7 +274,6 @@ class Worker:
             term=self._fence.term,
             incarnation=self._incarnation,
             jobs=self._table.summary(),
-            copies=self._copies.steps,
             problem=problem,
             term_proof=self._fence.term_proof,
         )
@@ -290,7 +286,6 @@ class Worker:
             term=self._fence.term,
             incarnation=self._incarnation,
             holds=self._table.holds(),
-            copies=self._copies.all,
             checkpoint=self._fence.checkpoint,
             earlier=self._fence.earlier,
             term_proof=self._fence.term_proof,

@@ -40,8 +40,6 @@ class Told(msgspec.Struct, frozen=True):
     reports: tuple[Report, ...]
     earlier: tuple[Checkpoint, ...] = ()
     """Others to carry on from."""
-    copies: tuple[Assignment, ...] = ()
-    """Of other workers' clusters."""
 
     @property
     def checkpoints(self) -> tuple[Checkpoint, ...]:
@@ -66,7 +64,6 @@ def told_by(payload: bytes, trust: Trust) -> Told:
         checkpoint=checkpoints[0] if checkpoints else None,
         reports=tuple(reports),
         earlier=tuple(checkpoints[1:]),
-        copies=_possible(state.copies),
     )
 
 

@@ -47,9 +47,6 @@ class PlacedJob:
     reported: bool = False
     in_step: bool = False
     """Its worker has reported a step in time: what has been handed over has arrived."""
-    copy_step: int | None = None
-    """The particles are those of another worker's copy of this step; -1: drawn anew; None: its
-    worker's own."""
     term: int = 0
     """Of the coordinator that gave it to its worker."""
     is_handed_on: bool = False
@@ -93,14 +90,6 @@ class Jobs:
             found.setdefault(job.worker, {})[job_id] = job.epoch
         return found
 
-    def tracks(self) -> dict[str, PlacedJob]:
-        """Jobs of clusters that somebody tracks."""
-        return {
-            job_id: job
-            for job_id, job in self._jobs.items()
-            if isinstance(job.job, TrackJob) and job.worker is not None
-        }
-
     def searching(self) -> set[str | None]:
         """Workers with a shard of a search."""
         return {job.worker for job in self._jobs.values() if isinstance(job.job, SearchJob)}
@@ -142,7 +131,6 @@ class Jobs:
         job.in_step |= in_time
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
         if snapshot is not None and isinstance(job.job, TrackJob):
-            job.copy_step = None
             job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
@@ -202,7 +190,6 @@ class Jobs:
                 job.worker,
                 now_ns,
                 reported=True,
-                copy_step=None if job.job else -1,
                 term=term,
                 is_handed_on=True,
             )
@@ -242,15 +229,6 @@ class Jobs:
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
             if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied
-                job.job, job.copy_step = held.job, None
+                job.job = held.job
             kept.append(held)
         return kept
-
-    def copied(self, copies: Iterable[Assignment]) -> None:
-        """A worker tells the copies that it has: better than particles drawn anew."""
-        for copy in copies:
-            match self._jobs.get(copy.job_id), copy.job:
-                case PlacedJob(job=TrackJob(cluster=number)) as job, TrackJob() as copied:
-                    older = job.copy_step is not None and job.copy_step < copied.start.step
-                    if older and copied.cluster == number:
-                        job.job, job.copy_step = copied, copied.start.step

@@ -4,15 +4,14 @@ An order names all jobs of a worker, so the newest one makes up for all that wer
 when it would differ from the last one, and again until the worker has answered it.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import msgspec
 
 from coordinator.membership.jobs import PlacedJob
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, OrderAnswer, WorkOrder, steps_of
+from protocol.work import Assignment, OrderAnswer, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
 
@@ -27,10 +26,6 @@ class _Record:
     """Jobs and epochs of the last order; None: whatever they were, they are to be told anew."""
     known: dict[str, int] = field(default_factory=dict)
     """Jobs and epochs that the worker has confirmed."""
-    told_copies: dict[str, int] = field(default_factory=dict)
-    """Copies of other workers' clusters in the last order, and the steps of their particles."""
-    copies: dict[str, int] = field(default_factory=dict)
-    """Those that the worker has confirmed."""
     answered: bool = True
     silent_until_ns: int = 0
     """It is being asked what it does, and gets no order before."""
@@ -80,14 +75,10 @@ class OrderDelivery:
         record.told, record.silent_until_ns = None, 0
         record.known |= {held.job_id: held.epoch for held in jobs}
 
-    def copied(self, worker: str, copies: Iterable[Assignment]) -> None:
-        """A worker has told of which clusters it has a copy."""
-        self._workers[worker].copies = steps_of(copies)
-
     def forget(self) -> None:
         """Another's jobs were taken over: what was told and confirmed so far is worth nothing."""
         for record in self._workers.values():
-            record.told, record.known, record.copies = None, {}, {}
+            record.told, record.known = None, {}
 
     def answered(self, worker: str, answer: OrderAnswer) -> None:
         """A worker answered an order.
@@ -98,7 +89,6 @@ class OrderDelivery:
         if record is None:
             return
         record.known = {job_id: epoch for job_id, epoch, _ in answer.jobs}
-        record.copies = dict(answer.copies)
         taken = answer.order == record.order and not answer.problem
         kept = record.told is None or record.told.items() <= record.known.items()
         record.answered = taken and kept
@@ -112,18 +102,12 @@ class OrderDelivery:
         record = self._workers.get(job.worker) if job.worker is not None else None
         return record is not None and record.known.get(job_id) == job.epoch
 
-    def has_copy(self, job_id: str, worker: str | None) -> bool:
-        """Whether a worker has confirmed that it has a copy of another's cluster."""
-        record = self._workers.get(worker) if worker is not None else None
-        return record is not None and job_id in record.copies
-
     def orders(
         self,
         workers: Iterable[str],
         jobs: Mapping[str | None, Mapping[str, int]],
         assignment: Callable[[str], Assignment],
         *,
-        copies: Mapping[str, Sequence[Assignment]] = MappingProxyType({}),
         term: int,
         map_digest: str,
         now_ns: int,
@@ -134,7 +118,6 @@ class OrderDelivery:
             workers: that may get orders now, as `ready` tells.
             jobs: each worker's, and their epochs.
             assignment: a job as its worker is to have it.
-            copies: what each worker is to keep of others' clusters.
             term: of this coordinator.
             map_digest: of the map in which the robot is looked for.
             now_ns: by the clock of all events.
@@ -142,14 +125,12 @@ class OrderDelivery:
         due = []
         for name in workers:
             record, own = self._workers[name], jobs.get(name, {})
-            own_copies = steps_of(copies.get(name, ()))
             unanswered = not record.answered and now_ns - record.sent_ns >= RESEND_AFTER_NS
-            told = record.told == own and record.told_copies == own_copies
-            if told and not unanswered:
+            if record.told == own and not unanswered:
                 continue
             self._orders += 1
             record.order, record.sent_ns = self._orders, now_ns
-            record.told, record.told_copies, record.answered = own, own_copies, False
+            record.told, record.answered = own, False
             keep = tuple(sorted(own.items() & record.known.items()))
             begin = sorted(own.items() - record.known.items())
             order = WorkOrder(
@@ -161,12 +142,6 @@ class OrderDelivery:
                 snapshot_every_steps=self._snapshot_every_steps,
                 keep=keep,
                 begin=tuple(assignment(job_id) for job_id, _ in begin),
-                copies=tuple(sorted(own_copies.items())),
-                new_copies=tuple(
-                    copy
-                    for copy in copies.get(name, ())
-                    if record.copies.get(copy.job_id) != own_copies[copy.job_id]
-                ),
             )
             due.append((name, order))
         return due

@@ -3,9 +3,8 @@
 from collections.abc import Callable, Iterable
 
 from coordinator.membership.balance import balanced
-from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState, PlacedJob
+from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState
 from coordinator.membership.order_delivery import OrderDelivery
-from coordinator.membership.second_keepers import SecondKeepers
 from coordinator.membership.straggler_policy import StragglerPolicy
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, Report, TrackJob, WorkOrder
@@ -15,7 +14,7 @@ class Placement:
     """Spreads jobs over live workers, and takes them from those that are gone or too slow."""
 
     def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
-        self.jobs, self._keepers = Jobs(), SecondKeepers()
+        self.jobs = Jobs()
         self.delivery = OrderDelivery(sender, settings, snapshot_every_steps)
         self._stragglers = StragglerPolicy()
 
@@ -43,11 +42,6 @@ class Placement:
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
         """A worker tells which jobs it has, and from where another could carry on."""
         self.delivery.held(worker, self.jobs.held(worker, holds, now_ns))
-
-    def copied(self, worker: str, copies: Iterable[Assignment]) -> None:
-        """A worker tells the copies that it has of others' clusters."""
-        self.jobs.copied(copies)
-        self.delivery.copied(worker, copies)
 
     # --- steps
 
@@ -105,12 +99,10 @@ class Placement:
         if moves := balanced(jobs, able or ready, self.jobs.may_move):
             self.jobs.carry_out(moves, term, now_ns)
             jobs = self.jobs.by_worker()
-        copies = self._keepers.copies(self.jobs.tracks(), ready)
         return self.delivery.orders(
             ready,
             jobs,
             self.jobs.assignment,
-            copies=copies,
             term=term,
             map_digest=map_digest,
             now_ns=now_ns,
@@ -123,8 +115,10 @@ class Placement:
     # --- from one coordinator to the next
 
     def state(self) -> tuple[JobState, ...]:
-        """All jobs as they are handed on: with particles unless two workers hold them."""
-        return self.jobs.state(self._holds_particles)
+        """All jobs as they are handed on: without the particles that a worker holds."""
+        return self.jobs.state(
+            lambda job_id, job: isinstance(job.job, TrackJob) and self.delivery.is_held(job_id, job)
+        )
 
     def restore(
         self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
@@ -132,10 +126,3 @@ class Placement:
         """Take over another's jobs; see `Jobs.restore`."""
         self.jobs.restore(jobs, rebuilt, self.delivery, now_ns, term=term)
         self.delivery.forget()
-
-    def _holds_particles(self, job_id: str, job: PlacedJob) -> bool:
-        """Whether these particles outlive this process and their worker, where they can."""
-        if not (isinstance(job.job, TrackJob) and self.delivery.is_held(job_id, job)):
-            return False
-        alone = self.delivery.workers == [job.worker]
-        return alone or self.delivery.has_copy(job_id, self._keepers.keeper(job_id))

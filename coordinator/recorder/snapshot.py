@@ -21,7 +21,7 @@ from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
 from coordinator.failover.state_recovery import Told
 from coordinator.free_ground import FreeGround
-from coordinator.membership import order_delivery, second_keepers, straggler_policy
+from coordinator.membership import order_delivery, straggler_policy
 from coordinator.membership.jobs import PlacedJob
 from coordinator.pose.lateness import Lateness
 from coordinator.recorder.records import Started, without_bulk
@@ -94,7 +94,6 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_newest_epoch": int,
             "_missed_until_ns": dict[str, int],
         },
-        "_state.placement._keepers": {"_copies": dict[str, second_keepers._Copy]},
         "_state.placement.delivery": {
             "_workers": dict[str, order_delivery._Record],
             "_orders": int,

@@ -15,7 +15,7 @@ from coordinator.state import CoordinatorState
 from coordinator.step_collector import ReadyStep
 from protocol.answers import Belief, PoseAnswer
 from protocol.codec import encode
-from protocol.work import Checkpoint, TrackJob, TrackReport, WorkOrder
+from protocol.work import Checkpoint, TrackReport, WorkOrder
 from tests.simulation.network import SECOND, Clock
 
 SUM_TOLERANCE = 1e-9
@@ -163,12 +163,6 @@ class Laws:
         self.given: dict[tuple[str, int], tuple[str, Life]] = {}
         """By job and epoch: to which worker, and by whom first."""
         self.steps = 0
-        self._starts: dict[str, bytes] = {}
-        self._gave: dict[str, int] = {}
-        self.drawn_anew: set[str] = set()
-        """Clusters that were begun again, but not from particles that they have had."""
-        self.began_again = 0
-        """Orders by which a later coordinator gave a cluster that had been given before."""
 
     def life(
         self, name: str, started: Started, coordinator: Coordinator, promptest_s: float
@@ -205,13 +199,6 @@ class Laws:
         for given in order.begin:
             holder, _ = self.given.setdefault((given.job_id, given.epoch), (worker, life))
             demand(holder == worker, "a job has one worker in an epoch, whoever gives it")
-            if isinstance(given.job, TrackJob):
-                ruled = self._gave.setdefault(given.job_id, order.term)
-                self.began_again += ruled < order.term
-            if isinstance(given.job, TrackJob) and not given.job.exact:
-                start = given.job.start.map_from_robot.data
-                if self._starts.setdefault(given.job_id, start) != start:
-                    self.drawn_anew.add(given.job_id)
 
     def _rules_alone(self, life: Life, term: int) -> None:
         demand(self._rules.setdefault(term, life) is life, "one coordinator rules in a term")

@@ -44,20 +44,6 @@ class Schedule:
         return rng.choice((0.0, 1.0, 1e4)) + rng.random()
 
 
-class DyingTogether(Schedule):
-    """A worker dies together with the coordinator, on a network that loses nothing.
-
-    What was on its way arrives before somebody takes over.
-    """
-
-    def __init__(self, rng: random.Random) -> None:
-        super().__init__(rng)
-        self.loss, self.doubled, self.jitter_s = 0.0, 0.0, 0.001
-        at_s = rng.uniform(1.0, 9.0)
-        self.faults = [(at_s, _both_killed(rng))]
-        self.calm_at_s = at_s + 4.0
-
-
 def _fault(rng: random.Random) -> Fault:
     kinds: list[tuple[int, Callable[[random.Random], Fault]]] = [
         (6, _coordinator_killed),

@@ -11,12 +11,10 @@ from multiprocessing.pool import Pool
 import pytest
 
 from tests.simulation.many import broken, processes
-from tests.simulation.schedule import DyingTogether
 from tests.simulation.simulation import Simulation
 from tests.unit.coordinator.living import symmetric_room
 
 SCHEDULES = int(os.environ.get("CLUSTERMCL_SCHEDULES", "2000"))
-DYING_TOGETHER = SCHEDULES // 20
 PARTS = 20
 """Each a test, so that one stays within a test's time on a machine that has too much to do."""
 
@@ -36,16 +34,6 @@ def test_whatever_the_network_does_the_laws_are_kept(pool: Pool, part: int) -> N
 def test_what_broke_a_law_once_does_not_again(seed: int) -> None:
     """Of a hundred thousand: too rare to be among the first."""
     Simulation(seed, symmetric_room()).run()
-
-
-def test_what_a_worker_tracked_that_dies_with_the_coordinator_is_not_drawn_anew() -> None:
-    model, began_again = symmetric_room(), 0
-    for seed in range(DYING_TOGETHER):
-        simulation = Simulation(seed, model, DyingTogether)
-        simulation.run()
-        assert simulation.laws.drawn_anew == set(), f"seed {seed}"
-        began_again += simulation.laws.began_again
-    assert began_again > DYING_TOGETHER // 4, "in many of them it had tracked something"
 
 
 def test_a_seed_is_a_schedule() -> None:

@@ -100,7 +100,6 @@ class Story:
                     answer = OrderAnswer(
                         sender=worker, order=order.order, incarnation=1,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
-                        copies=order.copies,
                     )  # fmt: skip
                     self.coordinator.handle(OrderAnswered(worker, answer), 0)
 

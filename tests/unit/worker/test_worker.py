@@ -18,7 +18,6 @@ from protocol.work import (
     TakeOver,
     WorkerState,
     WorkOrder,
-    steps_of,
 )
 from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
@@ -275,39 +274,6 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
         Answer(1, expected),
         FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S),
     ]
-
-
-def test_copies_of_others_clusters_are_kept_until_no_order_names_them(fresh: Worker) -> None:
-    first, second = track("c1", cloud()), track("c2", cloud())
-
-    def kept(number: int, *copies: Assignment, new: tuple[Assignment, ...]) -> tuple[str, ...]:
-        order = msgspec.structs.replace(
-            asked(number).order, copies=tuple(steps_of(copies).items()), new_copies=new
-        )
-        answered = answers(told(fresh, OrderAsked(number, order)))[number]
-        assert dict(answered.copies) == steps_of(copies)
-        assert jobs(fresh) == [], "it does not track them"
-        (answer,) = told(fresh, StateAsked(10, TakeOver(sender="next", term=1)))
-        assert isinstance(answer, Answer)
-        assert isinstance(answer.message, WorkerState)
-        assert set(answer.message.copies) == set(copies)
-        return tuple(copy.job_id for copy in answer.message.copies)
-
-    assert kept(1, first, new=(first,)) == ("c1",)
-    assert kept(2, first, second, new=(second,)) == ("c1", "c2")
-    assert kept(3, second, new=()) == ("c2",)
-    assert kept(4, new=()) == ()
-
-
-def test_an_order_that_changes_only_copies_is_no_question(tracking: Worker) -> None:
-    told(tracking, ScanArrived(scan(1)))
-    order = asked(2, keep=(("c0", 1),)).order
-    assert reported(told(tracking, OrderAsked(2, order))) == [("c0", 1)], "this one is"
-    copy = track("c1", cloud())
-    changed = msgspec.structs.replace(
-        order, order=3, copies=tuple(steps_of([copy]).items()), new_copies=(copy,)
-    )
-    assert reported(told(tracking, OrderAsked(3, changed))) == []
 
 
 def test_scans_that_come_while_the_map_is_fetched_are_not_lost(

@@ -104,27 +104,10 @@ def test_without_any_worker_clusters_are_kept_and_go_on_as_soon_as_one_appears(
     assert_same(living, undisturbed)
 
 
-@hypothesis.settings(deadline=None, max_examples=12)
-@hypothesis.given(dies_at=st.integers(1, STEPS - 2), name=st.sampled_from(("w0", "w1", "w2")))
-def test_a_worker_that_dies_with_the_coordinator_changes_no_belief(
-    model: SensorModel, undisturbed: Living, dies_at: int, name: str
-) -> None:
-    """Another worker has a copy of its clusters, and the bridge the scans since."""
-    living = Living(model)
-    for step in range(STEPS):
-        if step == dies_at:
-            living.coordinator = None
-            living.kill_worker(name)
-            living.revive()
-            living.wait(1.6)  # its worker might have come back
-        living.drive(step)
-    assert_same(living, undisturbed)
-
-
-def test_with_two_workers_gone_at_once_a_cluster_goes_on_from_its_gaussian(
+def test_a_cluster_whose_worker_dies_with_the_coordinator_goes_on_from_its_gaussian(
     model: SensorModel, undisturbed: Living
 ) -> None:
-    """No hypothesis is lost, though nobody has its particles."""
+    """No hypothesis is lost, though no process has its particles."""
     living = Living(model)
     for step in range(18):
         living.drive(step)

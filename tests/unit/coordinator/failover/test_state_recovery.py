@@ -66,10 +66,10 @@ def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
     good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
     beyond = replace(good, job=ElsewhereJob(first_step=MAX_STEP))
     told = WorkerState(
-        sender="w", term=7, incarnation=1, holds=(beyond, good), copies=(good, beyond),
+        sender="w", term=7, incarnation=1, holds=(beyond, good),
         checkpoint=encode(KNOWN), reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
     read = told_by(encode(told), Trust(None, "robot", lambda: 0, lambda _: None))
-    assert read.holds == read.copies == (good,)
+    assert read.holds == (good,)
     assert read.checkpoint == KNOWN
     assert read.reports == (elsewhere(3, -1.0),)

@@ -1,9 +1,6 @@
-import numpy as np
-
 from coordinator.membership.order_delivery import RESEND_AFTER_NS, OrderDelivery
 from particle_filter.settings import FilterSettings
-from protocol.arrays import ArrayBlob
-from protocol.work import Assignment, OrderAnswer, Particles, SearchJob, TrackJob, WorkOrder
+from protocol.work import Assignment, OrderAnswer, SearchJob, WorkOrder
 
 SECOND = 1_000_000_000
 Epochs = dict[str, int]
@@ -16,29 +13,29 @@ class Told(OrderDelivery):
         super().__init__("coordinator", FilterSettings(), snapshot_every_steps=10)
         self.joined("w", silent_until_ns)
         self.jobs: Epochs = {}
-        self.copies: list[Assignment] = []
 
     def due(self, now_ns: int) -> WorkOrder | None:
         orders = self.orders(
-            self.ready(now_ns), {"w": self.jobs}, self._assigned, copies={"w": self.copies},
-            term=3, map_digest="map", now_ns=now_ns,
-        )  # fmt: skip
+            self.ready(now_ns),
+            {"w": self.jobs},
+            self._assigned,
+            term=3,
+            map_digest="map",
+            now_ns=now_ns,
+        )
         return dict(orders).get("w")
 
     def _assigned(self, job_id: str) -> Assignment:
         job = SearchJob(search=0, shard=0, first_step=0)
         return Assignment(job_id=job_id, epoch=self.jobs[job_id], job=job)
 
-    def answer(
-        self, order: WorkOrder | None, jobs: Epochs, problem: str = "", copies: Epochs | None = None
-    ) -> None:
+    def answer(self, order: WorkOrder | None, jobs: Epochs, problem: str = "") -> None:
         assert order is not None
         self.answered(
             "w",
             OrderAnswer(
                 sender="w", order=order.order, incarnation=1, problem=problem,
                 jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs.items()),
-                copies=tuple((copies or {}).items()),
             ),
         )  # fmt: skip
 
@@ -95,47 +92,3 @@ def test_one_that_is_being_asked_gets_no_order_before_it_has_told() -> None:
     order = made.due(1)
     assert order is not None
     assert order.keep == (("s0.0", 4),)
-
-
-def copy_of(job_id: str, step: int) -> Assignment:
-    start = Particles(
-        step=step,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(np.zeros((1, 3)), "float64"),
-        log_weights=ArrayBlob.of(np.zeros(1), "float64"),
-    )
-    job = TrackJob(cluster=0, start=start, exact=True)
-    return Assignment(job_id=job_id, epoch=1, job=job)
-
-
-def test_a_copy_travels_until_it_is_confirmed_and_then_no_more() -> None:
-    made = Told()
-    made.copies = [copy_of("c0", 5)]
-    order = made.due(0)
-    assert order is not None
-    assert (order.copies, order.new_copies) == ((("c0", 5),), (copy_of("c0", 5),))
-    assert not made.has_copy("c0", "w")
-    order = made.due(RESEND_AFTER_NS)
-    assert order is not None
-    assert order.new_copies == (copy_of("c0", 5),)
-    made.answer(order, {}, copies={"c0": 5})
-    assert made.has_copy("c0", "w")
-    made.copies.append(copy_of("c1", 6))
-    order = made.due(RESEND_AFTER_NS)
-    assert order is not None
-    assert (order.copies, order.new_copies) == ((("c0", 5), ("c1", 6)), (copy_of("c1", 6),))
-
-
-def test_one_of_an_older_release_that_keeps_no_copies_is_not_asked_again() -> None:
-    made = Told()
-    made.copies = [copy_of("c0", 5)]
-    made.answer(made.due(0), {})
-    assert not made.has_copy("c0", "w")
-    assert made.due(9 * RESEND_AFTER_NS) is None
-
-
-def test_one_that_is_not_known_has_no_copy() -> None:
-    made = Told()
-    assert not made.has_copy("c0", "w")
-    assert not made.has_copy("c0", "x")
-    assert not made.has_copy("c0", None)

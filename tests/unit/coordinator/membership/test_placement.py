@@ -2,7 +2,7 @@ from coordinator.membership.order_delivery import RESEND_AFTER_NS
 from coordinator.membership.placement import Placement
 from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, OrderAnswer, SearchJob, TrackJob, WorkOrder
+from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
@@ -36,7 +36,6 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
             order=order.order,
             incarnation=1,
             jobs=tuple((j, e, 0) for j, e in jobs),
-            copies=order.copies,
         )
         made.delivery.answered(name, answer)
 
@@ -172,40 +171,12 @@ def track_again(_job_id: str) -> TrackJob:
     return track(0)
 
 
-def test_particles_are_handed_on_until_two_workers_have_them() -> None:
-    made = placement("a", "b")
+def test_particles_are_handed_on_until_their_worker_has_them() -> None:
+    made = placement("a")
     made.jobs.begin({"c0": track(0)})
-    orders = dict(due(made, 0))
+    orders = due(made, 0)
     assert [job.job for job in made.state()] == [track(0)]
-    follow(made, [("a", orders["a"])])
-    assert [job.job for job in made.state()] == [track(0)], "they would die with the worker"
-    follow(made, [("b", orders["b"])])
+    follow(made, orders)
     assert [job.job for job in made.state()] == [None]
-    made.left("b")
-    assert [job.job for job in made.state()] == [None], "there is no second worker"
-    made.joined("c")
-    assert [job.job for job in made.state()] == [track(0)]
-    follow(made, due(made, 1))
-    assert [job.job for job in made.state()] == [None]
-
-
-def test_a_cluster_that_was_drawn_anew_goes_on_from_the_newest_copy_that_is_told() -> None:
-    before = placement("absent")
-    before.jobs.begin({"c0": track(0)})
-    follow(before, due(before, 0))
-    made = placement("b", "c", "d")
-    made.restore(before.state(), track_again, 0, term=0)
-    for worker, step in (("b", 3), ("c", 7), ("d", 5)):
-        made.copied(worker, [Assignment(job_id="c0", epoch=1, job=track(0, step))])
-    assert made.jobs.assignment("c0").job == track(0, 7)
-
-
-def test_what_its_worker_holds_counts_more_than_any_copy() -> None:
-    before = placement("a")
-    before.jobs.begin({"c0": track(0)})
-    follow(before, due(before, 0))
-    made = placement("a", "b")
-    made.restore(before.state(), track_again, 0, term=0)
-    made.held("a", [Assignment(job_id="c0", epoch=1, job=track(0, 4))], 0)
-    made.copied("b", [Assignment(job_id="c0", epoch=1, job=track(0, 9))])
-    assert made.jobs.assignment("c0").job == track(0, 4)
+    made.left("a")
+    assert [job.job for job in made.state()] == [track(0)], "no worker holds them any more"
