@@ -23,6 +23,10 @@ _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NU
 class RunError(ClusterMclError):
     """A run failed, or its process ended."""
 
+    def __init__(self, *, run: int, problem: str) -> None:
+        self.run, self.problem = run, problem
+        super().__init__(f"run {run}: {problem}")
+
 
 def in_parallel(
     work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
@@ -49,19 +53,20 @@ def in_parallel(
         _ignore_signals,
         (os.getpid(),),
     )
+    index = 0
     try:
-        indices = {pool.submit(_attempt, work, piece): index for index, piece in enumerate(pieces)}
+        indices = {pool.submit(_attempt, work, piece): run for run, piece in enumerate(pieces)}
         pending = set(indices)
         while pending and not stop.is_set():
             done, pending = wait(pending, _POLL_S, FIRST_COMPLETED)
             for future in done:
-                result = future.result()
+                index, result = indices[future], future.result()
                 if isinstance(result, _Failure):
-                    raise RunError(result.problem)
-                yield indices[future], result
+                    raise RunError(run=index, problem=result.problem)
+                yield index, result
     except BrokenProcessPool as error:
         problem = "a process ended in the middle of a run: is there enough memory?"
-        raise RunError(problem) from error
+        raise RunError(run=index, problem=problem) from error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
         for child in multiprocessing.active_children():
