@@ -1,8 +1,10 @@
 """The demo: everything on this machine, on a recording or a simulated robot, until its end."""
 
+import http.client
 import socket
 import time
 from collections.abc import Callable
+from contextlib import closing, suppress
 from pathlib import Path
 
 from rich.console import Console
@@ -63,17 +65,22 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         )
         with running(stack):
             result = _run(stack, met, show, view, stop, options.record, page)
-    wall_s = time.monotonic() - started_s
-    if options.as_json:
-        _print(dumped(as_object(result, wall_s)))
-    else:
-        _print("\n".join(summary_lines(result, wall_s)))
+            wall_s = time.monotonic() - started_s
+            if options.as_json:
+                _print(dumped(as_object(result, wall_s)))
+            else:
+                _print("\n".join(summary_lines(result, wall_s)))
+            while page is not None:  # the run can be looked back at, until Ctrl-C
+                stop.check()
+                stack.check()
+                time.sleep(_POLL_S)
 
 
 def _page_arguments(options: DemoOptions) -> list[str] | None:
     if options.view_at is None:
         return None
-    return ["--listen", options.view_at, *(["--by-hand"] if options.by_hand else [])]
+    by_hand = ["--by-hand"] if options.by_hand else []
+    return ["--listen", options.view_at, "--story", *by_hand]
 
 
 def _page_at(view_at: str) -> Address:
@@ -100,6 +107,18 @@ def _say_where(page: Address, check: Callable[[], None]) -> None:
         else:
             say_link(f"http://{page.netloc}/")
             return
+
+
+def _wait_for_browser(page: Address, check: Callable[[], None]) -> None:
+    """Wait until the page is open: the first search is the best of the story."""
+    while True:
+        check()
+        connection = http.client.HTTPConnection(page.host, page.port, timeout=1.0)
+        with closing(connection), suppress(OSError):
+            connection.request("GET", "/browsers")
+            if connection.getresponse().read() != b"0":
+                return
+        time.sleep(_POLL_S)
 
 
 def _view(options: DemoOptions, show: Show) -> View:
@@ -136,6 +155,8 @@ def _run(
         ):
             audience = Audience(session, show, view, check)
             audience.wait_for_workers(settings.worker.count)
+            if page is not None:
+                _wait_for_browser(page, check)
             stack.start_coordinator()
             summary = audience.follow()
             belief = summary.belief

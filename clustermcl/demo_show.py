@@ -1,6 +1,5 @@
 """What a demo is going to show: its options, checked before anything is started."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import assert_never
@@ -19,11 +18,11 @@ from robot_simulator.source import simulated_world
 DEFAULT_SOURCE = f"{SIMULATED}cross_feature"
 SIMULATION_RATE = 0.0
 """Of the demo in a terminal: as fast as the workers follow, so that it is told in seconds."""
-VIEWED_SIMULATION_RATE = 8.0 if (os.cpu_count() or 1) > 1 else 3.0
-"""Of a robot that somebody looks at, for as long as they like: some 12 steps a second."""
+VIEWED_RATE = 2.0
+"""Of a robot that a person watches: twice real time, some 3 steps a second."""
 DEFAULT_SIMULATION_STEPS = 300
 VIEWED_SIMULATION_STEPS = 10_000
-"""Of a robot that somebody looks at: about 15 minutes, if nobody ends it before."""
+"""Of a robot that a person watches: about an hour, unless it is ended before."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,12 +71,13 @@ def prepared(options: DemoOptions, settings: Settings) -> Show:
     source = options.recording or _usual_source(options.map_file)
     match parsed_source(source):
         case Simulated() as robot:
-            rate = VIEWED_SIMULATION_RATE if options.view_at else SIMULATION_RATE
+            rate = VIEWED_RATE if options.view_at else SIMULATION_RATE
             rate = 1.0 if options.by_hand else rate
             settings = _played(source, rate, options, settings)
             return _simulated(robot, options, settings)
         case Recorded(path):
-            return _recorded(path, options, _played(source, 0.0, options, settings))
+            rate = VIEWED_RATE if options.view_at else 0.0
+            return _recorded(path, options, _played(source, rate, options, settings))
         case Live():
             problem = "--recording: a live robot has no end; start 'clustermcl up'"
             raise SettingsError(key="--recording", problem=problem)

@@ -146,11 +146,7 @@ class PageServer:
             if sum(len(room.browsers) for room in self._rooms.values()) >= MAX_BROWSERS:
                 return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many pages are open", {})
             return None
-        digest, cells = room.map
-        if digest and path == f"map/{digest}":
-            packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
-            return _response(HTTPStatus.OK, cells, packed)
-        return self._file(path or "index.html")
+        return self._content(room, path or "index.html")
 
     def _asked(self, target: str) -> tuple[Room | None, str]:
         """The robot whose page is meant, and what of it: ``/robot/NAME/app.js``, or ``/app.js``."""
@@ -160,7 +156,13 @@ class PageServer:
         name, _, rest = path.removeprefix(ROBOT_PATH).partition("/")
         return self._rooms.get(name), rest
 
-    def _file(self, name: str) -> Response:
+    def _content(self, room: Room, name: str) -> Response:
+        digest, cells = room.map
+        if digest and name == f"map/{digest}":
+            packed = {"Content-Type": "application/octet-stream", "Content-Encoding": "deflate"}
+            return _response(HTTPStatus.OK, cells, packed)
+        if name == "browsers":  # a demo waits for the first
+            return _response(HTTPStatus.OK, str(len(room.browsers)).encode(), {})
         content = self._files.get(name)
         if content is None:
             return _response(HTTPStatus.NOT_FOUND, b"there is no such page", {})

@@ -38,6 +38,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
+    parser.add_argument("--story", action="store_true", help="captions that tell what happens")
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
     parser.add_argument(
@@ -57,6 +58,7 @@ def run_live_view(invocation: Invocation) -> None:
         allow_commands=arguments.allow_commands,
         open_browser=arguments.open,
         by_hand=arguments.by_hand,
+        story=arguments.story,
         certificate=arguments.certificate,
         private_key=arguments.private_key,
     )
@@ -91,6 +93,7 @@ def serve_page(
     about = {
         "commands": options.obeys_commands,
         "by_hand": options.by_hand,
+        "story": options.story,
         "robots": names if len(names) > 1 else [],
     }
     loops = [LiveLoop(_of_robot(settings, name), about) for name in names]

@@ -1,4 +1,5 @@
 // What the server tells goes where it is shown; what a person does goes to the server.
+import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
 import { MapView } from "./map_view.js";
@@ -126,6 +127,7 @@ function showBesides() {
   if (now.step) {
     showStep(now.step);
     showClusters(now.step.places, view, now.elsewhere);
+    if (system.story) showCaption(now.step, again);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
   if (now.eventsDue) showTheEvents(now.events);
@@ -155,7 +157,14 @@ function showNow() {
   showBesides();
 }
 
+/** The story once more: a run that has ended from its first step, else from a search on. */
+function again() {
+  if (now.step.last) travel.play(true);
+  else connection.send({ type: "relocalize" });
+}
+
 function showPast(frames) {
+  if (system.story) showCaption(null);
   if (!frames.step) {
     hint("That step is not kept any more.", true, CONFIRMED_MS);
     return;

@@ -29,7 +29,9 @@ export class MapView {
     this.due = false;
     this.drawMs = 0; // that drawing took the last time
     this.onDrawn = () => {};
-    new ResizeObserver(() => (this.isFitted ? this.fit() : this.redraw())).observe(canvas);
+    const resized = new ResizeObserver(() => (this.isFitted ? this.fit() : this.redraw()));
+    resized.observe(canvas);
+    resized.observe(document.getElementById("caption"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       if (this.map) this.map.picture = pictureOf(this.map);
       this.redraw();
@@ -72,8 +74,8 @@ export class MapView {
     const xs = corners.map((corner) => corner[0]), ys = corners.map((corner) => corner[1]);
     const [west, east, south, north] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    const actions = document.getElementById("actions");
-    const above = actions.offsetTop + actions.offsetHeight + MARGIN;
+    const over = ["actions", "caption"].map((id) => document.getElementById(id));
+    const above = MARGIN + Math.max(...over.map((one) => one.offsetTop + one.offsetHeight));
     const below = height - document.getElementById("below").offsetTop + MARGIN;
     const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), (height - above - below) / (north - south)));
     this.view = { x: (west + east) / 2, y: (south + north - (below - above) / scale) / 2, scale };

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from live_view.commands import DriveRobot, KidnapRobot, PlaceRobot
+from live_view.commands import DriveRobot, KidnapRobot, PlaceRobot, SearchAgain
 from live_view.saved_page import saved_page
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
@@ -670,3 +670,29 @@ def serious_problems(page: Page) -> list[str]:
         for violation in found["violations"]
         if violation["impact"] in ("serious", "critical")
     ]
+
+
+def test_a_demo_tells_its_story(stage: Stage, drawn: Page, pictures: Path) -> None:
+    stage.picture.on_belief(belief(1, 1, 2))
+    shows(stage, lambda: shown_step(drawn) == 1)
+    assert not drawn.is_visible("caption")  # only of a demo
+    drawn.run("liveView.take({system: {robot: 'r', link: 'running', commands: true, story: true}})")
+
+    def says(step: int, text: str, **changed: Any) -> None:
+        stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
+        shows(stage, lambda: text in drawn.text("caption"))
+
+    says(2, "Two places look alike")
+    assert not drawn.is_visible("again")
+    drawn.save(pictures / "caption.png")
+    top_of_map = "return liveView.view.screenOf([0, 6])[1]"
+    bottom = "return document.getElementById('caption').getBoundingClientRect().bottom"
+    shows(stage, lambda: drawn.run(top_of_map) > drawn.run(bottom))  # it covers nothing
+    says(3, "no place explains the scan", state="lost")
+    says(4, "fits one place alone", state="localized")
+    drawn.click("again")
+    shows(stage, lambda: stage.commands == [SearchAgain()])
+    says(5, "The run has ended", last=True)
+    drawn.click("again")
+    shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
+    assert stage.commands == [SearchAgain()]

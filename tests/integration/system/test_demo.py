@@ -5,6 +5,7 @@ import math
 import os
 import signal
 import subprocess
+import time
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, TypedCommand, typed
@@ -152,17 +153,52 @@ def written_map(folder: Path) -> Path:
 def viewed(environment: dict[str, str], tmp_path: Path) -> Iterator[tuple[TypedCommand, str]]:
     """A simulated robot in a map of one's own, and the link that has just been said."""
     listen = f"127.0.0.1:{free_port()}"
-    words = ("--map", str(written_map(tmp_path)), "--view", "--listen", listen)
+    own_map = str(written_map(tmp_path))
+    words = ("--map", own_map, "--workers", "4", "--view", "--listen", listen)
     with typed("demo", *words, *SMALL_FILTER, folder=tmp_path, environment=environment) as demo:
         demo.wait_for(f"look at http://{listen}/")
         yield demo, f"http://{listen}/"
+
+
+def opened(link: str) -> ClientConnection:
+    """As a browser that has opened the page."""
+    return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None)  # type: ignore[arg-type]  # a NewType of str
+
+
+def test_a_demo_with_a_page_waits_for_the_first_browser(
+    viewed: tuple[TypedCommand, str],
+) -> None:
+    demo, link = viewed
+    demo.wait_for("4 of 4 workers are ready")
+    time.sleep(3.0)  # in which several steps would be made
+    assert "step 0" not in demo.out
+    with opened(link):
+        demo.wait_for("step 0: ")
+    assert demo.end(signal.SIGINT) == 130
+
+
+def test_a_run_that_has_ended_can_still_be_looked_back_at(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    listen = f"127.0.0.1:{free_port()}"
+    words = (*SHORT, "--steps", "6", "--rate", "0", "--view", "--listen", listen, *SMALL_FILTER)
+    with typed(*words, folder=tmp_path, environment=environment) as demo:
+        demo.wait_for("look at")
+        with opened(f"http://{listen}/") as page:
+            demo.wait_for("In the end")
+            page.send('{"type": "past", "step": 2}')
+            while "past" not in (frames := json.loads(page.recv(20.0))):
+                page.send('{"type": "drawn"}')
+        assert frames["past"]["step"]["step"] == 2
+        assert demo.end(signal.SIGINT) == 130
 
 
 def test_the_link_can_be_opened_as_soon_as_it_is_said(viewed: tuple[TypedCommand, str]) -> None:
     demo, link = viewed
     with urllib.request.urlopen(link, timeout=10) as page:
         assert b"Cluster-MCL" in page.read()
-    demo.wait_for("step 0: ")
+    with opened(link):
+        demo.wait_for("step 0: ")
     assert demo.end(signal.SIGINT) == 130
     assert demo.err == f"clustermcl: look at {link}\n"
     demo.assert_nothing_runs()
@@ -172,8 +208,9 @@ def test_the_link_can_be_opened_as_soon_as_it_is_said(viewed: tuple[TypedCommand
 def test_a_demo_whose_process_is_killed_ends_and_says_which(
     viewed: tuple[TypedCommand, str], killed: str
 ) -> None:
-    demo, _ = viewed
-    demo.wait_for("step 0: ")
+    demo, link = viewed
+    with opened(link):
+        demo.wait_for("step 0: ")
     child = next(one for one in demo.meet_family() if killed in one.cmdline())
     child.kill()
     assert demo.popen.wait(20.0) == 2
