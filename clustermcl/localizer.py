@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+import numpy as np
 
 from clustermcl.readings import Reading
 from coordinator.belief.outcome import Outcome, belief_after
@@ -18,6 +19,7 @@ from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
+from particle_filter.settings import FilterSettings
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
@@ -28,6 +30,7 @@ from protocol.steps import Scan
 from protocol.validity import problem_of
 from sensor_bridge.step_maker import StepMaker
 from worker.map_model import default_cache_folder, sensor_model
+from worker.warm_up import compile_kernels
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -83,7 +86,8 @@ class ClusterMCL:
                 print(belief.state, belief.pose)
 
     With the same seed and readings it believes, bit for bit, what `clustermcl evaluate` and a
-    system of processes believe. Give one object to one thread.
+    system of processes believe. Give one object to one thread. The first one that is ever made on a
+    machine compiles for some ten seconds; what is compiled is kept.
 
     Args:
         grid_map: by `load_map`.
@@ -116,6 +120,7 @@ class ClusterMCL:
             chosen = with_setting(chosen, name, value, "ClusterMCL")
         self.map, self.belief = grid_map, None
         self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
+        compile_kernels(FilterSettings(sensor=chosen.sensor), np.random.default_rng(0))
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         model = sensor_model(grid_map, chosen.sensor, default_cache_folder())
         self._filter = InProcess(model, chosen)
