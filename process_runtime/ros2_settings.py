@@ -29,7 +29,16 @@ class Ros2Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         bool, described("become active without nav2's lifecycle manager asking for it")
     ] = False
     use_sim_time: Annotated[bool, described("stamps of our own come from /clock")] = False
-    scan_topic: Annotated[str, described("laser scans; several lasers by their frames")] = "scan"
+    scan_topic: Annotated[
+        str, described("laser scans; several topics with commas between; lasers by their frames")
+    ] = "scan"
+    pointcloud_topic: Annotated[
+        str, described("point clouds of which a slice is one more laser; empty: none")
+    ] = ""
+    min_height_m: Annotated[
+        float, described("the slice begins so high above the base frame", "m")
+    ] = 0.1
+    max_height_m: Annotated[float, described("and ends so high", "m")] = 1.0
     map_topic: Annotated[str, described("the map, latched")] = "map"
     tf_topic: Annotated[
         str, described("transforms; nav2's launch files remap /tf to tf in the namespace")

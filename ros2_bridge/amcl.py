@@ -12,14 +12,9 @@ from protocol.steps import OdometryReading
 from protocol.work import Particles
 from ros2_bridge import topics
 from ros2_bridge.frames import FrameBuffer, Kept, TransformMissingError
+from ros2_bridge.headers import frame_name, nanoseconds, stamp_of, time_problem
 from ros2_bridge.initial_pose import given_pose, initial_pose
-from ros2_bridge.laser_scans import (
-    LaserScans,
-    frame_name,
-    nanoseconds,
-    stamp_of,
-    time_problem,
-)
+from ros2_bridge.laser_scans import LaserScans
 from ros2_bridge.map_from_odom import MapFromOdom
 from ros2_bridge.markers import markers
 from ros2_bridge.messages_out import (
@@ -149,7 +144,7 @@ class Amcl:
         yield from self._ready_scans(now_ns)
 
     def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
-        """Take a `sensor_msgs/LaserScan`; it may wait for its transforms."""
+        """Take a `sensor_msgs/LaserScan` or `PointCloud2`; it may wait for its transforms."""
         if not self.is_active:
             return
         try:

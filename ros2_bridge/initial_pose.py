@@ -11,7 +11,7 @@ from protocol.message import Covariance
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.validity import gaussian_problem
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
-from ros2_bridge.laser_scans import frame_name, stamp_of
+from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.outputs import GivePose
 from ros2_bridge.rigid import rigid_of
 

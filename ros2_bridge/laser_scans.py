@@ -17,16 +17,18 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
-from ros2_bridge.messages_out import LAST_NS
+from ros2_bridge.headers import frame_name, stamp_of
+from ros2_bridge.message_types import POINT_CLOUD
 from ros2_bridge.outputs import Refused
+from ros2_bridge.point_clouds import cloud_reading
 from ros2_bridge.rigid import Rigid
 from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
 
 MAX_WAITING = 10
-"""Scans that wait for tf, as in AMCL."""
+"""Scans of a laser that wait for tf, as in AMCL."""
 
 
-@dataclass
+@dataclass(eq=False)
 class _Waiting:
     scan: Any
     frame: str
@@ -53,10 +55,10 @@ class LaserScans:
         self._waiting.clear()
 
     def add(self, scan: Any, now_ns: int) -> list[Refused]:
-        """Take a scan; the oldest one that waits gives way to an eleventh.
+        """Take a scan; the oldest of its laser that waits gives way to an eleventh.
 
         Args:
-            scan: a `sensor_msgs/LaserScan`.
+            scan: a `sensor_msgs/LaserScan` or `PointCloud2`.
             now_ns: on a clock that does not jump.
 
         Raises:
@@ -64,10 +66,11 @@ class LaserScans:
         """
         waiting = _Waiting(scan, frame_name(scan.header.frame_id), stamp_of(scan.header), now_ns)
         self._waiting.append(waiting)
-        if len(self._waiting) <= MAX_WAITING:
+        of_laser = [one for one in self._waiting if one.frame == waiting.frame]
+        if len(of_laser) <= MAX_WAITING:
             return []
-        given_way = self._waiting.popleft()
-        return [self._refused(given_way, self._missing(given_way), now_ns)]
+        self._waiting.remove(of_laser[0])
+        return [self._refused(of_laser[0], self._missing(of_laser[0]), now_ns)]
 
     def ready(self, now_ns: int) -> list[LaserReading | Refused]:
         """The scans whose transforms are there, and those that cannot be used, in their order."""
@@ -99,7 +102,9 @@ class LaserScans:
         settings, stamp_ns = self.settings, waiting.stamp_ns
         odom_from_base = self._frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
         base_from_laser = self._frames.lookup(settings.base_frame, waiting.frame, stamp_ns)
-        reading = laser_reading(waiting.scan, base_from_laser, odom_from_base.planar(), settings)
+        is_cloud = waiting.scan.__msgtype__ == POINT_CLOUD
+        made = cloud_reading if is_cloud else laser_reading
+        reading = made(waiting.scan, base_from_laser, odom_from_base.planar(), settings)
         if problem := laser_problem(reading):
             raise ValueError(f"{waiting.frame!r}: {problem.replace('_', ' ')}")
         return reading
@@ -158,32 +163,3 @@ def laser_reading(
         odom_from_robot=odom_from_robot,
         laser=frame_name(scan.header.frame_id),
     )
-
-
-def stamp_of(header: Any) -> int:
-    """The time in a message's header [ns].
-
-    Raises:
-        ValueError: it is no time of ROS.
-    """
-    stamp_ns = nanoseconds(header.stamp)
-    if problem := time_problem(stamp_ns):
-        raise ValueError(problem)
-    return stamp_ns
-
-
-def nanoseconds(time: Any) -> int:
-    """A `builtin_interfaces/Time` [ns]."""
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
-
-
-def time_problem(time_ns: int) -> str:
-    """Why this is no time of ROS, whose seconds have 31 bits; empty: it is one."""
-    if 0 <= time_ns <= LAST_NS:
-        return ""
-    return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
-
-
-def frame_name(name: str) -> str:
-    """A frame's name as tf2 has it; ROS 1 put a slash in front."""
-    return name.removeprefix("/")

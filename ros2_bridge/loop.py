@@ -174,7 +174,7 @@ class BridgeLoop:
         message = decode(event.payload, event.topic.ros_type)
         amcl, now_ns = self._amcl, time.monotonic_ns()
         match event.topic:
-            case self._topics.scan:
+            case topic if topic in self._topics.scans:
                 self._do(amcl.on_scan(message, now_ns))
             case self._topics.tf:
                 self._do(amcl.on_transforms(message, now_ns, fixed=False))

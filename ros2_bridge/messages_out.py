@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from protocol.answers import Belief
 from protocol.message import Covariance, PoseTuple
 from ros2_bridge import message_types as types
+from ros2_bridge.headers import LAST_NS
 from ros2_bridge.message_types import new
 from ros2_bridge.rigid import flat
 
 _PLANAR = (0, 1, 5)
 """Rows of ROS's covariance over x, y, z and the turns about them that a plane has."""
-LAST_NS = 2**31 * 1_000_000_000 - 1
-"""ROS's seconds have 31 bits [ns]."""
 _OK, _WARNING, _ERROR = 0, 1, 2
 _HEALTHY = ("localized", "ambiguous")
 

@@ -31,6 +31,7 @@ class Parameter:
             raises a `ValueError` for what nav2 does not take either.
         from_setting: the way back.
         reason: why there is none.
+        many: a list of texts will do, too.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Parameter:
     to_setting: Callable[[Any], Value | None] = lambda value: value
     from_setting: Callable[[Any], Value] = lambda value: value
     reason: str = ""
+    many: bool = False
 
     def converted(self, value: object) -> Value | None:
         """The setting's value; None: ours stays as it is.
@@ -48,6 +50,8 @@ class Parameter:
         """
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         kind = type(self.default)
+        if self.many and isinstance(value, list) and all(isinstance(one, str) for one in value):
+            value = ", ".join(value)
         if isinstance(value, str) and "$(" in value:
             raise ValueError("only ROS's launch fills in $(...): write the value itself")
         if not (is_number if kind is float else type(value) is kind):
@@ -81,7 +85,7 @@ LIVE = frozenset(
     f"ros2.{key}"
     for key in (
         *("transform_tolerance_s", "tf_broadcast", "publish"),
-        *("laser_min_range_m", "laser_max_range_m"),
+        *("laser_min_range_m", "laser_max_range_m", "min_height_m", "max_height_m"),
         *("first_map_only", "set_initial_pose", "always_reset_initial_pose"),
         *("initial_x_m", "initial_y_m", "initial_heading_rad"),
     )
@@ -186,7 +190,10 @@ _ALL = (
         _nav2_motion_model,
     ),
     Parameter("save_pose_rate", 0.5, "coordinator.save_pose_every_s", _period_of, _rate_of),
-    Parameter("scan_topic", "scan", "ros2.scan_topic"),
+    Parameter("pointcloud_topic", "", "ros2.pointcloud_topic"),
+    Parameter("min_height", 0.1, "ros2.min_height_m"),
+    Parameter("max_height", 1.0, "ros2.max_height_m"),
+    Parameter("scan_topic", "scan", "ros2.scan_topic", many=True),
     Parameter("set_initial_pose", False, "ros2.set_initial_pose"),
     Parameter("sigma_hit", 0.2, "sensor.hit_sigma_m"),
     Parameter("tf_broadcast", True, "ros2.tf_broadcast"),
@@ -212,4 +219,4 @@ _ALL = (
 )
 
 PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
-"""All of them by name; `publish` is ours alone."""
+"""All of them by name; `publish`, `pointcloud_topic` and the heights are ours alone."""

@@ -3,6 +3,9 @@
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from protocol.message import PoseTuple
 
 _NEARLY_PARALLEL = 1.0 - 1e-8
@@ -39,6 +42,11 @@ class Rigid(NamedTuple):
         back = Rigid(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
         x, y, z = back._turned(-self.x, -self.y, -self.z)
         return back._replace(x=x, y=y, z=z)
+
+    def rotation(self) -> NDArray[np.float64]:
+        """(3, 3) matrix that turns points of this frame into the outer one's directions."""
+        axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        return np.array([self._turned(*axis) for axis in axes]).T
 
     def towards(self, end: "Rigid", share: float) -> "Rigid":
         """The transform at a share of the way to another, turning the short way round."""

@@ -30,7 +30,6 @@ _LOOK_EVERY_S = 0.25
 _GONE_WITHIN_S = 3.0
 """After a cable was cut, the tokens of a process that lives no more stay for a lease of 2 s."""
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
-_TOPICS = ("scan_topic", "map_topic", "tf_topic", "tf_static_topic")
 
 _log = logging.getLogger(__name__)
 
@@ -44,7 +43,12 @@ def node_name(settings: Ros2Settings) -> NodeName:
     namespace = settings.namespace.rstrip("/")
     if namespace and not namespace.startswith("/"):
         namespace = f"/{namespace}"
-    wrong = [key for key in _TOPICS if not _TOPIC.fullmatch(getattr(settings, key))]
+    named = {
+        **{key: [getattr(settings, key)] for key in ("map_topic", "tf_topic", "tf_static_topic")},
+        "scan_topic": settings.scan_topic.split(","),
+        "pointcloud_topic": [settings.pointcloud_topic or "none"],
+    }
+    wrong = [key for key, names in named.items() for name in names if not _is_topic(name)]
     wrong += [] if is_name(settings.node_name) else ["node_name"]
     wrong += [] if is_namespace(namespace) else ["namespace"]
     for key in wrong:
@@ -69,6 +73,10 @@ def look_at_graph(settings: Settings, name: NodeName, stop: StopFlag) -> bool:
     with receiving_threads(MANY_LINKS), open_session(robot, None, stop, wait_s=None) as session:
         _refuse_second_node(session, name, robot.router, stop)
         return _is_humble(session, settings.ros2, stop)
+
+
+def _is_topic(name: str) -> bool:
+    return _TOPIC.fullmatch(name.strip()) is not None
 
 
 @contextmanager

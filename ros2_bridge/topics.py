@@ -68,10 +68,12 @@ class Topics:
         return Topic(self.settings.tf_static_topic, types.TF_MESSAGE, qos)
 
     @property
-    def scan(self) -> Topic:
-        """The lasers."""
-        qos = Qos(depth=5, best_effort=True)
-        return Topic(self.settings.scan_topic, types.LASER_SCAN, qos)
+    def scans(self) -> tuple[Topic, ...]:
+        """The lasers, and clouds that are taken for one."""
+        qos, cloud = Qos(depth=5, best_effort=True), self.settings.pointcloud_topic
+        names = dict.fromkeys(name.strip() for name in self.settings.scan_topic.split(","))
+        scans = tuple(Topic(name, types.LASER_SCAN, qos) for name in names)
+        return (*scans, Topic(cloud, types.POINT_CLOUD, qos)) if cloud else scans
 
     @property
     def map(self) -> Topic:
@@ -81,7 +83,7 @@ class Topics:
     def read(self) -> tuple[Topic, ...]:
         """All that are read."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
-        return (self.scan, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
+        return (*self.scans, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
         """All that are sent."""

@@ -126,7 +126,7 @@ class RosRobot:
         self.put(self.topics.tf_static, new(types.TF_MESSAGE, transforms=links))
 
     def put_scan(self, reading: LaserReading, frame: str = "laser", *, stamp_ns: int) -> None:
-        self.put(self.topics.scan, laser_scan(reading, frame, stamp_ns))
+        self.put(self.topics.scans[0], laser_scan(reading, frame, stamp_ns))
 
     def stand_until(
         self,

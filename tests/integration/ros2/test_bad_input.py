@@ -49,9 +49,9 @@ def say_all_that_is_wrong(robot: RosRobot, stranger: zenoh.Session) -> None:
     robot.put_initial_pose((0.0, 0.0, 0.0), frame="odom")
     robot.put_initial_pose((math.nan, 0.0, 0.0))
     scan = encode(new(types.LASER_SCAN), types.LASER_SCAN)
-    put_bytes(stranger, names.scan, scan, bytes(32))
-    put_bytes(stranger, names.scan, b"\0\3\0\0" + scan[4:])  # another encoding
-    put_bytes(stranger, names.scan, scan[: len(scan) // 2])
+    put_bytes(stranger, names.scans[0], scan, bytes(32))
+    put_bytes(stranger, names.scans[0], b"\0\3\0\0" + scan[4:])  # another encoding
+    put_bytes(stranger, names.scans[0], scan[: len(scan) // 2])
     put_bytes(stranger, names.tf, b"")
 
 

@@ -1,6 +1,7 @@
 """Robots that are not the simplest: several lasers, one upside down; a clock that is set back."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from ros2_bridge.messages_out import header
 from ros2_bridge.rigid import HERE, Rigid, flat
 from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
-from tests.integration.ros2.robot import SCAN, RosRobot
+from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan
 from tests.integration.ros2.system_double import SystemDouble
 from tests.integration.ros2.test_pose import ACTIVE, OpenSystem
 from tests.integration.waiting import wait_until
+from tests.unit.ros2_bridge.test_point_clouds import cloud
 
 pytestmark = pytest.mark.usefixtures("router")
 
@@ -54,6 +56,33 @@ def test_two_lasers_and_one_upside_down_keep_their_places_and_the_way_their_beam
     np.testing.assert_allclose(ends_in_robot(front)[0], (x + 0.2, y + 0.1), atol=1e-6)
     # Of the one that hangs it is to the left, and comes last.
     np.testing.assert_allclose(ends_in_robot(above)[-1], (x + 0.1, -y), atol=1e-6)
+
+
+def test_several_topics_and_a_cloud_are_lasers_of_one_robot(
+    open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
+) -> None:
+    settings = Ros2Settings(
+        autostart=True, scan_topic="front/scan, rear/scan", pointcloud_topic="lidar/points"
+    )
+    robot, system = open_robot(settings), open_system()
+    behind = flat((-0.3, 0.0, 3.0))
+    robot.put_mounts(("front", HERE), ("rear", behind), ("lidar", Rigid(0.1, 0, 0.4, 0, 0, 0, 1)))
+    start_bridge(settings)
+    front, rear, points = robot.topics.scans
+
+    def all_are_heard() -> bool:
+        stamp_ns = time.time_ns()
+        robot.put_odometry(stamp_ns, (0.0, 0.0, 0.0))
+        robot.put(front, laser_scan(SCAN, "front", stamp_ns))
+        robot.put(rear, laser_scan(SCAN, "rear", stamp_ns))
+        robot.put(points, cloud([(2.0, 0.0, 0.1)], stamp_ns=stamp_ns))
+        return {one.laser for one in list(system.lasers)} == {"front", "rear", "lidar/points"}
+
+    wait_until(all_are_heard)
+    (cut, *_) = lasers(system, "lidar/points")
+    assert cut.ranges.array().min() == 2.0
+    assert cut.robot_from_laser == (0.1, 0.0, 0.0)
+    assert lasers(system, "rear")[0].robot_from_laser[0] == -0.3
 
 
 def lasers(system: SystemDouble, frame: str) -> list[LaserReading]:

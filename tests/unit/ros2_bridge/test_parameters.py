@@ -22,6 +22,7 @@ from ros2_bridge.nav2_params import read_nav2_params
 from ros2_bridge.outputs import GivePose, Reconfigure
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
+from ros2_bridge.robot_session import node_name
 from ros2_bridge.services import Services
 from ros2_bridge.topics import PARAMETER_EVENTS, Topics
 from tests.unit.ros2_bridge.beliefs import belief
@@ -168,6 +169,18 @@ def test_a_few_lines_that_stand_for_more_than_any_memory_holds_are_refused(tmp_p
     file = write(tmp_path, "\n".join([*laughs, "amcl: {ros__parameters: *a39}"]))
     with pytest.raises(InputFileError, match=r":2: YAML aliases \(\*\) are not read"):
         read_nav2_params(file)
+
+
+def test_several_scan_topics_are_a_list_or_stand_with_commas_between(tmp_path: Path) -> None:
+    for value in ("[front/scan, /rear]", "'front/scan,/rear'"):
+        text = f"amcl:\n  ros__parameters: {{scan_topic: {value}, pointcloud_topic: lidar}}\n"
+        ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text)).values).ros2
+        assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear", "lidar"]
+        assert node_name(ros2).name == "amcl"
+    with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS takes letters"):
+        node_name(Ros2Settings(scan_topic="scan,"))
+    with pytest.raises(InputFileError, match=r"scan_topic = \[1\]: nav2 takes a text"):
+        read_nav2_params(write(tmp_path, "amcl:\n  ros__parameters: {scan_topic: [1]}\n"))
 
 
 def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:

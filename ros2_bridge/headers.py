@@ -1,0 +1,35 @@
+"""What the header of a ROS message says: its time and its frame."""
+
+from typing import Any
+
+LAST_NS = 2**31 * 1_000_000_000 - 1
+"""ROS's seconds have 31 bits [ns]."""
+
+
+def stamp_of(header: Any) -> int:
+    """The time in a message's header [ns].
+
+    Raises:
+        ValueError: it is no time of ROS.
+    """
+    stamp_ns = nanoseconds(header.stamp)
+    if problem := time_problem(stamp_ns):
+        raise ValueError(problem)
+    return stamp_ns
+
+
+def nanoseconds(time: Any) -> int:
+    """A `builtin_interfaces/Time` [ns]."""
+    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
+
+
+def time_problem(time_ns: int) -> str:
+    """Why this is no time of ROS; empty: it is one."""
+    if 0 <= time_ns <= LAST_NS:
+        return ""
+    return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
+
+
+def frame_name(name: str) -> str:
+    """A frame's name as tf2 has it; ROS 1 put a slash in front."""
+    return name.removeprefix("/")
