@@ -110,13 +110,13 @@ def test_parameters_can_be_asked_for_and_set(
     assert tolerance() == 0.5
     wanted = [
         parameter("transform_tolerance", 3, double_value=0.25),
-        parameter("max_beams", 2, integer_value=100),
+        parameter("max_particles", 2, integer_value=100),
     ]
     events = robot.listen(PARAMETER_EVENTS)
     request = new(request_of(types.SET_PARAMETERS), parameters=wanted)
     results = robot.call("/amcl/set_parameters", types.SET_PARAMETERS, request).results
     assert [one.successful for one in results] == [True, False]
-    assert results[1].reason == "sensor.max_beams is read at the start"
+    assert results[1].reason.startswith("particles are for each cluster")
     assert tolerance() == 0.25
     wait_until(lambda: events)
     assert [one.name for one in events[0].changed_parameters] == ["transform_tolerance"]
