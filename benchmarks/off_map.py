@@ -34,13 +34,13 @@ from evaluation.in_process import InProcess
 from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
 from evaluation.mirrored import mirrored
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from particle_filter.kernel_arguments import to_cells
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import Scan
+from recordings.map_file import load_map
 from robot_simulator.lidar import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps

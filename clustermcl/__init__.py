@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from clustermcl.localizer import ClusterMCL as ClusterMCL
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
-    from grid_maps.load import load_map_with_obstacles as load_map  # noqa: F401 - public
     from protocol.answers import Hypothesis as Hypothesis
     from protocol.errors import ClusterMclError as ClusterMclError
     from protocol.errors import CommandRefusedError as CommandRefusedError
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from protocol.errors import RecordingError as RecordingError
     from protocol.errors import SettingsError as SettingsError
     from protocol.errors import UnreachableError as UnreachableError
+    from recordings.map_file import load_map_with_obstacles as load_map  # noqa: F401 - public
 
 _WHERE = {
     "Belief": "clustermcl.localizer",
@@ -36,7 +36,7 @@ _WHERE = {
     "RecordingError": "protocol.errors",
     "SettingsError": "protocol.errors",
     "UnreachableError": "protocol.errors",
-    "load_map": "grid_maps.load",
+    "load_map": "recordings.map_file",
     "read_recording": "clustermcl.readings",
 }
 __all__ = [*_WHERE]  # noqa: PLE0604 - names

@@ -13,11 +13,11 @@ from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
 from evaluation.map_check.views import WAY_M
 from evaluation.recordings import opened
-from grid_maps.load import load_map_with_obstacles
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
-from sensor_bridge.recording import steps_of
+from recordings.map_file import load_map_with_obstacles
+from sensor_bridge.recorded import steps_of
 
 MOST_CELLS = 2**26
 """What is looked at takes some 42 bytes a cell."""

@@ -8,10 +8,10 @@ import msgspec
 
 from evaluation.recordings import counted_steps
 from evaluation.references import Reference, load_reference
-from grid_maps.load import load_map_with_obstacles, map_file_of
 from process_runtime.settings import Settings
 from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from protocol.errors import SettingsError
+from recordings.map_file import load_map_with_obstacles, map_file_of
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.source import simulated_world
 

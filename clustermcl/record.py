@@ -19,7 +19,7 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
-from sensor_bridge.run_recorder import RunRecorder
+from recordings.run_recorder import RunRecorder
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe

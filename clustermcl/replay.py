@@ -15,8 +15,8 @@ from coordinator.recorder.replay import (
     Happening,
     replayed,
 )
-from grid_maps.load import load_map
 from protocol.errors import printable
+from recordings.map_file import load_map
 
 
 @dataclass

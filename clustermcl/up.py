@@ -8,16 +8,16 @@ import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
 from coordinator.last_pose_files import default_state_folder
-from grid_maps.load import load_map_with_obstacles, map_file_of
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
+from recordings.map_file import load_map_with_obstacles, map_file_of
+from recordings.recording import open_recording
 from robot_simulator.source import simulated_world
 from ros2_bridge.process import refuse_what_cannot_run as refuse_ros2_that_cannot_run
-from sensor_bridge.recording import open_recording
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 _POLL_S = 0.1

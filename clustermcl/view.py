@@ -9,19 +9,19 @@ from pathlib import Path
 from typing import assert_never
 
 from coordinator.recorder.replay import recorded_bridge, replayed
-from grid_maps.load import load_map, map_file_of
 from grid_maps.map_message import to_message
 from live_view.admission import parsed_address
 from live_view.process import serve_page
 from live_view.recorded_bag import bag_run
 from live_view.recorded_run import RecordedRun, flight_run, serve_recording
 from live_view.serving import PageOptions
-from process_runtime.bag_file import BagFile, is_bag
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.sources import Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import ClusterMclError, MapFileError, RecordingError
 from protocol.steps import MapMessage
+from recordings.bag_file import BagFile, is_bag
+from recordings.map_file import load_map, map_file_of
 from robot_simulator.source import simulated_world
 
 

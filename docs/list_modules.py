@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
 LISTED = (
     *("ros2_bridge", "coordinator", "worker", "sensor_bridge"),
-    *("zenoh_link", "process_runtime", "protocol"),
+    *("zenoh_link", "recordings", "process_runtime", "protocol"),
 )
 TOUCHED = {
     "Zenoh": {"zenoh", "zenoh_link"},

@@ -39,13 +39,13 @@ from evaluation.experiments.task import Finished, Run, Task, run_task
 from evaluation.experiments.trace import Trace
 from evaluation.recordings import opened
 from evaluation.report_page import DRAWN_RUNS, TableText, report_page
-from grid_maps.load import map_file_of
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
+from recordings.map_file import map_file_of
 
 DEFAULT_STEPS = 300
 """Of a simulated robot, which never stops by itself."""

@@ -3,7 +3,8 @@
 import logging
 
 from process_runtime.settings import BridgeSettings
-from sensor_bridge.recording import Recording, open_recording, steps_of
+from recordings.recording import Recording, open_recording
+from sensor_bridge.recorded import steps_of
 
 _NAMED_LINES = 10
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from particle_filter.arrays import Pose
+from particle_filter.trajectory import bridgeable, interpolated
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
-from sensor_bridge.log_file import LogFile, numbers_of, stamp_ns_of
-from sensor_bridge.odometry_buffer import bridgeable, interpolated
+from recordings.log_file import LogFile, numbers_of, stamp_ns_of
 
 MAX_OUTSIDE_NS = 1_000_000_000
 """Before the first and after the last pose, that pose holds for so long [ns]."""

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from live_view.picture import Picture
 from live_view.recorded_run import Telling, best_pose
-from process_runtime.bag_file import BagFile, BagMessage
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.steps import LaserBeams, Scan
 from protocol.work import Particles
-from sensor_bridge.ros_messages import BASE, BELIEF_TOPIC
+from recordings.bag_file import BagFile, BagMessage
+from recordings.ros_messages import BASE, BELIEF_TOPIC
 
 _SCAN, _CLOUD, _LINKS = "/scan", "/particle_cloud", ("/tf", "/tf_static")
 _CLOUD_EVERY_STEPS = 10

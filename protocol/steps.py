@@ -1,5 +1,7 @@
 """Readings from a robot to the bridge, and what the bridge makes of them: steps and the map."""
 
+from typing import TypeAlias
+
 import msgspec
 
 from protocol.arrays import ArrayBlob
@@ -33,6 +35,9 @@ class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
     """A reading below it is no return."""
     upside_down: bool = False
     """The laser is mounted on its head: its beams go clockwise as seen from above."""
+
+
+Reading: TypeAlias = OdometryReading | LaserReading
 
 
 class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):

@@ -6,7 +6,6 @@ from typing import TypeVar
 
 import zenoh
 
-from grid_maps.load import load_map
 from process_runtime.main import Invocation, process_main
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
@@ -14,11 +13,12 @@ from protocol.answers import CommandDone, Drive, Kidnap
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, SettingsError
 from protocol.steps import Scan, TruePose
+from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
 from robot_simulator.worlds.world import World
-from sensor_bridge.extension import Extension
 from sensor_bridge.process import serve_robot
+from sensor_bridge.source import Extension
 from zenoh_link.wire import Asked, Publisher
 
 M = TypeVar("M")

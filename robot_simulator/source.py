@@ -6,15 +6,14 @@ from pathlib import Path
 
 import msgspec
 
-from grid_maps.load import load_map_with_obstacles
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
-from protocol.steps import Scan
+from protocol.steps import Reading, Scan
+from recordings.map_file import load_map_with_obstacles
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world, world_names
 from robot_simulator.worlds.world import World, world_from_map
-from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 
 

@@ -16,13 +16,13 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
+from recordings.laser_mount import counter_clockwise, hangs_upside_down
 from ros2_bridge.frames import FrameBuffer, TransformMissingError
 from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.message_types import POINT_CLOUD
 from ros2_bridge.outputs import Refused
 from ros2_bridge.point_clouds import cloud_reading
 from ros2_bridge.rigid import Rigid
-from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
 
 MAX_WAITING = 10
 """Scans of a laser that wait for tf, as in AMCL."""

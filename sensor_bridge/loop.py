@@ -23,14 +23,14 @@ from protocol.steps import (
     MapMessage,
     MapReading,
     OdometryReading,
+    Reading,
     Scan,
     ScanHistory,
 )
 from protocol.validity import MAX_SCAN_STEP
-from sensor_bridge.extension import Extension
 from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
-from sensor_bridge.reading import Reading, Source
+from sensor_bridge.source import Extension, Source
 from sensor_bridge.standing_robot import StandingRobot
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker

@@ -6,8 +6,8 @@ from where it all was, it was an outlier; if they go on from there, the clock wa
 odometry began anew.
 """
 
+from protocol.steps import Reading
 from sensor_bridge.odometry_continuity import is_jump
-from sensor_bridge.reading import Reading
 
 MAX_AHEAD_NS = 10_000_000_000
 """A stamp may be so much later than the newest before it [ns] without a second one that agrees."""

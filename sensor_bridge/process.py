@@ -9,36 +9,20 @@ from typing import assert_never
 import zenoh
 
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map, map_file_of
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from protocol import keys
 from protocol.errors import AlreadyRunningError, SettingsError
-from sensor_bridge.extension import Extension
+from recordings.map_file import load_map, map_file_of
 from sensor_bridge.loop import BridgeLoop
-from sensor_bridge.reading import Reading, Source
-from sensor_bridge.recording import open_recording, steps_of
+from sensor_bridge.recorded import RecordedSource
+from sensor_bridge.source import Extension, Source
 from zenoh_link.deaf_link import is_there
 from zenoh_link.session import open_session
 from zenoh_link.wire import is_alive
 
 _log = logging.getLogger(__name__)
-
-
-class RecordedSource:
-    """The readings of a recording."""
-
-    def __init__(self, path: str, settings: BridgeSettings) -> None:
-        recording = open_recording(path, settings)
-        for skipped in recording.skipped:
-            _log.warning("%s:%d left out: %s", path, skipped.line_number, skipped.problem)
-        self._readings = iter(recording.readings)
-        self.steps: int | None = sum(1 for _ in steps_of(recording, settings, map_digest=""))
-
-    def next_reading(self) -> Reading | None:
-        """The next reading in the order of time; None at the end."""
-        return next(self._readings, None)
 
 
 def main() -> None:

@@ -6,17 +6,16 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from particle_filter.settings import section_with
+from particle_filter.trajectory import OdometryBuffer
 from process_runtime.settings import BridgeSettings
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
-from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.steps import LaserReading, OdometryReading, Reading, Scan
 from sensor_bridge.laser_inputs import LaserInputs, beams_of
 from sensor_bridge.motion_gate import MotionGate, Passage
-from sensor_bridge.odometry_buffer import OdometryBuffer
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
-from sensor_bridge.reading import Reading
 
 STAMP_STEPS_BACK = "stamp_steps_back"
 CLOCK_RESTARTED = "clock_restarted"

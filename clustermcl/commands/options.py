@@ -132,8 +132,8 @@ def of_bag(
 
 def _may_be_bag(recording: str | Path | None) -> bool:
     """Whether it is a bag; true of what is not there, which is refused as such later."""
-    from process_runtime.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
+    from recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
 
     if not recording or str(recording).startswith(SIMULATED):
         return False

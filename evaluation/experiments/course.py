@@ -8,15 +8,16 @@ from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
 from evaluation.mirrored import mirrored
 from evaluation.references import Reference, load_reference
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
+from recordings.map_file import load_map
+from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps, simulated_world
-from sensor_bridge.recording import open_recording, steps_of
+from sensor_bridge.recorded import steps_of
 
 TrueStep = tuple[Scan, PoseTuple | None]
 """A step, and where the robot was at its scan; None where nobody knows."""

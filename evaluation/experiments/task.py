@@ -19,7 +19,7 @@ from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from sensor_bridge.run_recorder import RunRecorder
+from recordings.run_recorder import RunRecorder
 from worker.map_model import default_cache_folder, sensor_model
 
 

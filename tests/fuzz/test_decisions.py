@@ -22,7 +22,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading, Scan
+from protocol.steps import LaserReading, OdometryReading, Reading, Scan
 from protocol.validity import problem_of
 from protocol.work import (
     Assignment,
@@ -32,7 +32,6 @@ from protocol.work import (
     SearchReport,
     TrackReport,
 )
-from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.fuzz.effort import cases
 from tests.unit.coordinator.reports import cloud_at, elsewhere, scan, searched, tracked

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from evaluation.references import load_reference
-from grid_maps.load import load_map
 from process_runtime import compressed
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.settings_file import load_settings
@@ -27,11 +26,13 @@ from protocol.errors import (
     ReferenceFileError,
     SettingsError,
 )
-from sensor_bridge import log_file
-from sensor_bridge.recording import open_recording, steps_of
+from recordings import log_file
+from recordings.map_file import load_map
+from recordings.recording import open_recording
+from sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, packed
-from tests.unit.sensor_bridge.logs import (
+from tests.unit.recordings.logs import (
     flaser,
     odom,
     raw_laser,

@@ -8,12 +8,12 @@ import zenoh
 from msgspec.structs import replace
 
 from clustermcl.stack import COORDINATOR, WORKERS
-from grid_maps.load import load_map
 from grid_maps.map_message import to_message
 from grid_maps.map_writer import write_map
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.steps import Scan
+from recordings.map_file import load_map
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.system import SIMULATOR, SMALL, System, system
 from tests.integration.waiting import wait_until

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.load import load_map
 from grid_maps.map_writer import write_map
 from protocol.answers import PoseAnswer
 from protocol.job_events import Ended
+from recordings.map_file import load_map
 from robot_simulator.worlds.catalogue import world
 from tests.integration.faults.live_robot import BRIDGE, Robot, with_bridge
 from tests.integration.faults.system import System

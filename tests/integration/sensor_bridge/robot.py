@@ -11,8 +11,7 @@ from PIL import Image
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.health import Health
-from protocol.steps import LaserReading, MapReading, Scan, ScanHistory
-from sensor_bridge.reading import Reading
+from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
 

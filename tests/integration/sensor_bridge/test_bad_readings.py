@@ -7,20 +7,19 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from grid_maps.load import load_map
 from process_runtime.settings import BridgeSettings, ZenohSettings
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
-from protocol.steps import Scan
-from sensor_bridge.reading import Reading
+from protocol.steps import Reading, Scan
+from recordings.map_file import load_map
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, walled_map
 from tests.integration.system.rubbish import NO_MESSAGES
 from tests.integration.waiting import wait_until
-from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
+from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 NAN, INF = math.nan, math.inf
 ROUNDS = 40

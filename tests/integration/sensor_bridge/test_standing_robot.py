@@ -15,7 +15,7 @@ from protocol.message import PoseTuple
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, walled_map
 from tests.integration.waiting import wait_until
-from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
+from tests.unit.recordings.logs import laser_reading, odometry_reading
 from zenoh_link.wire import ask
 
 StartBridge = Callable[[], Robot]

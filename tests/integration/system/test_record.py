@@ -9,7 +9,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from process_runtime.settings import BridgeSettings
-from sensor_bridge.recording import open_recording, steps_of
+from recordings.recording import open_recording
+from sensor_bridge.recorded import steps_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import wait_until

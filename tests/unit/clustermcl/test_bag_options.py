@@ -8,7 +8,7 @@ from clustermcl.demo_show import DemoOptions
 from evaluation.evaluate import EvaluateOptions
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError
-from tests.unit.sensor_bridge.bags import grid, scan, written
+from tests.unit.recordings.bags import grid, scan, written
 
 NAMES = ["--scan-topic", "/a", "--odom-topic", "/b", "--odom-frame", "c", "--base-frame", "d"]
 

@@ -23,10 +23,11 @@ from coordinator.belief.outcome import Outcome
 from evaluation.in_process import outcomes
 from grid_maps.map_writer import write_map
 from process_runtime.settings import BridgeSettings
+from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recording import open_recording, steps_of
+from sensor_bridge.recorded import steps_of
 from tests.integration.system.conftest import SMALL
 from worker.map_model import sensor_model
 

@@ -12,9 +12,10 @@ from evaluation.experiments.task import Run, Task
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from sensor_bridge.recording import open_recording, steps_of
+from recordings.recording import open_recording
+from sensor_bridge.recorded import steps_of
 from tests.unit.recordings import recording_or_skip
-from tests.unit.sensor_bridge.bags import converted
+from tests.unit.recordings.bags import converted
 
 LASER = "/driver_laser_security/laser_scan"
 SETTINGS = Settings(bridge=BridgeSettings(scan_topic=LASER))

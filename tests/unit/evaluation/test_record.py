@@ -17,7 +17,6 @@ from evaluation.evaluate import EvaluateOptions, run_evaluate
 from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.task import Run, Task
 from evaluation.in_process import outcomes
-from grid_maps.load import load_map
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from process_runtime.output_files import OutputError
@@ -25,9 +24,11 @@ from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
 from protocol.errors import SettingsError
 from protocol.steps import LaserBeams, Scan
+from recordings.map_file import load_map
+from recordings.recording import open_recording
+from recordings.run_recorder import RunRecorder
 from robot_simulator.worlds.catalogue import world
-from sensor_bridge.recording import open_recording, steps_of
-from sensor_bridge.run_recorder import RunRecorder
+from sensor_bridge.recorded import steps_of
 from tests.integration.system.conftest import SMALL
 
 STEPS = 60

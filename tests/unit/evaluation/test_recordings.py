@@ -1,8 +1,8 @@
 from pathlib import Path
 
 from evaluation.recordings import left_out
-from sensor_bridge.log_file import SkippedLine
-from sensor_bridge.recording import Recording
+from recordings.log_file import SkippedLine
+from recordings.recording import Recording
 
 
 def recording(*skipped: SkippedLine) -> Recording:

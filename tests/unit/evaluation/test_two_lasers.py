@@ -12,10 +12,9 @@ from particle_filter.sensor_models import computed_model
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.codec import decode, encode
-from protocol.steps import LaserReading, Scan
+from protocol.steps import LaserReading, Reading, Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
-from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import StepMaker
 from tests.integration.system.conftest import SMALL
 

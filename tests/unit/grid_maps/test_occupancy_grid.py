@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grid_maps.load import load_map, map_file_of
 from protocol.errors import MapFileError
-from tests.unit.sensor_bridge.bags import FORMS, grid, scan, written
+from recordings.map_file import load_map, map_file_of
+from tests.unit.recordings.bags import FORMS, grid, scan, written
 
 CELLS = [[0, 100, -1], [50, 0, 99]]
 S = 1_000_000_000

@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.errors import MapFileError
+from recordings.map_file import load_map
 from tests.unit.recordings import recording_or_skip
 
 HEADER = {

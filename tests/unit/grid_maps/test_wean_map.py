@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from grid_maps.load import load_map
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from protocol.errors import MapFileError
+from recordings.map_file import load_map
 from tests.unit.recordings import recording_or_skip
 
 HEADER = "robot_specifications->global_mapsize_x   30\nrobot_specifications->resolution   10\n\n"
@@ -69,7 +69,7 @@ def test_both_files_of_wean_hall_are_the_same_map() -> None:
 def test_reading_a_map_imports_no_mathematics_and_only_its_own_format(tmp_path: Path) -> None:
     path = write_map(tmp_path, HEADER + GRID)
     program = (
-        "import sys; from grid_maps.load import load_map; load_map(sys.argv[1]);"
+        "import sys; from recordings.map_file import load_map; load_map(sys.argv[1]);"
         "print(sorted({'numba', 'scipy', 'yaml', 'PIL'} & set(sys.modules)))"
     )
     command = [sys.executable, "-c", program, str(path)]

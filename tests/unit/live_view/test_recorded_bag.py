@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from grid_maps.load import load_map
 from grid_maps.map_message import to_message
 from live_view.picture import Picture
 from live_view.recorded_bag import bag_run
 from live_view.recorded_run import RecordedRun
-from process_runtime.bag_file import BagFile
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
 from protocol.steps import LaserBeams, OdometryReading, Scan
+from recordings.bag_file import BagFile
+from recordings.map_file import load_map
+from recordings.run_recorder import RunRecorder
 from robot_simulator.worlds.catalogue import world
-from sensor_bridge.run_recorder import RunRecorder
 from tests.unit.live_view.messages import belief, scan
 
 STEPS = 12

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.load import load_map
 from grid_maps.map_writer import write_map
 from particle_filter.arrays import UNKNOWN
+from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
 

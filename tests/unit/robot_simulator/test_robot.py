@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
 from protocol.message import PoseTuple
+from recordings.map_file import load_map
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.odometer import Odometer
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven

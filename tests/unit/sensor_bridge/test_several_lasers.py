@@ -14,11 +14,10 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import MAX_LASERS
-from protocol.steps import LaserBeams, LaserReading, Scan
+from protocol.steps import LaserBeams, LaserReading, Reading, Scan
 from sensor_bridge.laser_inputs import beams_of
-from sensor_bridge.reading import Reading
 from sensor_bridge.step_maker import RESTART_AFTER, StepMaker, steps_from
-from tests.unit.sensor_bridge.logs import laser_reading, odometry_reading
+from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 FRONT: PoseTuple = (0.3, 0.0, 0.0)
 REAR: PoseTuple = (-0.3, 0.1, math.pi)

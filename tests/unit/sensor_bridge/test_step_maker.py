@@ -20,7 +20,7 @@ from sensor_bridge.step_maker import (
     StepMaker,
     steps_from,
 )
-from tests.unit.sensor_bridge.logs import ORIGIN, laser_reading, odometry_reading, seconds
+from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
 def a_maker(first_step: int = 0, paced: bool = False, live: bool = False) -> StepMaker:

@@ -9,17 +9,18 @@ from numpy.typing import NDArray
 
 from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
-from grid_maps.load import load_map
 from particle_filter.arrays import OCCUPIED, Pose
 from particle_filter.poses import compose, inverse
 from particle_filter.scan_points import points_in_robot, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.recording import Recording, open_recording, steps_of
+from recordings.map_file import load_map
+from recordings.recording import Recording, open_recording
+from sensor_bridge.recorded import steps_of
 from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.unit.recordings import recording_or_skip
-from tests.unit.sensor_bridge.logs import flaser, recording_of
+from tests.unit.recordings.logs import flaser, recording_of
 
 NEAR_M = 0.3
 

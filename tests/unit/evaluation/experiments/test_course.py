@@ -7,7 +7,7 @@ from PIL import Image
 from evaluation.experiments.case import Case, RecordedRobot
 from evaluation.experiments.course import course_of
 from process_runtime.settings import BridgeSettings
-from tests.unit.sensor_bridge.logs import flaser
+from tests.unit.recordings.logs import flaser
 
 
 @pytest.fixture

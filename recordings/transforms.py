@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from sensor_bridge.odometry_buffer import MAX_EXTRAPOLATION_NS
+from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 
 _SAME = 1e-6
 _MAX_NAMED = 12

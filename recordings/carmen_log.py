@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from protocol.message import PoseTuple
-from sensor_bridge.flaser_geometry import flaser_angles
-from sensor_bridge.laser_mount import fixed_mounting, mounting
-from sensor_bridge.log_file import (
+from recordings.flaser_geometry import flaser_angles
+from recordings.laser_mount import fixed_mounting, mounting
+from recordings.log_file import (
     Entry,
     LaserEntry,
     OdometryEntry,

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from backports import zstd
 
-from process_runtime import bag_chunks
-from process_runtime.bag_chunks import MOST_BYTES, check_overlaps
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
-from sensor_bridge.recording import open_recording
-from tests.unit.sensor_bridge.bags import fixed_tf, scan, tf, written
-from tests.unit.sensor_bridge.logs import scans_of
+from recordings import bag_chunks
+from recordings.bag_chunks import MOST_BYTES, check_overlaps
+from recordings.recording import open_recording
+from tests.unit.recordings.bags import fixed_tf, scan, tf, written
+from tests.unit.recordings.logs import scans_of
 
 MCAP, GIGABYTES = b"\x89MCAP0\r\n", 1
 SENT = [

@@ -3,9 +3,12 @@
 import math
 from bisect import bisect_left, insort
 from operator import itemgetter
+from typing import TypeAlias
 
 from particle_filter.poses import wrap_angle
-from protocol.message import PoseTuple
+
+PoseTuple: TypeAlias = tuple[float, float, float]
+"""x [m], y [m], heading [rad]."""
 
 MAX_EXTRAPOLATION_NS = 250_000_000
 """Before the first and after the last pose, the motion beside it is taken to last so long [ns]."""

@@ -1,10 +1,21 @@
-"""What a source of its own kind adds to a bridge."""
+"""Where a bridge takes readings from when no robot publishes them, and what that adds to it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
-from protocol.steps import Scan
+from protocol.steps import Reading, Scan
 from zenoh_link.wire import Asked
+
+
+class Source(Protocol):
+    """Where readings come from when no robot publishes them."""
+
+    steps: int | None
+    """How many steps it makes; None: it does not end by itself."""
+
+    def next_reading(self) -> Reading | None:
+        """The next reading in the order of time; None at the end."""
 
 
 def _nothing(_scan: Scan) -> None:

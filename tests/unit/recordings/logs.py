@@ -10,7 +10,7 @@ from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading
-from sensor_bridge.recording import Recording, open_recording
+from recordings.recording import Recording, open_recording
 
 ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
 

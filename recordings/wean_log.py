@@ -10,8 +10,8 @@ last looks to +89. The poses of an `L` line are the odometry at the time of the 
 import math
 from collections.abc import Sequence
 
-from sensor_bridge.laser_mount import mounting
-from sensor_bridge.log_file import (
+from recordings.laser_mount import mounting
+from recordings.log_file import (
     Entry,
     LaserEntry,
     OdometryEntry,

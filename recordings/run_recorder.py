@@ -7,12 +7,12 @@ import numpy as np
 
 from grid_maps.grid_map import GridMap
 from particle_filter.poses import compose, inverse
-from process_runtime.bag_writer import BagWriter
 from protocol.answers import Belief, Hypothesis
 from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix, pose_tuple
 from protocol.steps import OdometryReading, Scan
-from sensor_bridge.ros_messages import BASE, BELIEF_TOPIC, LASER, MAP, ODOM, RosMessages
+from recordings.bag_writer import BagWriter
+from recordings.ros_messages import BASE, BELIEF_TOPIC, LASER, MAP, ODOM, RosMessages
 
 CLOUD_POSES = 500
 

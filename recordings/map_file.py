@@ -1,16 +1,20 @@
 """From a file to a map: ROS map_server YAML or wean.dat, perhaps packed, or a ROS bag's map."""
 
+from collections import deque
 from pathlib import Path
 
 import numpy as np
 
 from grid_maps.grid_map import GridMap
-from grid_maps.occupancy_grid import load_bag_map, split_topic
+from grid_maps.occupancy_grid import grid_map_of
 from grid_maps.wean_map import is_wean_map, parse_wean_map
 from particle_filter.arrays import OCCUPIED
-from process_runtime.bag_file import is_bag
 from process_runtime.compressed import read_decompressed
 from protocol.errors import MapFileError
+from recordings.bag_file import OCCUPANCY_GRID, BagFile, is_bag
+
+_MAP = "map"
+_TOPIC_MARK = "#"
 
 
 def load_map(path: Path | str) -> GridMap:
@@ -23,9 +27,9 @@ def load_map(path: Path | str) -> GridMap:
     Raises:
         MapFileError: with file, line where there is one, cause and remedy.
     """
-    path, topic = split_topic(Path(path))
+    path, topic = _split_topic(Path(path))
     if is_bag(path):
-        return load_bag_map(path, topic)
+        return _load_bag_map(path, topic)
     content = read_decompressed(path, MapFileError)
     if not content.strip():
         raise MapFileError(path, "empty; expected a map_server YAML file or wean.dat")
@@ -71,3 +75,43 @@ def _image_file(named: Path, header: Path) -> Path:
         if candidate.is_file():
             return candidate
     raise MapFileError(header, f"its image {named} does not exist; put it there or mend 'image:'")
+
+
+def _split_topic(path: Path) -> tuple[Path, str]:
+    """File and topic of ``FILE#TOPIC``; a file without is itself."""
+    if path.exists() or _TOPIC_MARK not in str(path):
+        return path, ""
+    file, _, topic = str(path).rpartition(_TOPIC_MARK)
+    return Path(file), topic
+
+
+def _load_bag_map(path: Path, topic: str) -> GridMap:
+    """The last map on a topic of a bag.
+
+    Args:
+        path: the bag.
+        topic: its name; empty: the one that is called ``map``, in any namespace.
+
+    Raises:
+        MapFileError: the bag cannot be read, has no such map, or the choice is not made.
+    """
+    with BagFile(path, MapFileError) as bag:
+        topics = bag.of_type(OCCUPANCY_GRID)
+        held = ", ".join(topics) or "none"
+        chosen = [one for one in topics if one == topic or (not topic and _is_map(one))]
+        if len(chosen) != 1:
+            problem = f"no map on {topic or 'a topic called map'}; it has nav_msgs/OccupancyGrid"
+            problem += f" on: {held}"
+            remedy = f"name a map file by --map, or one of these as --map {path}{_TOPIC_MARK}TOPIC"
+            raise MapFileError(path, f"{problem}; {remedy}")
+        sent = deque(bag.messages(chosen), maxlen=1)
+        if not sent:
+            raise MapFileError(path, f"{chosen[0]}: {bag.left_out[0].problem}")
+    try:
+        return grid_map_of(sent[0].content)
+    except ValueError as problem:
+        raise MapFileError(path, f"{chosen[0]}: {problem}") from problem
+
+
+def _is_map(topic: str) -> bool:
+    return topic.rpartition("/")[2] == _MAP

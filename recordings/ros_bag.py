@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from process_runtime.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
-from sensor_bridge.laser_mount import counter_clockwise, hangs_upside_down
-from sensor_bridge.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
-from sensor_bridge.transforms import Placements, Transform, TransformTree
+from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
+from recordings.laser_mount import counter_clockwise, hangs_upside_down
+from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
+from recordings.transforms import Placements, Transform, TransformTree
 
 ODOM_FRAME = "odom"
 """ROS's name for the frame of odometry (REP 105), and AMCL's default."""

@@ -10,9 +10,9 @@ import pytest
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading
-from sensor_bridge.recording import open_recording
+from recordings.recording import open_recording
 from tests.unit.recordings import recording_or_skip
-from tests.unit.sensor_bridge.logs import (
+from tests.unit.recordings.logs import (
     flaser,
     odom,
     odometry_of,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sensor_bridge.log_file import Entry, LaserEntry, SkippedLine
+from recordings.log_file import Entry, LaserEntry, SkippedLine
 
 MAX_DISORDER_NS = 10_000_000_000
 """Stamps may be wrong by so much [ns] and still be in the same recording."""

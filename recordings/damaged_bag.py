@@ -14,7 +14,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from process_runtime.bag_chunks import MOST_FILE_BYTES, unpacked
+from recordings.bag_chunks import MOST_FILE_BYTES, unpacked
 
 _ROS1_START = b"#ROSBAG V2.0\n"
 _ROS1_MESSAGE, _ROS1_CHUNK, _ROS1_CONNECTION = 2, 5, 7

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from sensor_bridge.flaser_geometry import flaser_angles
+from recordings.flaser_geometry import flaser_angles
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, cast
 
-from process_runtime.bag_chunks import bound_library, check_overlaps, check_unpacked
 from process_runtime.compressed import (
     BROKEN_STREAM_ERRORS,
     broken_stream_problem,
@@ -24,6 +23,7 @@ from process_runtime.compressed import (
     os_problem,
 )
 from protocol.errors import InputFileError
+from recordings.bag_chunks import bound_library, check_overlaps, check_unpacked
 
 if TYPE_CHECKING:
     from rosbags import rosbag1, rosbag2
@@ -188,7 +188,7 @@ class BagFile:
 
     def _mended(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
         """A bag with what a damaged one still holds; raises what is wrong with that, if nothing."""
-        from process_runtime.damaged_bag import mend  # noqa: PLC0415 - for few bags
+        from recordings.damaged_bag import mend  # noqa: PLC0415 - for few bags
 
         file = path
         if path.is_dir():

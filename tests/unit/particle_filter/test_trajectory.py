@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from particle_filter.trajectory import OdometryBuffer
 from protocol.message import PoseTuple
-from sensor_bridge.odometry_buffer import OdometryBuffer
-from tests.unit.sensor_bridge.logs import seconds
+from tests.unit.recordings.logs import seconds
 
 
 def buffer_of(*poses: tuple[float, PoseTuple], capacity: int = 200) -> OdometryBuffer:

@@ -1,17 +1,17 @@
 """From a file to readings in the order of time, whatever the format of the recording."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from process_runtime.bag_file import is_bag
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
-from protocol.steps import LaserReading, OdometryReading, Scan
-from sensor_bridge.carmen_log import CarmenParser, is_carmen_line
-from sensor_bridge.log_file import (
+from protocol.steps import LaserReading, OdometryReading, Reading
+from recordings.bag_file import is_bag
+from recordings.carmen_log import CarmenParser, is_carmen_line
+from recordings.log_file import (
     Entry,
     LaserEntry,
     LogFile,
@@ -19,11 +19,9 @@ from sensor_bridge.log_file import (
     OdometryEntry,
     SkippedLine,
 )
-from sensor_bridge.no_return import range_limit_m
-from sensor_bridge.reading import Reading
-from sensor_bridge.recording_time import merged, plausible
-from sensor_bridge.step_maker import StepMaker, steps_from
-from sensor_bridge.wean_log import WeanParser, is_wean_line
+from recordings.no_return import range_limit_m
+from recordings.recording_time import merged, plausible
+from recordings.wean_log import WeanParser, is_wean_line
 
 SENDER = "recording"
 """Sender of the readings of a recording."""
@@ -67,7 +65,7 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     path = Path(path)
     if is_bag(path):
         # Imported here: bags need scipy for turns, and a live robot's bridge is to start fast.
-        from sensor_bridge.ros_bag import bag_entries  # noqa: PLC0415
+        from recordings.ros_bag import bag_entries  # noqa: PLC0415
 
         entries, skipped = bag_entries(path, settings)
     else:
@@ -87,30 +85,6 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
         duration_s=(times[-1] - times[0]) / 1e9,
         laser_count=len(lasers),
     )
-
-
-def steps_of(
-    recording: Recording,
-    settings: BridgeSettings,
-    map_digest: str,
-    *,
-    sender: str = "bridge",
-    paced: bool = False,
-) -> Iterator[Scan]:
-    """All steps of a recording, without a network; the last one says so.
-
-    Raises:
-        RecordingError: no scan of the recording could be used, with the causes.
-    """
-    maker = StepMaker(settings, map_digest, sender, paced=paced)
-    made = False
-    for scan in steps_from(recording.readings, maker):
-        made = True
-        yield scan
-    if not made:
-        causes = ", ".join(f"{cause}: {count}" for cause, count in maker.dropped.items())
-        problem = f"none of its {recording.laser_count} scans can be used ({causes})"
-        raise RecordingError(recording.path, problem)
 
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:

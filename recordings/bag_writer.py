@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from process_runtime.bag_file import definitions
 from process_runtime.output_files import OutputError, check_output_file
+from recordings.bag_file import definitions
 
 _CHUNK_BYTES = 2**18
 """Of a recorder that is killed, so much is lost at most."""

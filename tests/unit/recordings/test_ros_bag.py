@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading
-from sensor_bridge.recording import Recording, open_recording
-from tests.unit.sensor_bridge.bags import (
+from recordings.recording import Recording, open_recording
+from tests.unit.recordings.bags import (
     FORMS,
     LEVEL,
     ROLLED_OVER,
@@ -26,7 +26,7 @@ from tests.unit.sensor_bridge.bags import (
     tf,
     written,
 )
-from tests.unit.sensor_bridge.logs import odometry_of, scans_of
+from tests.unit.recordings.logs import odometry_of, scans_of
 
 MOUNT = fixed_tf("base_link", "laser", (0.3, 0.1, 0.2), about_z(0.25))
 S = 1_000_000_000
