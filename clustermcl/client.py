@@ -173,7 +173,8 @@ class Client:
     ) -> None:
         """Say where the robot is; believed with the probability `belief.set_pose_probability`.
 
-        Before the first scan it is remembered until then.
+        The state is `searching` until a scan confirms it. Before the first scan, or the map, it
+        is remembered until then.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
@@ -184,7 +185,8 @@ class Client:
                 None: now.
 
         Raises:
-            CommandRefusedError: odometry of that time is not known any more.
+            CommandRefusedError: the map has no free ground within 3 sigma, or odometry of that time
+                is not known any more.
             ValueError: a number is not finite, a sigma not positive, or the covariance none.
         """
         command = SetPose(

@@ -167,7 +167,8 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     """A person says where the robot is. A query on ``command/set_pose``.
 
-    Before the first scan it is remembered until then, as `Relocalize` is: the last of both counts.
+    Refused where the map has no free ground within 3 sigma. Before the first scan, or the map, it
+    is remembered until then, as `Relocalize` is: the last of both counts.
     """
 
     command_id: str
