@@ -7,9 +7,10 @@ export class Connection {
    * @param take gets the frames of each message
    * @param changed is told when the server comes or goes
    * @param isSlow whether drawing takes so long that messages had better wait for it
+   * @param path of the robot's page
    */
-  constructor(take, changed, isSlow) {
-    Object.assign(this, { take, changed, isSlow, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
+  constructor(take, changed, isSlow, path = location.pathname) {
+    Object.assign(this, { take, changed, isSlow, path, socket: null, isOpen: false, pause: FIRST_PAUSE_MS, drawn: 0, timer: 0 });
   }
 
   open() {
@@ -20,7 +21,7 @@ export class Connection {
       return;
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.socket = new WebSocket(new URL("live", `${scheme}://${location.host}${location.pathname}`));
+    this.socket = new WebSocket(new URL("live", `${scheme}://${location.host}${this.path}`));
     this.socket.onopen = () => {
       this.isOpen = true;
       this.drawn = 0;

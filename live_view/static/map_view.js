@@ -3,7 +3,7 @@ import { BEAM_COLOURS, judgedBeams } from "./beams.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
 import { drawParticles } from "./particles.js";
-import { drawLabels, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
+import { drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
 import { drawWays } from "./ways.js";
 
 const LABELLED = 8; // clusters that say their percentage, where there is room; the others are small
@@ -19,6 +19,7 @@ export class MapView {
     this.rows = []; // of the steps so far, up to that one
     this.clouds = new Map(); // particles by cluster
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
+    this.others = []; // robots in the same map: { name, pose }
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are judged
     this.ruler = null; // { from: [x, y], to: [x, y] }
@@ -188,6 +189,7 @@ export class MapView {
     if (layers.has("grid")) this.drawGrid(width, height);
     context.globalAlpha = this.faded ? 0.35 : 1;
     drawWays(this, this.rows, places);
+    for (const robot of this.others) drawOther(this, robot);
     if (this.step) {
       if (layers.has("particles")) drawParticles(this, this.clouds, this.step);
       const selected = places.find((place) => place.cluster === this.selected);

@@ -10,11 +10,11 @@ let pose = null, poseAt = null; // when it came [ms]; null: it is of the past, o
 let before = ""; // how long before now a step that is looked back at was
 let hasEnded = false; // the step that is shown is the run's last
 
-/** Other robots behind the same router, each with a page of its own. */
-export function showRobots(names, own) {
+/** All robots behind the same router, each with a page of its own; of the others, their states. */
+export function showRobots(names, own, others) {
   $("robots").hidden = !names.length;
   $("robots").replaceChildren(...names.map((name) => {
-    const link = element("a", name);
+    const link = element("a", [name, others.get(name)?.state].filter(Boolean).join(": "));
     link.href = `/robot/${name}/`;
     if (name === own) link.setAttribute("aria-current", "page");
     return link;

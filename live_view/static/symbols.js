@@ -104,6 +104,25 @@ export function drawTruth(view, pose) {
   context.restore();
 }
 
+/** Where another robot most probably is: a square with its name, and a stroke where it looks. */
+export function drawOther(view, { name, pose }) {
+  const { context } = view;
+  const [x, y] = view.screenOf(pose);
+  context.save();
+  context.translate(x, y);
+  context.rotate(-pose[2]);
+  context.strokeStyle = context.fillStyle = themed("--soft");
+  context.lineWidth = 3;
+  context.fillRect(-6, -6, 12, 12);
+  context.beginPath();
+  context.moveTo(0, 0);
+  context.lineTo(14, 0);
+  context.stroke();
+  context.restore();
+  context.font = "600 12px system-ui, sans-serif";
+  drawLabel(view, name, { x, y: y - 22, width: context.measureText(name).width + 12 }, themed("--soft"));
+}
+
 /** A distance that is measured, and the direction [degrees, counter-clockwise from x]. */
 export function drawRuler(view, { from, to }) {
   const { context } = view;

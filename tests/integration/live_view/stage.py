@@ -20,15 +20,20 @@ from protocol.steps import MapMessage
 class Stage:
     """Tests tell `picture`, and call `pump` until the page shows it."""
 
-    def __init__(self) -> None:
-        self.picture = Picture({"robot": "r", "router": "none", "commands": True})
+    def __init__(self, *others: str) -> None:
+        robots = ["r", *others]
+        self.picture = Picture(
+            {"robot": "r", "router": "none", "commands": True, "robots": robots if others else []}
+        )
         self.picture.on_link("running")
         self.commands: list[Command] = []
         self.map: MapMessage | None = None
         self._events: queue.Queue[FromBrowser] = queue.Queue()
         address = parsed_address("127.0.0.1:0")
         self.room = Room("r", self._events.put)
-        self.server = PageServer(address, "", [self.room], commands=True)
+        self.others = {name: _Other(name) for name in others}
+        rooms = [self.room, *(other.room for other in self.others.values())]
+        self.server = PageServer(address, "", rooms, commands=True)
 
     def __enter__(self) -> Self:
         self.server.__enter__()
@@ -66,11 +71,31 @@ class Stage:
 
     def pump(self) -> None:
         """Answer what browsers have said, and send them what has changed."""
+        for other in self.others.values():
+            other.pump()
         while not self._events.empty():
             match self._events.get():
                 case Commanded(command=command):
                     self.commands.append(command)
                 case asked:
                     answer_browser(self.room, self.picture, asked)
+        if changes := self.picture.changes():
+            self.room.publish(changes)
+
+
+class _Other:
+    """Another robot: pages may look at it."""
+
+    def __init__(self, name: str) -> None:
+        self.picture = Picture({"robot": name, "router": "none", "commands": True})
+        self.picture.on_link("running")
+        self._events: queue.Queue[FromBrowser] = queue.Queue()
+        self.room = Room(name, self._events.put)
+
+    def pump(self) -> None:
+        while not self._events.empty():
+            asked = self._events.get()
+            if not isinstance(asked, Commanded):
+                answer_browser(self.room, self.picture, asked)
         if changes := self.picture.changes():
             self.room.publish(changes)

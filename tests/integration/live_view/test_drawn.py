@@ -696,3 +696,27 @@ def test_a_demo_tells_its_story(stage: Stage, drawn: Page, pictures: Path) -> No
     drawn.click("again")
     shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
     assert stage.commands == [SearchAgain()]
+
+
+def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictures: Path) -> None:
+    with Stage("r2", "r3") as stage:
+        stage.show_map(120, 200)
+        page = Page(driver, stage.server.link)
+        shows(stage, lambda: page.run("return liveView.view.map !== null"))
+        assert stage.map is not None
+        stage.picture.on_belief(belief(1, 1))
+        stage.others["r2"].picture.on_map(stage.map)
+        stage.others["r2"].picture.on_belief(belief(1, 4))  # at (4, 2)
+        elsewhere = msgspec.structs.replace(stage.map, digest="another")
+        stage.others["r3"].picture.on_map(elsewhere)
+        stage.others["r3"].picture.on_belief(belief(1, 7))  # at (7, 2) of another map
+        shows(stage, lambda: "r2: ambiguous" in page.text("robots"))
+        shows(stage, lambda: "r3: ambiguous" in page.text("robots"))
+        shows(stage, lambda: page.snapshot().pixel_at(4.0, 2.0) == (0x5C, 0x68, 0x75))
+        assert page.snapshot().pixel_at(7.0, 2.0) == (255, 255, 255)
+        page.save(pictures / "robots.png")
+        stage.others["r2"].picture.on_link("no system")
+        shows(stage, lambda: "r2: ambiguous" not in page.text("robots"))
+        assert page.snapshot().pixel_at(4.0, 2.0) == (255, 255, 255)
+        driver.get("about:blank")
+        assert page.console() == []

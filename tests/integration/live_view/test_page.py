@@ -147,6 +147,16 @@ def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) 
     assert running.text("hint") in ("", "done")
 
 
+def test_an_arrow_dragged_off_the_map_is_refused_with_a_sentence(running: Page) -> None:
+    running.click("fit")
+    running.click("set-pose")
+    width, _ = running.snapshot().size
+    running.drag_on_map((width - 60, 300), (width - 20, 300))
+    wait_until(lambda: running.text("hint") not in ("", "done") and running.is_visible("hint"))
+    assert running.run("return document.getElementById('hint').className") == "bad"
+    assert "free ground" in running.text("hint")
+
+
 def probability_near(page: Page, pose: list[float]) -> float:
     """The most that was held of a place near a pose in the last steps."""
     places = [place for row in page.history()[-30:] for place in row[1]]
