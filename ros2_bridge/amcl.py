@@ -48,7 +48,7 @@ class Amcl:
         self.belief: Belief | None = None
         """The newest one."""
         self.last_pose: PoseTuple | None = None
-        """The pose that was published or given last."""
+        """The pose that was published last."""
         self._untold: Belief | None = None
         self._frames = FrameBuffer()
         self._scans = LaserScans(self._frames, settings)
@@ -180,12 +180,9 @@ class Amcl:
             self._remembered_pose = message
             return
         try:
-            given = given_pose(message, self.settings, self._frames)
+            yield given_pose(message, self.settings, self._frames)
         except ValueError as problem:
             yield Refused("initial pose refused", str(problem))
-            return
-        self.last_pose = given.map_from_robot
-        yield given
 
     # --- from the system
 

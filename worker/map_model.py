@@ -23,7 +23,11 @@ from particle_filter.settings import SensorSettings
 CACHE_VERSION = 7
 """Raise it when the same map and settings give other arrays."""
 
+KEPT_ENTRIES = 16
+"""Settings can be changed while a robot drives, and each change may need another entry."""
+
 _CELLS = "cells"
+_ENTRY = "field-"
 _SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 """Linux's; another one after every start of the machine."""
@@ -61,6 +65,9 @@ def sensor_model(
             with _one_at_a_time(cache_folder):
                 if not entry.is_dir():
                     _write(entry, _computed(grid_map, settings))
+                    _remove_oldest(cache_folder)
+                with suppress(OSError):  # another account's
+                    os.utime(entry)  # in use: others are removed first
                 arrays = _read(entry)
             return _model(arrays, grid_map, settings)
         except (OSError, EOFError, _BrokenEntryError) as error:
@@ -110,7 +117,7 @@ def _grid(cells: Cells, grid_map: GridMap) -> Grid:
 def _name(grid_map: GridMap, settings: SensorSettings) -> str:
     numbers = msgspec.json.encode(settings, order="deterministic")
     text = f"{CACHE_VERSION} {grid_map.digest} ".encode() + numbers
-    return f"field-{hashlib.sha256(text).hexdigest()[:32]}"
+    return f"{_ENTRY}{hashlib.sha256(text).hexdigest()[:32]}"
 
 
 def _write(entry: Path, arrays: MapArrays) -> None:
@@ -121,6 +128,13 @@ def _write(entry: Path, arrays: MapArrays) -> None:
         part.rename(entry)
     finally:
         shutil.rmtree(part, ignore_errors=True)  # the disk was full; else it has its name
+
+
+def _remove_oldest(cache_folder: Path) -> None:
+    """Bound the entries; a process that has mapped a removed one keeps it until it ends."""
+    entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
+    for entry in entries[:-KEPT_ENTRIES]:
+        shutil.rmtree(entry, ignore_errors=True)
 
 
 def _write_arrays(part: Path, arrays: MapArrays) -> None:

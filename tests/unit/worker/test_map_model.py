@@ -1,5 +1,6 @@
 import errno
 import logging
+import os
 import shutil
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -37,6 +38,22 @@ def test_a_model_from_the_cache_is_the_computed_one(tmp_path: Path) -> None:
             assert ours.dtype == theirs.dtype
         assert cached.field.log_floor == computed.field.log_floor
         assert cached.field.log_step == computed.field.log_step
+
+
+def test_of_many_settings_those_used_last_are_kept(tmp_path: Path) -> None:
+    many = [SensorSettings(hit_sigma_m=0.1 + 0.01 * n) for n in range(map_model.KEPT_ENTRIES + 3)]
+    for number, settings in enumerate(many):
+        for used in (settings, many[0]):  # the first is used all along
+            sensor_model(grid_map(), used, tmp_path)
+            newest = max(tmp_path.glob("field-*"), key=lambda entry: entry.stat().st_mtime_ns)
+            os.utime(newest, ns=(2 * number, 2 * number + (used is many[0])))
+    kept = set(tmp_path.glob("field-*"))
+    assert len(kept) == map_model.KEPT_ENTRIES
+    sensor_model(grid_map(), many[0], tmp_path)
+    sensor_model(grid_map(), many[-1], tmp_path)
+    assert set(tmp_path.glob("field-*")) == kept
+    sensor_model(grid_map(), many[1], tmp_path)
+    assert set(tmp_path.glob("field-*")) != kept
 
 
 def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> None:
