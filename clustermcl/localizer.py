@@ -98,6 +98,7 @@ class ClusterMCL:
             ``{"belief.max_clusters": 32}``; `clustermcl settings` lists all.
 
     Attributes:
+        map: as given.
         belief: after the last step or command; None before the first.
 
     Raises:
@@ -118,7 +119,8 @@ class ClusterMCL:
         named |= {} if seed is None else {"seed": seed}
         for name, value in named.items():
             chosen = with_setting(chosen, name, value, "ClusterMCL")
-        self.map, self.belief = grid_map, None
+        self.map = grid_map
+        self.belief: Belief | None = None
         self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
         compile_kernels(FilterSettings(sensor=chosen.sensor), np.random.default_rng(0))
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
@@ -127,8 +129,6 @@ class ClusterMCL:
         self._commands, self._odometry = Commands(), OdometryHistory()
         self._applied: Scan | None = None
         self._ground = FreeGround.of(grid_map)
-
-    belief: Belief | None
 
     @property
     def dropped(self) -> Counter[str]:

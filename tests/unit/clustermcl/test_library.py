@@ -149,6 +149,8 @@ def test_a_pose_can_be_given_and_all_be_forgotten(readings: list[Reading]) -> No
     assert (mcl.belief.state, mcl.belief.hypotheses) == ("searching", ())
     with pytest.raises(CommandRefusedError, match="unknown region 'attic'"):
         mcl.relocalize(region="attic")
+    with pytest.raises(CommandRefusedError, match="map"):
+        mcl.set_pose((700.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="cannot be told"):
         mcl.set_pose((np.inf, 0.0, 0.0))
 
