@@ -263,7 +263,10 @@ class Coordinator:
             self._state.apply(ready, now_ns)
             instructions += self._answers.publication(now_ns)
         orders = self._state.placement.orders(
-            term=self._term.number, map_digest=self.map_digest, now_ns=now_ns
+            term=self._term.number,
+            map_digest=self.map_digest,
+            now_ns=now_ns,
+            newest_step=self._state.newest_step,
         )
         if self._state.wants_map(now_ns):
             instructions.append(FetchMap())

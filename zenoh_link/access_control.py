@@ -16,6 +16,8 @@ from protocol.names import is_name, name_rule
 
 ALL_ROBOTS = "*"
 WORKER = "worker"
+WORKER_PROCESSES = 32
+"""That one worker's certificate can announce: X-0 to X-31. `worker.count` is 12."""
 
 _FLOWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "publishes": (("put",), ("declare_subscriber",)),
@@ -46,20 +48,21 @@ class Rights:
     """Liveliness tokens of others."""
 
 
-def rights_of(role: str, worker: str = "*") -> Rights:
+def rights_of(role: str, *workers: str) -> Rights:
     """What a role may do.
 
     Args:
         role: one of `ROLES`.
-        worker: of role ``worker``: pattern of the names of its processes.
+        *workers: of role ``worker``: names of its processes, or patterns of them; none: all.
     """
     if role == WORKER:
+        names = workers or ("*",)
         return Rights(
-            publishes=(keys.worker_report(worker), keys.worker_health(worker)),
+            publishes=(*map(keys.worker_report, names), *map(keys.worker_health, names)),
             reads=(keys.SCAN, keys.CHECKPOINT),
-            serves=(keys.worker_order(worker), keys.worker_state(worker)),
+            serves=(*map(keys.worker_order, names), *map(keys.worker_state, names)),
             asks=(keys.MAP, keys.SCAN_HISTORY),
-            announces=(keys.worker_alive(worker),),
+            announces=tuple(map(keys.worker_alive, names)),
             watches=(keys.COORDINATOR_ALIVE,),
         )
     return _ROLES[role]
@@ -134,8 +137,9 @@ def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, A
 
     Args:
         robots: names of robots; empty: whatever robots there are.
-        workers: names of worker certificates, ``worker`` or ``worker-NAME``; the one called X
-            may run the workers X-0, X-1 and so on, and speaks for no others.
+        workers: names of worker certificates, ``worker`` or ``worker-NAME``. The one called
+            ``worker-NAME`` may run the workers ``worker-NAME-0`` and so on, `WORKER_PROCESSES` of
+            them, and speaks for no others; ``worker`` for all called ``worker-...``.
 
     Raises:
         SettingsError: a name cannot be used, or one worker certificate would cover another's.
@@ -172,7 +176,7 @@ def _certificates(
 def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, Any]]:
     """The rules of one certificate: one for each right and direction."""
     is_worker = role not in _ROLES
-    rights = rights_of(WORKER, f"{role}-$*") if is_worker else rights_of(role)
+    rights = rights_of(WORKER, *_processes(role)) if is_worker else rights_of(role)
     # What the others declare reaches it under their patterns, which are wider: worker/*/report.
     widened = rights_of(WORKER) if is_worker else rights
     for right in fields(Rights):
@@ -190,6 +194,13 @@ def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, An
                     "messages": list(messages),
                     "key_exprs": [f"{robot}/{key}" for robot in robots for key in patterns],
                 }
+
+
+def _processes(worker: str) -> list[str]:
+    """What the workers of a certificate are called."""
+    if worker == WORKER:
+        return [f"{WORKER}-$*"]
+    return [f"{worker}-{number}" for number in range(WORKER_PROCESSES)]
 
 
 def _check(robots: Sequence[str], workers: Sequence[str]) -> None:

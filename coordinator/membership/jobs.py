@@ -92,7 +92,11 @@ class Jobs:
 
     def searching(self) -> set[str | None]:
         """Workers with a shard of a search."""
-        return {job.worker for job in self._jobs.values() if isinstance(job.job, SearchJob)}
+        return {job.worker for job in self.shards().values()}
+
+    def shards(self) -> dict[str, PlacedJob]:
+        """Jobs of the search that runs."""
+        return {job_id: job for job_id, job in self._jobs.items() if isinstance(job.job, SearchJob)}
 
     # --- how they begin, change hands and end
 
@@ -109,6 +113,10 @@ class Jobs:
         """Whether a job may change hands while its worker is well; a search only before work."""
         job = self._jobs[job_id]
         return not isinstance(job.job, SearchJob) or not job.reported
+
+    def may_be_tried(self, job_id: str) -> bool:
+        """Whether a worker that has never reported may try the job: all wait for a search."""
+        return not isinstance(self._jobs[job_id].job, SearchJob)
 
     def carry_out(self, moves: Iterable[Move], term: int, now_ns: int) -> None:
         """Give jobs to other workers; epochs stand above those of all terms before."""

@@ -1,13 +1,14 @@
 """Who does what: live workers, their jobs, and the orders that tell them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
-from coordinator.membership.balance import balanced
+from coordinator.membership.balance import Move, balanced
 from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState
 from coordinator.membership.order_delivery import OrderDelivery
-from coordinator.membership.straggler_policy import StragglerPolicy
+from coordinator.membership.silent_shards import SilentShards
+from coordinator.membership.straggler_policy import StragglerPolicy, origin
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, Report, TrackJob, WorkOrder
+from protocol.work import Assignment, Report, SearchReport, TrackJob, WorkOrder
 
 
 class Placement:
@@ -16,7 +17,7 @@ class Placement:
     def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
         self.jobs = Jobs()
         self.delivery = OrderDelivery(sender, settings, snapshot_every_steps)
-        self._stragglers = StragglerPolicy()
+        self._stragglers, self._silent_shards = StragglerPolicy(), SilentShards()
 
     @property
     def workers(self) -> dict[str, tuple[str, ...]]:
@@ -60,6 +61,8 @@ class Placement:
         job = self.jobs.get(report.job_id)
         if job is not None and job.worker is not None:
             self._stragglers.heard(job.worker, in_time=in_time)
+        if isinstance(report, SearchReport):
+            self._silent_shards.reported(report.job_id, report.step)
 
     def step_decided(
         self,
@@ -89,16 +92,19 @@ class Placement:
 
     # --- what comes of it
 
-    def orders(self, *, term: int, map_digest: str, now_ns: int) -> list[tuple[str, WorkOrder]]:
+    def orders(
+        self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
+    ) -> list[tuple[str, WorkOrder]]:
         """Place what has no worker, even out, and tell every worker what is news to it."""
         self.jobs.miss_no_longer(now_ns)
+        self._give_up_silent_shards(newest_step, now_ns)
         ready = self.delivery.ready(now_ns)
-        paused = self._stragglers.paused
-        able = [name for name in ready if name not in paused or self._may_work(name, now_ns)]
+        able = [name for name in ready if self._may_work(name, now_ns)] or ready
+        trusted = self._stragglers.trusted(able) or able
+        moves = balanced(self.jobs.by_worker(), trusted, self.jobs.may_move)
+        self.jobs.carry_out(moves, term, now_ns)
+        self.jobs.carry_out(self._trials(able, trusted), term, now_ns)
         jobs = self.jobs.by_worker()
-        if moves := balanced(jobs, able or ready, self.jobs.may_move):
-            self.jobs.carry_out(moves, term, now_ns)
-            jobs = self.jobs.by_worker()
         return self.delivery.orders(
             ready,
             jobs,
@@ -107,6 +113,25 @@ class Placement:
             map_digest=map_digest,
             now_ns=now_ns,
         )
+
+    def _give_up_silent_shards(self, newest_step: int, now_ns: int) -> None:
+        shards = self.jobs.shards()
+        for job_id in self._silent_shards.given_up(shards, newest_step, now_ns):
+            worker, shards[job_id].worker = shards[job_id].worker, None
+            if worker is not None and self._stragglers.give_up(worker, now_ns):
+                self.jobs.take_from(worker)  # with its other shards
+
+    def _trials(self, able: Sequence[str], trusted: Sequence[str]) -> list[Move]:
+        """Give one job to one worker of each origin that has never reported."""
+        others = {origin(name): name for name in reversed(able) if name not in trusted}
+        if not others:
+            return []
+        jobs = self.jobs.by_worker()
+        tried = {origin(name) for name in jobs if name and not self._stragglers.is_proven(name)}
+        waiting = [name for one, name in sorted(others.items()) if one not in tried]
+        most = max(trusted, key=lambda name: len(jobs.get(name, ())))
+        spare = sorted(filter(self.jobs.may_be_tried, jobs.get(most, ())))[1:]
+        return [Move(job_id, name) for job_id, name in zip(spare, waiting, strict=False)]
 
     def _may_work(self, worker: str, now_ns: int) -> bool:
         answers = self.delivery.has_answered(worker)

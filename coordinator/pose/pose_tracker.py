@@ -46,6 +46,8 @@ class PoseTracker:
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
+        self._told_ns = 0
+        """When others told of the newest stamp."""
         self._has_heard = False
         """Whether anything has come by itself: only then is it known how old the rest is."""
         self._waiting_ns: dict[int, int] = {}
@@ -71,11 +73,13 @@ class PoseTracker:
         """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
         if self._has_heard and stamp_ns == self._stamp_ns:
             return
+        is_known = self._arrived_ns is not None and stamp_ns == self._stamp_ns
+        heard_ns = self._told_ns if is_known else now_ns  # others' data came before it
         self._has_heard = True
-        late_ns = self._lateness.of(stamp_ns, now_ns) if self._lateness else 0
+        late_ns = self._lateness.of(stamp_ns, heard_ns) if self._lateness else 0
         self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
         self.history.add(stamp_ns, odom_from_robot)
-        self._arrived_ns = now_ns - late_ns
+        self._arrived_ns = heard_ns - late_ns
         self._by_scan = False
         self._since_step.on_odometry(odom_from_robot)
         self._blind.on_odometry(odom_from_robot)
@@ -161,7 +165,7 @@ class PoseTracker:
         """Others tell of data; what they told before is not forgotten for what is older."""
         if self._arrived_ns is not None and stamp_ns <= self._stamp_ns:
             return
-        self._stamp_ns, self._odom_now = stamp_ns, odom_from_robot
+        self._stamp_ns, self._told_ns, self._odom_now = stamp_ns, now_ns, odom_from_robot
         self._since_step.on_odometry(odom_from_robot)
         self._blind.on_odometry(odom_from_robot)
         due_ns = self._due_ns(stamp_ns, now_ns)

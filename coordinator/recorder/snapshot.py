@@ -21,7 +21,7 @@ from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
 from coordinator.failover.state_recovery import Told
 from coordinator.free_ground import FreeGround
-from coordinator.membership import order_delivery, straggler_policy
+from coordinator.membership import order_delivery, silent_shards, straggler_policy
 from coordinator.membership.jobs import PlacedJob
 from coordinator.pose.lateness import Lateness
 from coordinator.recorder.records import Started, without_bulk
@@ -98,7 +98,18 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_workers": dict[str, order_delivery._Record],
             "_orders": int,
         },
-        "_state.placement._stragglers": {"_records": dict[str, straggler_policy._Record]},
+        "_state.placement._stragglers": {
+            "_records": dict[str, straggler_policy._Record],
+            "_proven": set[str],
+        },
+        "_state.placement._silent_shards": {
+            "_reports": dict[str, int],
+            "_steps": dict[str, int],
+            "_took_ns": dict[str, int],
+            "_given_up": dict[str, int],
+            "_watches": dict[str, silent_shards._Watch],
+            "_looked_ns": int,
+        },
         "_state.collector": {
             "_open": dict[int, OpenStep],
             "_late": list[SearchReport],
@@ -111,6 +122,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_odom_now": PoseTuple,
             "_stamp_ns": int,
             "_arrived_ns": int | None,
+            "_told_ns": int,
             "_has_heard": bool,
             "_waiting_ns": dict[int, int],
             "_scan_ns": int | None,

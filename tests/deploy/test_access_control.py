@@ -9,7 +9,14 @@ import zenoh
 
 from protocol import keys
 from protocol.errors import SettingsError
-from zenoh_link.access_control import ROLES, WORKER, Rights, access_control, rights_of
+from zenoh_link.access_control import (
+    ROLES,
+    WORKER,
+    WORKER_PROCESSES,
+    Rights,
+    access_control,
+    rights_of,
+)
 from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import (
     DEFAULT_CERTIFICATES,
@@ -100,6 +107,14 @@ def test_every_rule_is_some_policys_and_every_subject_has_a_name() -> None:
     assert sorted(used) == sorted(rule["id"] for rule in control["rules"])
     names = {name for subject in control["subjects"] for name in subject["cert_common_names"]}
     assert names == {*ROLES, "worker-a", "worker-b"} - {WORKER}
+
+
+def test_the_rules_of_a_worker_name_each_of_its_processes() -> None:
+    control = access_control([], ["worker-a"])
+    (tokens,) = [r for r in control["rules"] if r["messages"] == ["liveliness_token"]
+                 and r["id"].startswith("worker-a announces")]  # fmt: skip
+    assert len(tokens["key_exprs"]) == WORKER_PROCESSES
+    assert all("$*" not in key for key in tokens["key_exprs"])
 
 
 @pytest.mark.parametrize(

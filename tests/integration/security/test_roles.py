@@ -18,6 +18,7 @@ from protocol import keys
 from tests.integration.security.certificates import require_openssl
 from tests.integration.security.conftest import NAMES, OpenAs
 from tests.integration.waiting import wait_until
+from zenoh_link.access_control import WORKER_PROCESSES
 
 require_openssl()
 
@@ -156,6 +157,25 @@ def test_only_its_owner_announces_itself(key: str, as_role: OpenAs) -> None:
             assert not alive()
     with as_role(owner).liveliness().declare_token(key):
         wait_until(alive)
+
+
+def test_a_workers_certificate_announces_a_bounded_number_of_names(as_role: OpenAs) -> None:
+    coordinator, worker = as_role("coordinator"), as_role("worker-a")
+    names = [f"worker-a-{number}" for number in range(2 * WORKER_PROCESSES)]
+    names += ["worker-a-x-0", "worker-a-00"]
+    tokens = [worker.liveliness().declare_token(keys.worker_alive(name)) for name in names]
+
+    def alive() -> set[str]:
+        replies = coordinator.liveliness().get(keys.ALL_WORKERS_ALIVE, timeout=5.0)
+        return {keys.worker_name(str(reply.ok.key_expr)) for reply in replies if reply.ok}
+
+    allowed = set(names[:WORKER_PROCESSES])
+    wait_until(lambda: allowed <= alive())
+    list(worker.get("nothing", timeout=5.0))
+    assert alive() == allowed
+    for token in tokens:
+        token.undeclare()
+    wait_until(lambda: not alive())
 
 
 @pytest.mark.parametrize("role", ["viewer", "operator"])

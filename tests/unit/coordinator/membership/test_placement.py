@@ -180,3 +180,36 @@ def test_particles_are_handed_on_until_their_worker_has_them() -> None:
     assert [job.job for job in made.state()] == [None]
     made.left("a")
     assert [job.job for job in made.state()] == [track(0)], "no worker holds them any more"
+
+
+def test_silent_shards_go_to_others_and_their_worker_that_never_reported_gets_nothing() -> None:
+    made = placement("a-0", "b-0", "b-1")
+    jobs = {f"s0.{n}": SearchJob(search=0, shard=n, first_step=0) for n in range(6)}
+    made.jobs.begin(jobs)
+    follow(made, due(made, 0))
+    placed = {job_id: made.jobs.shards()[job_id].worker for job_id in jobs}
+    silent = {job_id for job_id, worker in placed.items() if worker == "a-0"}
+    assert len(silent) == 2
+    for step in range(12):
+        now_ns = step * SECOND // 2
+        for job_id in jobs.keys() - silent:
+            made.reported(searched(job_id, step, {}), in_time=True)
+        follow(made, made.orders(term=0, map_digest="map", now_ns=now_ns, newest_step=step))
+    assert {made.jobs.shards()[job_id].worker for job_id in silent} == {"b-0", "b-1"}
+    assert made.workers["a-0"] == ()
+
+
+def test_one_worker_of_an_origin_that_never_reported_tries_one_job() -> None:
+    made = placement("good-0")
+    made.jobs.begin({f"c{n}": track(n) for n in range(9)})
+    follow(made, due(made, 0))
+    made.reported(tracked("c0", 1, 0.1, (1.0, 2.0, 0.0)), in_time=True)
+    for n in range(60):
+        made.joined(f"new-{n}")
+    follow(made, due(made, SECOND))
+    (tried,) = [jobs for name, jobs in made.workers.items() if name != "good-0" and jobs]
+    assert len(tried) == 1
+    assert due(made, 2 * SECOND) == []
+    made.reported(tracked(tried[0], 2, 0.1, (1.0, 2.0, 0.0)), in_time=True)
+    follow(made, due(made, 3 * SECOND))
+    assert len([jobs for jobs in made.workers.values() if jobs]) == 9, "all of them are trusted"

@@ -11,6 +11,13 @@ from coordinator.membership.straggler_policy import (
 SECOND = 1_000_000_000
 
 
+def proven() -> StragglerPolicy:
+    """Worker ``slow`` has reported before."""
+    policy = StragglerPolicy()
+    policy.heard("slow", in_time=True)
+    return policy
+
+
 def miss(policy: StragglerPolicy, steps: int, at_ns: int = 0) -> list[str]:
     """Worker ``slow`` misses steps that another reports; who is given up with the last."""
     given_up: list[str] = []
@@ -20,7 +27,7 @@ def miss(policy: StragglerPolicy, steps: int, at_ns: int = 0) -> list[str]:
 
 
 def test_who_has_missed_one_step_is_not_waited_for_until_it_speaks_again() -> None:
-    policy = StragglerPolicy()
+    policy = proven()
     assert policy.waits_for("slow")
     assert miss(policy, 1) == []
     assert not policy.waits_for("slow")
@@ -37,7 +44,7 @@ def test_who_misses_three_steps_in_a_row_is_given_up() -> None:
 
 
 def test_late_reports_save_nobody_and_one_in_time_does() -> None:
-    late, back = StragglerPolicy(), StragglerPolicy()
+    late, back = proven(), proven()
     for policy, in_time in ((late, False), (back, True)):
         miss(policy, GIVEN_UP_AFTER - 1)
         policy.heard("slow", in_time=in_time)
@@ -60,7 +67,7 @@ def test_who_reports_with_one_of_its_jobs_is_not_late_with_the_other() -> None:
 
 
 def test_a_frozen_worker_works_again_when_it_answers_and_its_pause_is_over() -> None:
-    policy = StragglerPolicy()
+    policy = proven()
     miss(policy, GIVEN_UP_AFTER)
     assert not policy.may_work("slow", FIRST_PAUSE_NS, answers=False)
     assert not policy.may_work("slow", FIRST_PAUSE_NS - 1, answers=True)
@@ -84,8 +91,50 @@ def test_pauses_double_and_are_forgotten_after_long_good_work() -> None:
 
 
 def test_one_of_the_same_name_starts_anew() -> None:
-    policy = StragglerPolicy()
+    policy = proven()
     miss(policy, GIVEN_UP_AFTER)
     policy.forget("slow")
     assert policy.may_work("slow", 0, answers=False)
     assert policy.waits_for("slow")
+
+
+NAMES = [f"liar-{n}" for n in range(60)]
+
+
+def test_sixty_names_of_one_origin_are_given_up_as_one() -> None:
+    policy = StragglerPolicy()
+    for step in range(GIVEN_UP_AFTER):
+        assert policy.waits_for("liar-7") == (step == 0), "until one of them has missed a step"
+        given_up = policy.step_decided({"other-0"}, {"liar-0", "liar-1"}, 0)
+    assert given_up == ["liar-0", "liar-1"]
+    assert not any(policy.may_work(name, FIRST_PAUSE_NS - 1, answers=True) for name in NAMES)
+    assert policy.may_work("liar-9", FIRST_PAUSE_NS, answers=True)
+    assert not policy.waits_for("liar-9"), "a trial holds up no step"
+    policy.heard("liar-9", in_time=False)
+    assert policy.waits_for("liar-9")
+    assert policy.waits_for("other-0")
+
+
+def test_while_none_has_reported_all_are_trusted_but_those_that_were_given_up() -> None:
+    policy = StragglerPolicy()
+    workers = ["good-0", "good-1", "liar-0", "liar-1"]
+    assert policy.trusted(workers) == workers
+    policy.give_up("liar-0", SECOND)
+    assert policy.trusted(workers) == ["good-0", "good-1"]
+
+
+def test_those_are_trusted_of_whose_origin_one_has_reported() -> None:
+    policy = StragglerPolicy()
+    policy.heard("good-0", in_time=True)
+    assert policy.trusted(["good-0", "good-1", "liar-0", "alone"]) == ["good-0", "good-1"]
+    policy.give_up("good-1", SECOND)
+    assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0"], "each has to prove itself"
+    policy.heard("good-2", in_time=False)
+    assert policy.trusted(["good-0", "good-1", "good-2"]) == ["good-0", "good-2"]
+
+
+def test_an_origin_that_was_given_up_stays_so_when_its_worker_goes_and_comes() -> None:
+    policy = StragglerPolicy()
+    policy.give_up("liar-0", SECOND)
+    policy.forget("liar-0")
+    assert not policy.may_work("liar-0", SECOND, answers=True)

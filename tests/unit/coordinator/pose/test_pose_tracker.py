@@ -298,3 +298,11 @@ def test_who_learns_from_the_history_that_a_robot_is_live_counts_by_the_odometry
     tracker.odometry(100 * SECOND, (0.0, 0.0, 0.0), now_ns=0)
     tracker.scan(101 * SECOND, (0.1, 0.0, 0.0), now_ns=2 * SECOND, live=True, fetched=True)
     assert tracker.age_s(2 * SECOND) == 1.0, "not the 2 s since the odometry before it"
+
+
+def test_odometry_of_a_stamp_that_others_have_told_is_as_old_as_their_word() -> None:
+    tracker = new_tracker()
+    told_ns, arrived_ns = 10 * SECOND, 10 * SECOND + SECOND // 10
+    tracker.scan(2 * SECOND, (0.1, 0.0, 0.0), told_ns, live=True, fetched=True)
+    tracker.odometry(2 * SECOND, (0.1, 0.0, 0.0), arrived_ns)
+    assert tracker.age_s(arrived_ns) == pytest.approx(0.1)

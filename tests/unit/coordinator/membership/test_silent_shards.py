@@ -1,0 +1,101 @@
+"""Which shards of a search are taken from their workers."""
+
+from coordinator.membership.jobs import PlacedJob
+from coordinator.membership.silent_shards import (
+    LONGEST_NS,
+    PAUSE_NS,
+    SHORTEST_NS,
+    STEPS,
+    TIMES_THE_OTHERS,
+    SilentShards,
+)
+from protocol.work import SearchJob
+
+TICK_NS = PAUSE_NS // 2
+
+
+class Search:
+    """Three shards at workers of their own; ``s0.2`` says nothing unless told to."""
+
+    def __init__(self) -> None:
+        self.policy, self.now_ns, self.step = SilentShards(), 0, 0
+        self.shards = {
+            f"s0.{n}": PlacedJob(
+                SearchJob(search=0, shard=n, first_step=0), epoch=1, worker=f"w{n}"
+            )
+            for n in range(3)
+        }
+
+    def passes(self, ticks: int, *reporting: str) -> list[str]:
+        """Time passes, with a step and reports each half second; what is given up."""
+        given_up: list[str] = []
+        for _ in range(ticks):
+            self.now_ns += TICK_NS
+            given_up += self.policy.given_up(self.shards, self.step, self.now_ns)
+            for job_id in reporting:
+                self.policy.reported(job_id, self.step)
+            self.step += 1
+        return given_up
+
+
+def test_a_shard_that_is_silent_while_others_report_is_given_up() -> None:
+    search = Search()
+    assert search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1") == []
+    assert search.passes(STEPS, "s0.0", "s0.1")[0] == "s0.2"
+
+
+def test_it_gets_some_times_as_long_as_the_others_took_for_their_first_step() -> None:
+    search, took = Search(), 20
+    assert search.passes(took) == []
+    later = (TIMES_THE_OTHERS - 1) * took
+    assert search.passes(later - 2, "s0.0", "s0.1") == []
+    assert search.passes(8, "s0.0", "s0.1")[0] == "s0.2"
+
+
+def test_one_that_reports_now_and_then_is_kept() -> None:
+    search = Search()
+    for _ in range(20):
+        assert search.passes(STEPS - 1, "s0.0", "s0.1") == []
+        assert search.passes(1, "s0.0", "s0.1", "s0.2") == []
+
+
+def test_where_all_are_silent_they_are_given_up_by_time_and_each_time_later() -> None:
+    search = Search()
+    first = LONGEST_NS // TICK_NS
+    assert search.passes(first) == []
+    assert search.passes(1) == ["s0.0", "s0.1", "s0.2"]
+    for shard in search.shards.values():
+        shard.epoch, shard.worker = 2, "another"
+    assert search.passes(2 * first - 1) == []
+    assert "s0.0" in search.passes(3)
+
+
+def test_of_a_robot_that_stands_no_report_is_owed() -> None:
+    search = Search()
+    search.passes(1, "s0.0", "s0.1", "s0.2")
+    step = search.step = 0
+    for _ in range(3 * LONGEST_NS // TICK_NS):
+        assert search.passes(1) == []
+        search.step = step
+
+
+def test_a_time_in_which_this_process_did_not_look_does_not_count() -> None:
+    search = Search()
+    search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
+    search.now_ns += LONGEST_NS
+    assert search.passes(2) == []
+
+
+def test_a_shard_that_waits_for_a_worker_is_not_given_up() -> None:
+    search = Search()
+    search.shards["s0.2"].worker = None
+    assert search.passes(100, "s0.0", "s0.1") == []
+
+
+def test_what_is_over_is_forgotten() -> None:
+    search = Search()
+    search.passes(SHORTEST_NS // TICK_NS, "s0.0", "s0.1")
+    shards, search.shards = search.shards, {}
+    search.passes(1)
+    search.shards = shards
+    assert search.passes(2) == []
