@@ -1,4 +1,4 @@
-"""How noisy the evidence of a cluster is: the study behind docs/decisions/evidence-noise.md.
+"""How noisy the evidence of a cluster is: a study of particles, exponents and resampling.
 
     python benchmarks/evidence_noise.py [--steps N]
 
