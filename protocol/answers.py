@@ -213,6 +213,7 @@ class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
     """
 
     settings: LiveSettings
+    """All live settings, those that stay as they are included."""
 
 
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
