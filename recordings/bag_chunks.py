@@ -2,7 +2,10 @@
 
 import bz2
 from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,10 +15,12 @@ MOST_OVERLAPPING_BYTES = 2**27
 """Of all chunks that hold messages of one moment: they are unpacked together."""
 MOST_FILE_BYTES = 2**33
 """Of a whole bag that is packed or damaged; it is unpacked to the disk."""
+_MOST_RECORD_BYTES = 2**30
+"""A record of an MCAP file that says it is longer is damaged, and would be allocated."""
 
 
 def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
-    """What was packed; of a chunk that is cut off, as much as can be unpacked.
+    """What was packed.
 
     Args:
         compression: as ROS 1 and MCAP name it.
@@ -92,3 +97,58 @@ def check_overlaps(chunks: Iterable[Any]) -> None:
         held += change
         if held > MOST_OVERLAPPING_BYTES:
             raise ValueError(f"chunks of {held} bytes, unpacked, hold messages of one moment")
+
+
+def recover_mcap(damaged: Path, recovered: Path) -> None:
+    """Write the whole chunks before the first damaged one into a new file, with an index.
+
+    A recorder writes the index last: a file that is cut off has none, and `rosbags` needs one.
+
+    Raises:
+        Exception: of many kinds: its beginning is not that of an MCAP file.
+    """
+    from mcap.records import Chunk  # noqa: PLC0415 - an extra
+    from mcap.stream_reader import StreamReader, breakup_chunk  # noqa: PLC0415 - see above
+    from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - see above
+
+    with damaged.open("rb") as source, recovered.open("wb") as target:
+        writer = Writer(target, compression=CompressionType.NONE)
+        writer.start(profile="ros2")
+        reader = StreamReader(source, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
+        with suppress(Exception):  # of many kinds: from here on it is damaged
+            schemas: dict[int, int] = {0: 0}
+            channels: dict[int, int] = {}
+            for record in reader.records:
+                if isinstance(record, Chunk):
+                    content = unpacked(record.compression, record.data)
+                    whole = replace(record, compression="", data=content)
+                    inner = breakup_chunk(whole, validate_crc=True)
+                else:
+                    inner = [record]
+                for one in inner:
+                    _copy_record(one, writer, schemas, channels)
+                check_unpacked(target.tell())
+        writer.finish()  # type: ignore[no-untyped-call] # the library's
+
+
+def _copy_record(
+    record: Any, writer: Any, schemas: dict[int, int], channels: dict[int, int]
+) -> None:
+    from mcap.records import Channel, Message, Schema  # noqa: PLC0415 - an extra
+
+    match record:
+        case Schema() if record.id not in schemas:
+            made = writer.register_schema(record.name, record.encoding, record.data)
+            schemas[record.id] = made
+        case Channel() if record.id not in channels:
+            channels[record.id] = writer.register_channel(
+                record.topic, record.message_encoding, schemas[record.schema_id], record.metadata
+            )
+        case Message():
+            writer.add_message(
+                channels[record.channel_id],
+                record.log_time,
+                record.data,
+                record.publish_time,
+                record.sequence,
+            )

@@ -23,7 +23,7 @@ from process_runtime.compressed import (
     os_problem,
 )
 from protocol.errors import InputFileError
-from recordings.bag_chunks import bound_library, check_overlaps, check_unpacked
+from recordings.bag_chunks import bound_library, check_overlaps, check_unpacked, recover_mcap
 
 if TYPE_CHECKING:
     from rosbags import rosbag1, rosbag2
@@ -170,7 +170,7 @@ class BagFile:
             try:
                 reader = entered(path)
             except Exception as broken:
-                reader = entered(self._mended(path, broken, stack))
+                reader = entered(self._recovered(path, broken, stack))
                 if not any(one.msgcount for one in reader.connections):
                     raise
             if isinstance(reader, rosbag2.Reader):
@@ -183,26 +183,19 @@ class BagFile:
             raise self._error(self._path, os_problem(failed)) from failed
         except Exception as broken:
             problem = f"cannot be read as a ROS bag: {_library_problem(broken)}"
-            remedy = "if it is cut off or damaged, copy it again or mend it with ROS's own tools"
+            remedy = "if it is cut off or damaged, copy it again or mend it: a ROS 1 bag by"
+            remedy += " 'rosbag reindex', one of sqlite by 'sqlite3 FILE .recover'"
             raise self._error(self._path, f"{problem}; {remedy}") from broken
 
-    def _mended(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
-        """A bag with what a damaged one still holds; raises what is wrong with that, if nothing."""
-        from recordings.damaged_bag import mend  # noqa: PLC0415 - for few bags
-
-        file = path
-        if path.is_dir():
-            files = _storage_files(path)
-            if len(files) != 1:
-                raise broken
-            file = files[0]
-        mended = _new_folder(stack) / f"mended{file.suffix}"
-        try:
-            mend(file, mended)
-        except Exception:  # noqa: BLE001 - see `_library_problem`
-            raise broken from None
+    def _recovered(self, path: Path, broken: Exception, stack: ExitStack) -> Path:
+        """What a damaged MCAP file still holds; raises what is wrong with it, if nothing."""
+        files = _storage_files(path) if path.is_dir() else [path]
+        recovered = _new_folder(stack) / "recovered.mcap"
+        if len(files) != 1 or files[0].suffix != recovered.suffix:
+            raise broken
+        recover_mcap(files[0], recovered)
         self._cut = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
-        return mended
+        return recovered
 
     def _as_library_wants(self, stack: ExitStack) -> Path:
         """The bag as a folder, or as a file that is not packed and has the name of its kind."""
