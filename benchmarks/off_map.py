@@ -381,9 +381,7 @@ def _row(
     max_range_m: float,
 ) -> Row:
     told = outcome.hypotheses
-    is_right = [
-        on_map and truth is not None and pose_error(place.mean, truth).right for place in told
-    ]
+    is_right = [truth is not None and pose_error(place.mean, truth).right for place in told]
     return Row(
         state=outcome.state,
         probability=told[0].probability if told else 0.0,

@@ -10,7 +10,8 @@ from protocol.message import Covariance, PoseTuple
 
 SILENT_AFTER_S = 3.0
 """A process says each second how it is; three missed words are worth a remark."""
-
+OFF_MAP = 0.5
+"""Of not being on this map: with more it is said."""
 
 DOUBT = 0.01
 """Of being elsewhere: less is not worth a line."""
@@ -49,6 +50,7 @@ def pose_lines(answer: PoseAnswer) -> Iterator[str]:
     yield from _doubts(answer)
     if answer.map_from_robot is not None and answer.elsewhere_probability > DOUBT:
         yield f"it may be elsewhere, with probability {answer.elsewhere_probability:.2f}"
+    yield from _off_map(answer)
     if answer.workers == 0:
         yield "no worker is alive: the belief does not follow the robot"
 
@@ -61,7 +63,13 @@ def hypotheses_lines(answer: Hypotheses) -> Iterator[str]:
     yield f"{answer.pose.state} at step {answer.pose.step}"
     yield from (_hypothesis_line(hypothesis) for hypothesis in answer.hypotheses)
     yield f"  {answer.pose.elsewhere_probability:6.3f}  elsewhere"
+    yield from _off_map(answer.pose)
     yield from _doubts(answer.pose)
+
+
+def _off_map(answer: PoseAnswer) -> Iterator[str]:
+    if answer.off_map_probability > OFF_MAP:
+        yield f"probably not on this map ({answer.off_map_probability:.2f})"
 
 
 def _doubts(answer: PoseAnswer) -> Iterator[str]:
@@ -94,6 +102,8 @@ def belief_line(belief: Belief) -> str:
     shown = ", ".join(f"{hypothesis.probability:.2f}" for hypothesis in belief.hypotheses[:6])
     more = ", ..." if len(belief.hypotheses) > 6 else ""
     elsewhere = f", elsewhere {belief.elsewhere_probability:.2f}"
+    if belief.off_map_probability > OFF_MAP:
+        elsewhere += ", probably not on this map"
     return f"{head}; best {pose_text(best.mean)}; probabilities {shown}{more}{elsewhere}"
 
 

@@ -1,6 +1,7 @@
 """`clustermcl check`: is a map fit for localizing, and does a recording agree with it."""
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from sensor_bridge.recorded import steps_of
 
 MOST_CELLS = 2**26
 """What is looked at takes some 42 bytes a cell."""
+EXIT_ANOTHER_MAP = 1
+"""The recording is probably of another map."""
 _MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
 
 
@@ -58,6 +61,8 @@ def run_check(
     )
     text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
     standard_output().write(text + "\n")
+    if agreement is not None and agreement.is_of_another_map:
+        sys.exit(EXIT_ANOTHER_MAP)
 
 
 def lines_of(report: MapReport) -> Iterator[str]:
@@ -116,8 +121,9 @@ def _group(place: Place) -> Iterator[str]:
 def _agreement(agreement: Agreement) -> Iterator[str]:
     yield (
         f"recording: localized at {agreement.localized_share:.0%} of the first "
-        f"{agreement.steps} steps"
+        f"{agreement.steps} steps; not on this map with {agreement.off_map_probability:.0%}"
     )
+    yield f"  its mirror image, a robot that is not there: {agreement.decoy_localized_share:.0%}"
     if agreement.fitting_share is not None:
         yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
     if agreement.mount is None:

@@ -35,6 +35,7 @@ def as_object(result: Result, wall_s: float) -> JsonObject:
         "pose": pose_object(best.mean, best.covariance) if best else None,
         "probability": best.probability if best else 0.0,
         "elsewhere_probability": belief.elsewhere_probability,
+        "off_map_probability": belief.off_map_probability,
         "hypotheses": [hypothesis_object(hypothesis) for hypothesis in belief.hypotheses],
         "steps": result.status.steps_applied,
         "steps_lost": result.status.steps_lost,

@@ -212,7 +212,9 @@ def _table(belief: Belief) -> Table:
         )
     if others := belief.hypotheses[_PLACES:]:
         _add_sum(table, f"{len(others)} more", sum(other.probability for other in others))
-    _add_sum(table, "elsewhere", belief.elsewhere_probability)
+    off_map = belief.off_map_probability
+    _add_sum(table, "elsewhere", belief.elsewhere_probability - off_map)
+    _add_sum(table, "off the map", off_map)
     return table
 
 

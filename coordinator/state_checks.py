@@ -15,6 +15,7 @@ from coordinator.belief.search_pool import SearchState
 from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
 from coordinator.step_collector import StepCollectorState
+from particle_filter.off_map import MapQuality
 from protocol.names import is_name
 from protocol.reading_checks import odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan
@@ -52,9 +53,12 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
     numbers = [cluster.cluster for cluster in state.clusters]
     if len(set(numbers)) < len(numbers) or max(numbers, default=-1) >= state.next_cluster:
         return "clusters whose numbers are taken, or were never given"
-    if problem := _elsewhere_problem(state.log_elsewhere):
+    nowhere = (state.log_elsewhere, state.log_off_map)
+    if problem := first_problem(map(_elsewhere_problem, nowhere)) or _quality_problem(
+        state.quality
+    ):
         return problem
-    probabilities = [math.exp(state.log_elsewhere), *(c.probability for c in state.clusters)]
+    probabilities = [*map(math.exp, nowhere), *(c.probability for c in state.clusters)]
     if abs(math.fsum(probabilities) - 1) > SUM_TOLERANCE:
         return "probabilities that do not sum to one"
     search, prior = state.search, state.prior_pose
@@ -161,6 +165,11 @@ def _elsewhere_problem(log_probability: float) -> str | None:
     if log_probability <= SUM_TOLERANCE:  # NaN is not
         return None
     return f"elsewhere with a probability whose logarithm is {log_probability}"
+
+
+def _quality_problem(quality: MapQuality) -> str | None:
+    shares = (quality.crude, quality.resembling)
+    return None if all(0.0 < share < 1.0 for share in shares) else f"a map of quality {shares}"
 
 
 def _gathered_problem(gathered: tuple[int, float]) -> str | None:

@@ -51,6 +51,7 @@ def step_frame(
         "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
         "elsewhere": elsewhere_probability(belief),
+        "off_map": belief.off_map_probability,
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
         "truth": truth,
@@ -124,6 +125,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "pose": answer.map_from_robot,
         "workers": answer.workers,
         "elsewhere": elsewhere_probability(answer),
+        "off_map": answer.off_map_probability,
     }
     if answer.covariance is not None:
         xx, _, _, _, yy, _, _, _, heading = answer.covariance

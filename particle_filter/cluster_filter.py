@@ -1,7 +1,7 @@
 """One cluster by ordinary MCL: resample, move, weigh (section 2 of the paper)."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -66,6 +66,8 @@ class Weighed:
     """Log of the sum of w_{t-1} p(z_t | x_t); less log N it is the log average likelihood."""
     log_likelihood_per_beam: float
     """Best particle's, without the exponent."""
+    best: Pose | None = None
+    """(3,) the best particle; None where the scan tells nothing."""
 
 
 def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator) -> Cloud:
@@ -103,7 +105,8 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
     )
     log_weights, total = multiplied(cloud.log_weights, fit, exponent, penalty)
     after = Cloud(cloud.map_from_robot, log_weights)
-    return Weighed(after, total, float(np.maximum.reduce(fit)) / beams.count)
+    best = int(np.argmax(fit))
+    return Weighed(after, total, float(fit[best]) / beams.count, cloud.map_from_robot[best])
 
 
 def advanced(
@@ -138,10 +141,9 @@ def advanced(
             again = weighed(both, beams, model, exponent)
             chosen = resample(again.cloud.log_weights, len(moved), settings.resampling, rng)
             drawn = Cloud.even(both.map_from_robot[chosen])
-            result = Weighed(drawn, again.log_weight_sum, again.log_likelihood_per_beam)
+            result = replace(again, cloud=drawn)
     correction = model.correction(result.cloud.map_from_robot, result.cloud.weights, beams)
-    evidence = result.log_weight_sum - correction
-    return Weighed(result.cloud, evidence, result.log_likelihood_per_beam)
+    return replace(result, log_weight_sum=result.log_weight_sum - correction)
 
 
 def _with_slipped(cloud: Cloud, moved: Poses, back: Poses, probability: float) -> Cloud:

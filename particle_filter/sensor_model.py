@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import Cells, LogWeights, Points, Pose, Poses
 from particle_filter.kernel_arguments import ToCells, read_only, to_cells
 from particle_filter.pyramid import Pyramid
+from particle_filter.ray_casting import JumpField
 from particle_filter.scan_points import points_in_robot
 from particle_filter.settings import SensorSettings
 
@@ -136,6 +137,10 @@ class SensorModel(Hashable, Protocol):
     @property
     def pyramid(self) -> Pyramid:
         """The map's likelihood field over squares: tells searches where to look."""
+
+    @property
+    def jumps(self) -> JumpField:
+        """How far rays may jump in the map."""
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:

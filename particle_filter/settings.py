@@ -257,6 +257,14 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float,
         described("that the robot is lifted elsewhere, each step; 0: it never is", ge=0, lt=1),
     ] = 0.001
+    off_map_probability: Annotated[
+        float,
+        described(
+            "that the robot is not on the map, at first and where it is lifted; 0: never",
+            ge=0,
+            lt=1,
+        ),
+    ] = 0.05
     elsewhere_poses: Annotated[
         int, described("poses all over the map that a scan is weighed at", gt=0, le=1_000_000)
     ] = 2048

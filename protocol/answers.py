@@ -61,6 +61,8 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     """That the robot is at none of these places."""
     search_progress: float = 0.0
     """How near the search that runs is to its end, 0 to 1."""
+    off_map_probability: float = 0.0
+    """Of `elsewhere_probability`, that the robot is not on this map at all."""
 
     @property
     def pose(self) -> PoseTuple | None:
@@ -106,6 +108,8 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Since the newest scan arrived that a worker weighed, counted as `age_s`; -1: none was."""
     elsewhere_probability: float = 1.0
     """That the robot is at none of the places that are tracked."""
+    off_map_probability: float = 0.0
+    """As in `Belief`."""
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):

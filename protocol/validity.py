@@ -123,6 +123,7 @@ def _(message: TrackReport) -> str | None:
         _report_problem(message)
         or finite_problem("log_weight_sum", message.log_weight_sum)
         or finite_problem("effective_sample_size", message.effective_sample_size)
+        or first_problem(number_problem("beams", count) for count in message.beam_classes)
         or gaussian_problem(message.mean, message.covariance)
         or first_problem(_particles_problem(snapshot) for snapshot in snapshots)
         or first_problem(_place_problem(place) for place in message.parts)

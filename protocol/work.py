@@ -155,6 +155,8 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
+    beam_classes: tuple[int, int, int, int] = (0, 0, 0, 0)
+    """Beams at the best particle: how many end on an obstacle, near one, behind one, and others."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
     """Two or more where the cluster has fallen apart, most probable first."""

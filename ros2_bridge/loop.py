@@ -248,6 +248,9 @@ class BridgeLoop:
         if belief is not None and belief.hypotheses:
             values["places"] = len(belief.hypotheses)
             values["probability"] = f"{belief.hypotheses[0].probability:.3f}"
+        if belief is not None:
+            values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
+            values["probability off the map"] = f"{belief.off_map_probability:.3f}"
         if status is not None:
             values |= {"step": status.step, "workers": len(status.workers)}
         values |= self._causes.total | {

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from particle_filter import cluster_filter, global_search, places
 from particle_filter.arrays import Pose
+from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import Cloud
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
@@ -123,17 +124,20 @@ class Tracking:
         )
         after = np.array(scan.odom_from_robot)
         before_from_after = between(self._odom_from_robot, after)
+        model, beams = self._model, scan_beams(scan, self._model)
         result = cluster_filter.advanced(
             self._cloud,
             before_from_after,
-            scan_beams(scan, self._model),
-            self._model,
+            beams,
+            model,
             self._settings.motion,
             self._settings.cluster,
             rng,
         )
         self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
         mean, covariance = self._cloud.gaussian()
+        best = result.best
+        classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
         return TrackReport(
             sender=self._sender,
             job_id=self.assignment.job_id,
@@ -145,6 +149,7 @@ class Tracking:
             effective_sample_size=self._cloud.effective_sample_size,
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
+            beam_classes=classes or (0, 0, 0, 0),
             snapshot=self._snapshot(scan),
             parts=self._parts(scan, rng),
         )

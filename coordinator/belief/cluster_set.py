@@ -1,4 +1,4 @@
-"""The tracked places, their probabilities, and that of none of them; together always one."""
+"""The tracked places, their probabilities, and those of none of them; together always one."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
+from particle_filter.beam_classes import BeamClasses
 from particle_filter.evidence_model import contenders, counted, misfit, share_that_counts, way
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
+from particle_filter.off_map import MapQuality, log_odds_of_here
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -27,6 +29,8 @@ ALTERNATIVE = 0.1
 """Of the best cluster's probability: who has so much is where the robot may well be."""
 STILL_PROBABLE = 0.05
 """Of one that was such an alternative, after newcomers came: the alarm may have been false."""
+RETURNS = 2.0
+"""So much more often than it is lifted a robot that is off the map comes back."""
 LEAST_LOG = -1e6
 """Of a probability that is as good as zero: it stays finite, and comes back if it must."""
 
@@ -74,8 +78,11 @@ class ClusterSet:
         self._rules, self.sensor = rules, sensor
         self._clusters: dict[int, Cluster] = {}
         self._next_cluster = 0
-        self.log_elsewhere = 0.0
-        """Log of the probability that the robot is at none of them."""
+        self.quality = MapQuality()
+        """What has been learned of the map."""
+        self.log_elsewhere = self.log_off_map = 0.0
+        """Logs of the probabilities that the robot is elsewhere on the map, and not on it."""
+        self._is_anywhere()
 
     def __len__(self) -> int:
         return len(self._clusters)
@@ -87,17 +94,35 @@ class ClusterSet:
 
     @property
     def elsewhere(self) -> float:
-        """The probability that the robot is at none of them."""
+        """The probability that the robot is elsewhere on the map."""
         return math.exp(self.log_elsewhere)
+
+    @property
+    def off_map(self) -> float:
+        """The probability that the robot is not on the map."""
+        return math.exp(self.log_off_map)
+
+    @property
+    def nowhere(self) -> float:
+        """The probability that the robot is at none of them."""
+        return self.elsewhere + self.off_map
 
     def all(self) -> tuple[Cluster, ...]:
         """All of them, in the order in which they are summed."""
         return tuple(self._clusters.values())
 
-    def restore(self, clusters: Iterable[Cluster], next_cluster: int, log_elsewhere: float) -> None:
+    def restore(
+        self,
+        clusters: Iterable[Cluster],
+        next_cluster: int,
+        log_elsewhere: float,
+        log_off_map: float = -math.inf,
+        quality: MapQuality | None = None,
+    ) -> None:
         """Be as another set was."""
         self._clusters = {cluster.cluster: cluster for cluster in clusters}
         self._next_cluster, self.log_elsewhere = next_cluster, log_elsewhere
+        self.log_off_map, self.quality = log_off_map, quality or MapQuality()
 
     @property
     def job_ids(self) -> tuple[str, ...]:
@@ -150,8 +175,8 @@ class ClusterSet:
                 )
         if not reports:
             return 0.0  # nothing but evidence moves probabilities
-        log_here, log_there = self._kidnapped(news)
-        among = belief.normalised_logs(self._log_probabilities()[:-1])
+        log_here, log_there, log_off = self._kidnapped(news)
+        among = belief.normalised_logs(self._log_probabilities()[:-2])
         reported = ~np.isnan(evidence)
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
@@ -160,28 +185,74 @@ class ClusterSet:
         told = counted(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
         among = belief.mixed(among, self._rules.transition_probability * news)
+        odds = self._log_odds_of_here(among, reports, new_view)
         if not math.isnan(elsewhere):
-            log_there += news * (elsewhere - log_scan)
-            log_scan = float(np.logaddexp(log_here + log_scan, log_there + log_scan))
-        self._set(belief.normalised_logs(np.append(among + log_here, log_there)))
-        return log_scan
+            fits_better = elsewhere - log_scan
+            # People stand before the laser: where what is left of the beams fits, nothing is odd.
+            log_there += news * (
+                min(fits_better, 0.0) if odds > 0.0 else fits_better * self._telling(among, reports)
+            )
+            log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
+        here = np.append(among + log_here, (log_there, log_off))
+        told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
+        self._set(belief.normalised_logs(told))
+        # Newcomers, whose beams nobody has classed, are worth no less for places that fit well.
+        return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
         if self._rules.kidnapping_probability == 0.0:  # nobody weighs what is elsewhere
             return True
         return bool(log_here > log_elsewhere)
 
-    def _kidnapped(self, news: float) -> tuple[float, float]:
-        """Logs of the probabilities of all clusters together, and of none of them.
+    def _log_odds_of_here(
+        self, among: NDArray[np.float64], reports: Mapping[str, TrackReport], new_view: float
+    ) -> float:
+        """What the classes of beams say for the clusters; they tell something of the map, too."""
+        if 0.0 in (self._rules.kidnapping_probability, self._rules.off_map_probability):
+            return 0.0
+        told = [reports.get(job_id) for job_id in self.job_ids]
+        seeing = [i for i, report in enumerate(told) if report and any(report.beam_classes)]
+        if not seeing:
+            return 0.0
+        heard = [report for report in told if report and any(report.beam_classes)]
+        odds, self.quality = log_odds_of_here(
+            self.quality,
+            np.exp(belief.normalised_logs(among[seeing])),
+            [BeamClasses(*report.beam_classes) for report in heard],
+            new_view,
+        )
+        return odds
 
-        The robot may have been lifted elsewhere since the last scan, so far as this is another.
+    def _telling(self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]) -> float:
+        """Share of the beams that tell anything of a place: nothing stands before it."""
+        ordered = map(reports.get, self.job_ids)
+        beams = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
+        shares = np.exp(among) @ beams
+        return float(shares[:3].sum() / shares.sum()) if shares.sum() > 0.0 else 1.0
+
+    def _kidnapped(self, news: float) -> tuple[float, float, float]:
+        """Logs of the probabilities of all clusters together, of elsewhere, and of off the map.
+
+        The robot may have been lifted since the last scan, so far as this is another, or have been
+        brought back to the map.
         """
         hazard = self._rules.kidnapping_probability * news
-        log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-1]))
+        log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-2]))
         if hazard == 0.0:
-            return log_here, self.log_elsewhere
-        log_there = float(np.logaddexp(self.log_elsewhere, log_here + math.log(hazard)))
-        return log_here + math.log1p(-hazard), log_there
+            return log_here, self.log_elsewhere, self.log_off_map
+        off, back = self._rules.off_map_probability, min(RETURNS * hazard, 1.0)
+        lifted = log_here + _log(hazard)
+        log_there = np.logaddexp.reduce(
+            [self.log_elsewhere, lifted + _log(1.0 - off), self.log_off_map + _log(back)]
+        )
+        log_off = np.logaddexp(self.log_off_map + _log(1.0 - back), lifted + _log(off))
+        return log_here + math.log1p(-hazard), float(log_there), float(log_off)
+
+    def _is_anywhere(self) -> None:
+        """Nothing is known."""
+        is_ever_lost = self._rules.kidnapping_probability > 0.0
+        off = self._rules.off_map_probability if is_ever_lost else 0.0
+        self.log_elsewhere, self.log_off_map = _log(1.0 - off), _log(off)
 
     def _share_that_counts(
         self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_], new_view: float
@@ -386,7 +457,7 @@ class ClusterSet:
 
     def clear(self, cause: EndedCause) -> list[Ended]:
         """Forget all clusters: the robot may be anywhere."""
-        self.log_elsewhere = 0.0
+        self._is_anywhere()
         return self._end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:
@@ -412,19 +483,24 @@ class ClusterSet:
         return [_ended(cluster, cause, *by) for cluster in leaving]
 
     def _log_probabilities(self) -> belief.LogProbabilities:
-        """(K + 1,) of the clusters, and of none of them."""
-        return np.array([*(c.log_probability for c in self.all()), self.log_elsewhere])
+        """(K + 2,) of the clusters, of elsewhere, and of off the map."""
+        clusters = (cluster.log_probability for cluster in self.all())
+        return np.array([*clusters, self.log_elsewhere, self.log_off_map])
 
     def _normalise(self) -> None:
         if self._clusters and self._rules.kidnapping_probability == 0.0:
-            self.log_elsewhere = -math.inf
+            self.log_elsewhere = self.log_off_map = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
     def _set(self, log_probabilities: NDArray[np.float64]) -> None:
-        *clusters, self.log_elsewhere = log_probabilities.tolist()
+        *clusters, self.log_elsewhere, self.log_off_map = log_probabilities.tolist()
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
             self._clusters[cluster.cluster] = finite
+
+
+def _log(probability: float) -> float:
+    return math.log(probability) if probability > 0.0 else -math.inf
 
 
 def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:

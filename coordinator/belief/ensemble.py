@@ -19,6 +19,7 @@ from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import SearchCourse, SearchCourseState
 from coordinator.belief.search_pool import Pool, SearchState
 from particle_filter.arrays import Pose
+from particle_filter.off_map import MapQuality
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
 from protocol.answers import Hypothesis, State
@@ -36,6 +37,8 @@ from protocol.work import (
 
 ELSEWHERE = "e0"
 """The job that weighs scans all over the map; it begins anew where steps or maps do."""
+LOST_SEARCHES = 5
+"""Times as often as usual a robot is searched for that is probably not on the map."""
 LEAST_REST = 1e-12
 """What is left beside a place that is given for certain."""
 
@@ -52,6 +55,8 @@ class EnsembleState(msgspec.Struct, frozen=True):
     next_search_step: int
     prior_pose: PriorPose | None = None
     seen: ViewMemory = ViewMemory()
+    log_off_map: float = -math.inf
+    quality: MapQuality = MapQuality()
 
 
 class Ensemble:
@@ -140,7 +145,7 @@ class Ensemble:
         self._follow_search(step, reports)
         if self._lost and not was_lost:
             self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
-        if not self._search.runs and (self._lost or self._search.is_due(step)):
+        if not self._search.runs and self._search.is_due(step, self._patience):
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
@@ -211,11 +216,19 @@ class Ensemble:
             next_search_step=search.next_search_step,
             prior_pose=self._prior_pose,
             seen=self._seen,
+            log_off_map=self.clusters.log_off_map,
+            quality=self.clusters.quality,
         )
 
     def restore(self, state: EnsembleState) -> None:
         """Go on from where another was; of a search, the last reports must be given again."""
-        self.clusters.restore(state.clusters, state.next_cluster, state.log_elsewhere)
+        self.clusters.restore(
+            state.clusters,
+            state.next_cluster,
+            state.log_elsewhere,
+            state.log_off_map,
+            state.quality,
+        )
         search = SearchCourseState(state.search, state.searches, state.next_search_step)
         self._search.restore(search)
         self._prior_pose, self._seen = state.prior_pose, state.seen
@@ -259,12 +272,12 @@ class Ensemble:
             return
         log_weight = self._search.evidence.log_weight(fresh.step, fresh.log_evidence)
         weight = math.exp(min(log_weight, 0.0))
-        if self._lost and weight < self.settings.belief.least_probability:
+        if self._is_elsewhere and weight < self.settings.belief.least_probability:
             # It has seen scans from before the robot was lifted, and kept where that was.
             self._stop_search(step, "search stopped")
             return
         all_in = True
-        is_over = self._search.finished(fresh, patient=not self._is_held_from_before)
+        is_over = self._search.finished(fresh, patient=self._is_patient)
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
@@ -283,8 +296,9 @@ class Ensemble:
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
         self._prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
+        before = self.clusters.elsewhere
         self.clusters.explain(self._search.evidence.newly_explained(explained))
-        self._admit(entering, step)
+        self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
     def _admit_newcomers(self, pool: Pool, step: int, *, is_over: bool) -> bool:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
@@ -365,7 +379,8 @@ class Ensemble:
             step=step,
             state=self._state(tracked),
             hypotheses=tracked,
-            elsewhere_probability=self.clusters.elsewhere,
+            elsewhere_probability=self.clusters.nowhere,
+            off_map_probability=self.clusters.off_map,
             searching=self._search.runs,
             missing=missing,
             begin=begin,
@@ -374,7 +389,7 @@ class Ensemble:
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
-        if not len(self.clusters) or (self._is_founding and self._lost):
+        if not len(self.clusters) or (self._is_founding and self._is_elsewhere):
             return "searching"
         if self._lost:
             return "lost"
@@ -397,8 +412,27 @@ class Ensemble:
         return math.fsum(before) > self.settings.belief.lost_probability
 
     @property
+    def _is_patient(self) -> bool:
+        """Whether a search may take longer while more is possible than can be tracked."""
+        is_off_map = self.clusters.off_map > self.settings.belief.lost_probability
+        return not (is_off_map or self._is_held_from_before)
+
+    @property
     def _lost(self) -> bool:
+        return self.clusters.nowhere > self.settings.belief.lost_probability
+
+    @property
+    def _is_elsewhere(self) -> bool:
+        """Whether the robot is lost, and a search would find it."""
         return self.clusters.elsewhere > self.settings.belief.lost_probability
+
+    @property
+    def _patience(self) -> int:
+        """Steps from the end of a search to the next: none where one would find the robot."""
+        rules = self.settings.belief
+        if self._is_elsewhere:
+            return 0
+        return rules.search_every_steps // (LOST_SEARCHES if self._lost else 1)
 
     @property
     def _elsewhere(self) -> tuple[str, ...]:

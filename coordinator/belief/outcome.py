@@ -53,6 +53,7 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
         last=scan.last,
         term=term,
         elsewhere_probability=outcome.elsewhere_probability,
+        off_map_probability=outcome.off_map_probability,
         search_progress=outcome.search_progress,
     )
 

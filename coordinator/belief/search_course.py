@@ -55,9 +55,10 @@ class SearchCourse:
         """How near the search is to its end, 0 to 1; 0, if there is none."""
         return self._pool.progress if self._pool else 0.0
 
-    def is_due(self, step: int) -> bool:
-        """Whether the time has come for another one."""
-        return step >= self._next_step
+    def is_due(self, step: int, patience: int) -> bool:
+        """Whether the time has come for another one: so many steps after the last at the latest."""
+        sooner = self._settings.belief.search_every_steps - patience
+        return step >= self._next_step - sooner
 
     def postpone(self, step: int) -> None:
         """Let none be due after this step."""

@@ -214,6 +214,7 @@ class PoseTracker:
             covariance=carried.covariance if carried else None,
             workers=workers,
             elsewhere_probability=self._outcome.elsewhere_probability if self._outcome else 1.0,
+            off_map_probability=self._outcome.off_map_probability if self._outcome else 0.0,
         )
 
     def hypotheses(self) -> tuple[Hypothesis, ...]:

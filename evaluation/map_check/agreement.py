@@ -7,9 +7,11 @@ import msgspec
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
+from coordinator.belief.outcome import Outcome
 from evaluation import in_process
 from evaluation.map_check.mount import Mount, mount_of
 from evaluation.map_check.refining import refined
+from evaluation.mirrored import mirrored
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField
@@ -21,8 +23,10 @@ from protocol.steps import Scan
 from worker.scan_beams import scan_beams
 
 FITS_WITHIN_M = 0.2
-MOST_STEPS = 400
-"""Of a recording: a minute's work, and enough to tell."""
+ANOTHER_MAP = 0.5
+"""A recording whose robot is less probably on the map is of another one."""
+MOST_STEPS, DECOY_STEPS = 400, 160
+"""Of a recording, and of its mirror image: a minute's work, and enough to tell."""
 
 
 class Agreement(msgspec.Struct, frozen=True, kw_only=True):
@@ -32,15 +36,27 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
     localized_share: float
     """Of the steps."""
     fitting_share: float | None
-    """Of the beams at localized steps, those that end within 0.2 m of an obstacle of the map."""
+    """Of the beams at steps with one probable place, those that end within 0.2 m of an obstacle."""
     told_mount: tuple[float, float, float]
     """`robot_from_laser`, as the recording or the settings say."""
     mount: Mount | None
-    """What the map says of it; None: too few localized steps, or too few turns, to tell."""
+    """What the map says of it; None: too few such steps, or too few turns, to tell."""
+    off_map_probability: float
+    """Mean over the steps: that the robot is not on this map."""
+    decoy_localized_share: float
+    """Localized share of the mirrored recording: of a robot that is not there."""
+
+    @property
+    def is_of_another_map(self) -> bool:
+        """Whether the robot was more probably off the map than on it."""
+        return self.off_map_probability > ANOTHER_MAP
 
 
 def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSettings) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
+
+    A decoy, the robot of the mirror-image building, is localized beside it: it shows what a robot
+    that is not there comes to in this map with this laser.
 
     Args:
         scans: all steps; at least one.
@@ -56,28 +72,42 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
     run: list[tuple[Poses, Poses]] = []
     longest: list[tuple[Poses, Poses]] = []
     fitting: list[float] = []
-    steps, localized, told = 0, 0, (0.0, 0.0, 0.0)
+    localized, off_map, told = 0, 0.0, (0.0, 0.0, 0.0)
     to_obstacle_m = _distances_m(grid_map)
-    for scan, outcome in in_process.outcomes(itertools.islice(scans, MOST_STEPS), model, settings):
-        steps, told = steps + 1, scan.robot_from_laser
+    steps = tuple(itertools.islice(scans, MOST_STEPS))
+    for scan, outcome in in_process.outcomes(steps, model, settings):
+        told = scan.robot_from_laser
         beams = scan_beams(scan, model)
-        if outcome.state != "localized" or not beams.count:
+        localized += outcome.state == "localized"
+        off_map += outcome.off_map_probability
+        if not (_has_one_place(outcome, settings) and beams.count):
             run = []
             continue
-        localized += 1
         best = np.array([outcome.hypotheses[0].mean])
         poses, _ = refined(best, beams.hits_in_robot, field, rng)
         fitting.append(_fitting_share(poses[0], beams.hits_in_robot, grid_map, to_obstacle_m))
         run.append((compose(poses[0], np.array(told)), np.array(scan.odom_from_robot)))
         longest = max(longest, run, key=len)
     found = np.array(longest).reshape(-1, 2, 3)
+    decoys = in_process.outcomes(map(mirrored, steps[:DECOY_STEPS]), model, settings)
+    decoy_localized = [outcome.state == "localized" for _, outcome in decoys]
     return Agreement(
-        steps=steps,
-        localized_share=localized / max(steps, 1),
+        steps=len(steps),
+        localized_share=localized / max(len(steps), 1),
         fitting_share=float(np.mean(fitting)) if fitting else None,
         told_mount=told,
         mount=mount_of(found[:, 0], found[:, 1]),
+        off_map_probability=off_map / max(len(steps), 1),
+        decoy_localized_share=float(np.mean(decoy_localized)) if decoy_localized else 0.0,
     )
+
+
+def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
+    """Whether one place is probable beside all others, be the robot on the map or not."""
+    if not outcome.hypotheses:
+        return False
+    here = 1.0 - outcome.elsewhere_probability
+    return outcome.hypotheses[0].probability >= settings.belief.localized_probability * here > 0.0
 
 
 def _distances_m(grid_map: GridMap) -> np.ndarray:

@@ -23,6 +23,7 @@ _BLIND_SHARE = 0.3
 _FOUND_SHARE, _FITTING_SHARE = 0.1, 0.7
 _MOUNT_OFF_M, _MOUNT_OFF_RAD, _SIGMAS = 0.15, 0.06, 3.0
 _SCALE_OFF = 0.05
+_DECOY_SHARE = 0.3
 _MOST_SYMMETRIES = 12
 
 
@@ -142,6 +143,24 @@ def _of_places(report: MapReport) -> Iterator[str]:
 
 def _of_agreement(agreement: Agreement) -> Iterator[str]:
     fitting, mount = agreement.fitting_share, agreement.mount
+    localized, decoy = agreement.localized_share, agreement.decoy_localized_share
+    if decoy > localized + _DECOY_SHARE:
+        yield (
+            f"the mirror image of the recording is localized at {decoy:.0%} of the steps, the "
+            f"recording at {localized:.0%}: is the laser upside down, or do its angles run the "
+            "other way?"
+        )
+    elif decoy > _DECOY_SHARE:
+        yield (
+            f"the mirror image of the recording is localized, too, at {decoy:.0%} of the steps: "
+            "the map is much like its own mirror image where the robot drove, and a robot that "
+            "is not there may look localized"
+        )
+    if agreement.is_of_another_map:
+        yield (
+            f"the robot is probably not on this map ({agreement.off_map_probability:.0%} on the "
+            "average): is the recording of this building, and has it changed since?"
+        )
     if agreement.localized_share < _FOUND_SHARE or fitting is None:
         yield (
             f"the robot was localized at {agreement.localized_share:.0%} of {agreement.steps} "

@@ -92,13 +92,13 @@ const TAKE = {
       return;
     }
     showMap(now);
-    now.elsewhere = frame.elsewhere;
+    [now.elsewhere, now.offMap] = [frame.elsewhere, frame.off_map];
     if (isNews) now.eventsDue = true; // which are told before the step they belong to
     showBesidesSoon();
   },
   pose(frame) {
     [now.pose, now.poseAt] = [frame, RECORDED.includes(system.link) ? null : performance.now()];
-    now.elsewhere = frame.elsewhere ?? now.elsewhere;
+    [now.elsewhere, now.offMap] = [frame.elsewhere ?? now.elsewhere, frame.off_map ?? now.offMap];
     if (travel.at === null) showBesidesSoon();
   },
   status(frame) {
@@ -133,7 +133,7 @@ function showBesides() {
   if (travel.at !== null) return;
   if (now.step) {
     showStep(now.step);
-    showClusters(now.step.places, view, now.elsewhere);
+    showClusters(now.step.places, view, now.elsewhere, now.offMap);
     if (system.story) showCaption(now.step, again);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
@@ -179,7 +179,7 @@ function showPast(frames) {
   const clouds = Object.entries(frames).filter(([topic]) => topic.startsWith("cloud "));
   showMap({ step: frames.step, clouds: new Map(clouds.map(([, cloud]) => [cloud.cluster, cloud])) });
   showStep(frames.step);
-  showClusters(frames.step.places, view, frames.step.elsewhere);
+  showClusters(frames.step.places, view, frames.step.elsewhere, frames.step.off_map);
   const ago = `${seconds(now.step.stamp_s - frames.step.stamp_s)} before ${travel.newest === "End" ? "the end" : "now"}`;
   if (frames.pose) showPose(frames.pose, null, ago);
   if (frames.status) showWorkers(frames.status);

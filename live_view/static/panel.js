@@ -82,7 +82,7 @@ function announce(text) {
 
 export const seconds = (s) => `${s < 10 ? s.toFixed(1) : s.toFixed(0)} s`;
 
-export function showClusters(places, view, elsewhere) {
+export function showClusters(places, view, elsewhere, offMap) {
   const focused = document.activeElement.closest("#clusters li")?.dataset.cluster;
   $("cluster-count").textContent = places.length || "";
   const rows = places.map((place) => {
@@ -100,6 +100,7 @@ export function showClusters(places, view, elsewhere) {
     row.title = "the probability that the robot is at none of these places";
     row.append(cells);
     cells.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
+    if (offMap > 0.005) cells.append(element("span", `${percent(offMap)} not on this map`, "more"));
     rows.unshift(row); // in sight, however many places there are
   }
   $("clusters").replaceChildren(...rows);

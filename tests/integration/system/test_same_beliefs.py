@@ -25,6 +25,7 @@ def assert_same(beliefs: list[Belief], outcomes: list[Outcome]) -> None:
         assert belief.missing == (), f"step {belief.step}"
         assert belief.hypotheses == outcome.hypotheses, f"step {belief.step}"
         assert belief.state == outcome.state, f"step {belief.step}"
+        assert belief.off_map_probability == outcome.off_map_probability, f"step {belief.step}"
 
 
 def test_processes_over_zenoh_believe_exactly_what_one_process_believes(

@@ -41,6 +41,17 @@ def test_a_pose_says_what_stands_against_believing_it() -> None:
     ]
 
 
+def test_a_robot_that_is_probably_not_on_the_map_is_said_to_be_so() -> None:
+    lost = msgspec.structs.replace(ANSWER, elsewhere_probability=0.9, off_map_probability=0.85)
+    words = "probably not on this map (0.85)"
+    assert list(pose_lines(lost))[-1] == words
+    places = Hypotheses(sender="coordinator", pose=lost, hypotheses=(place(0.1),))
+    assert list(hypotheses_lines(places))[-1] == words
+    told = belief(7, "lost", place(0.1), elsewhere_probability=0.9, off_map_probability=0.85)
+    assert belief_line(told).endswith("elsewhere 0.90, probably not on this map")
+    assert "not on" not in " ".join(pose_lines(ANSWER))
+
+
 def test_a_blind_pose_says_how_old_its_last_scan_is() -> None:
     blind = msgspec.structs.replace(ANSWER, freshness="blind", scan_age_s=7.51)
     line = "blind: odometry alone moves the pose, the last scan is 7.5 s old"

@@ -26,6 +26,7 @@ def literal_bayes(**more: object) -> BeliefSettings:
         "evidence_misfit": math.inf,
         "evidence_noise": 0.0,
         "kidnapping_probability": 0.0,
+        "off_map_probability": 0.0,
         "least_probability": 0.0,
         "particles": 0,
     }

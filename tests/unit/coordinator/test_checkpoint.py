@@ -19,6 +19,7 @@ from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
+from particle_filter.off_map import MapQuality
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
@@ -64,7 +65,8 @@ def test_it_is_small_for_particles_stay_with_the_workers(state: CheckpointState)
 
 def test_states_that_cannot_be_used_are_refused_with_the_reason(state: CheckpointState) -> None:
     replace = msgspec.structs.replace
-    lost = replace(state.ensemble, clusters=(), log_elsewhere=0.0)
+    lost = replace(state.ensemble, clusters=(), log_elsewhere=0.0, log_off_map=-math.inf)
+    blind = MapQuality(crude=math.nan)
     first, *rest = state.ensemble.clusters
     poisoned = replace(state.ensemble, clusters=(replace(first, log_probability=math.nan), *rest))
     assert ElsewhereJob in {type(job.job) for job in state.jobs}
@@ -79,6 +81,8 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (changed(state, ensemble=poisoned), "probability"),
         (changed(state, ensemble=replace(state.ensemble, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=replace(state.ensemble, log_elsewhere=0.0)), "sum to one"),
+        (changed(state, ensemble=replace(state.ensemble, log_off_map=0.0)), "sum to one"),
+        (changed(state, ensemble=replace(state.ensemble, quality=blind)), "quality"),
         (changed(state, ensemble=replace(state.ensemble, seen=ViewMemory(b"x"))), "of views"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.inf)), "elsewhere"),

@@ -175,7 +175,13 @@ def test_a_forged_checkpoint_is_refused_and_the_true_one_used(model: SensorModel
     dictated = replace(
         state,
         jobs=jobs,
-        ensemble=replace(state.ensemble, clusters=(one,), log_elsewhere=-math.inf, search=None),
+        ensemble=replace(
+            state.ensemble,
+            clusters=(one,),
+            log_elsewhere=-math.inf,
+            log_off_map=-math.inf,
+            search=None,
+        ),
     )
     forged = replace(last, term=last.term + 5, state=to_bytes(dictated))
     assert from_bytes(forged.state) == dictated, "it would be carried on from"

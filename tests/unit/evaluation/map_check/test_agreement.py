@@ -10,6 +10,7 @@ import pytest
 from evaluation.map_check.agreement import Agreement, agreement_of
 from evaluation.map_check.mount import mount_of
 from evaluation.map_check.report import report_of
+from evaluation.mirrored import mirrored
 from particle_filter.poses import compose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
@@ -91,5 +92,18 @@ def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
 def test_a_recording_of_another_building_is_noticed() -> None:
     cross = world("cross_feature").map
     agreement = agreement_of(recorded(MOUNT), cross, FilterSettings())
-    (remark,) = remarks(agreement)
-    assert "localized" in remark or "of the beams" in remark
+    assert agreement.is_of_another_map
+    assert any("probably not on this map" in remark for remark in remarks(agreement))
+
+
+def test_a_laser_that_is_upside_down_is_noticed() -> None:
+    plan = world("hall").map
+    agreement = agreement_of(map(mirrored, recorded(MOUNT)), plan, FilterSettings())
+    assert agreement.decoy_localized_share > 0.9
+    assert any("upside down" in remark for remark in remarks(agreement))
+
+
+def test_a_map_that_is_its_own_mirror_image_is_noticed() -> None:
+    agreement = agreement_of(recorded(MOUNT), world("hall").map, FilterSettings())
+    alike = msgspec.structs.replace(agreement, decoy_localized_share=0.8)
+    assert any("its own mirror image" in remark for remark in remarks(alike))

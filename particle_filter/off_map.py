@@ -1,0 +1,117 @@
+"""Is the robot at any place of this map? What the classes of its beams say (docs/unknown.md).
+
+A wrong place may explain a scan better than all others do and explain it badly. Two rates tell:
+of the beams that end near an obstacle those that end on it, and of all that meet what is mapped
+those that pass through it. Both differ between maps, so there are two kinds of map, and two kinds
+of wrong place, and which of them this one is is learned on the way.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from particle_filter.beam_classes import BeamClasses
+
+_BEAMS = 16.0
+"""A scan counts like so many independent beams."""
+
+
+class _Kind(NamedTuple):
+    """Beta distributions of two rates, each as (yes, no)."""
+
+    sharp: tuple[float, float]
+    """Of the beams that end near an obstacle, those that end on it."""
+    through: tuple[float, float]
+    """Of those and the ones that pass through an obstacle, the latter."""
+
+
+_CLEAR, _CRUDE = _Kind((50.0, 0.8), (0.8, 30.0)), _Kind((30.0, 1.2), (4.0, 12.0))
+"""Right places: in a map that shows what the laser sees, and in one that lacks doors and glass."""
+_RESEMBLING, _FOREIGN = _Kind((9.0, 1.8), (2.0, 9.0)), _Kind((1.5, 1.0), (1.3, 1.5))
+"""Wrong places: in a building that is much like this one, and in one that is not."""
+_KINDS = (_CLEAR, _CRUDE, _RESEMBLING, _FOREIGN)
+_CRUDE_SHARE, _RESEMBLING_SHARE = 0.1, 0.5
+"""Before anything was seen."""
+_ODD_VIEW = 0.05
+"""Share of the views of a right place that look like those of a wrong one."""
+_FORGOTTEN = 0.002
+"""What a view takes from what was learned of the map."""
+
+
+class MapQuality(msgspec.Struct, frozen=True):
+    """What has been learned of the map."""
+
+    crude: float = _CRUDE_SHARE
+    """Probability that right places look as in a crude map."""
+    resembling: float = _RESEMBLING_SHARE
+    """Probability that wrong places look as in a building much like this one."""
+
+
+def log_odds_of_here(
+    quality: MapQuality,
+    probabilities: NDArray[np.float64],
+    classes: Sequence[BeamClasses],
+    new_view: float,
+) -> tuple[float, MapQuality]:
+    """What a scan says for the robot being at one of its places, against at none.
+
+    Args:
+        quality: as learned so far.
+        probabilities: (K,) of the places, among themselves.
+        classes: K of the scan's beams, each at the best pose of a place.
+        new_view: how much of a new view of the building the scan is, from 0 to 1.
+
+    Returns:
+        What the log-odds grow by, and what is known of the map now.
+    """
+    if new_view == 0.0:
+        return 0.0, quality
+    logs = np.array([_log_likelihoods(each) for each in classes])
+    log_wrong = np.logaddexp(
+        math.log(quality.resembling) + logs[:, 2], math.log1p(-quality.resembling) + logs[:, 3]
+    )
+    relative = logs - log_wrong[:, None]
+    relative[:, :2] = np.logaddexp(math.log1p(-_ODD_VIEW) + relative[:, :2], math.log(_ODD_VIEW))
+    with np.errstate(divide="ignore"):
+        log_probabilities = np.log(probabilities)[:, None]
+    told = new_view * np.logaddexp.reduce(log_probabilities + relative, axis=0)
+    clear, crude, resembling, foreign = told.tolist()
+    here, crude_now = _mixture(quality.crude, crude, clear)
+    nowhere, resembling_now = _mixture(quality.resembling, resembling, foreign)
+    forgotten = _FORGOTTEN * new_view
+    learned = MapQuality(
+        crude_now + forgotten * (_CRUDE_SHARE - crude_now),
+        resembling_now + forgotten * (_RESEMBLING_SHARE - resembling_now),
+    )
+    return here - nowhere, learned
+
+
+def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:
+    """Log-likelihood of a mixture of two, and the share of the first afterwards."""
+    one, other = math.log(share) + log_one, math.log1p(-share) + log_other
+    total = float(np.logaddexp(one, other))
+    return total, math.exp(one - total)
+
+
+def _log_likelihoods(classes: BeamClasses) -> list[float]:
+    """Of the counts, for each kind of place; beams before obstacles are everywhere alike."""
+    worth = _BEAMS / max(sum(classes), _BEAMS)
+    sharp, blunt, through = (worth * count for count in classes[:3])
+    return [
+        _log_beta_binomial(sharp, blunt, kind.sharp)
+        + _log_beta_binomial(through, sharp + blunt, kind.through)
+        for kind in _KINDS
+    ]
+
+
+def _log_beta_binomial(yes: float, no: float, prior: tuple[float, float]) -> float:
+    a, b = prior
+    return _log_beta(a + yes, b + no) - _log_beta(a, b)
+
+
+def _log_beta(a: float, b: float) -> float:
+    return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)

@@ -1,0 +1,70 @@
+"""A robot that is not on the map is not called localized, and one that is stays so."""
+
+import itertools
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from coordinator.belief.outcome import Outcome
+from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
+from evaluation.experiments.course import course_of
+from evaluation.in_process import outcomes
+from process_runtime.settings import BridgeSettings, Settings
+from tests.unit.recordings import recording_or_skip
+from worker.map_model import sensor_model
+
+
+def run(case: Case, cache: Path, steps: int) -> list[Outcome]:
+    course, settings = course_of(case, 1, BridgeSettings()), Settings()
+    model = sensor_model(course.map, settings.sensor, cache)
+    scans = (scan for scan, _ in itertools.islice(course.steps, steps))
+    return [outcome for _, outcome in outcomes(scans, model, settings)]
+
+
+def case(robot: SimulatedRobot | RecordedRobot, *, mirrored: bool = False) -> Case:
+    return Case(name="c", title="c", robot=robot, seeds=1, mirrored=mirrored)
+
+
+def localized(told: list[Outcome]) -> float:
+    return float(np.mean([outcome.state == "localized" for outcome in told]))
+
+
+def test_the_mirrored_robot_of_a_hall_is_soon_known_to_be_nowhere(tmp_path: Path) -> None:
+    hall = SimulatedRobot(world="hall")
+    right = run(case(hall), tmp_path, 60)
+    assert localized(right) > 0.95
+    assert max(outcome.off_map_probability for outcome in right[1:]) < 0.05
+    wrong = run(case(hall, mirrored=True), tmp_path, 60)
+    assert localized(wrong) <= 0.02
+    assert any(outcome.state == "lost" for outcome in wrong[:30])
+    assert wrong[-1].off_map_probability > 0.5
+    for outcome in (*right, *wrong):
+        held = sum(place.probability for place in outcome.hypotheses)
+        assert held + outcome.elsewhere_probability == pytest.approx(1.0)
+        assert outcome.off_map_probability <= outcome.elsewhere_probability
+
+
+@pytest.mark.parametrize("name", ["intel", "fr101"])
+def test_the_mirrored_robot_of_a_recording_is_nowhere(name: str, tmp_path: Path) -> None:
+    recording, map_file = (recording_or_skip(f"{name}/{f}") for f in ("log.clf.gz", "map.yaml"))
+    robot = RecordedRobot(recording=recording, map=map_file, reference=None)
+    told = run(case(robot, mirrored=True), tmp_path, 60)
+    assert localized(told) <= 0.02
+    assert told[-1].off_map_probability > 0.5
+    assert localized(run(case(robot), tmp_path, 40)) > 0.85
+
+
+def test_a_robot_in_the_map_of_another_building_is_not_localized(tmp_path: Path) -> None:
+    course = course_of(case(SimulatedRobot(world="hall")), 1, BridgeSettings())
+    other = course_of(case(SimulatedRobot(world="gates")), 1, BridgeSettings())
+    settings = Settings()
+    model = sensor_model(other.map, settings.sensor, tmp_path)
+    scans = (
+        msgspec.structs.replace(scan, map_digest=other.map.digest)
+        for scan, _ in itertools.islice(course.steps, 40)
+    )
+    told = [outcome for _, outcome in outcomes(scans, model, settings)]
+    assert localized(told) <= 0.05
+    assert told[-1].state == "lost"

@@ -1,0 +1,72 @@
+"""Beams in a room whose walls are known: which class each is of."""
+
+import math
+
+import numpy as np
+import pytest
+
+from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
+from particle_filter.beam_classes import BeamClasses, beam_classes
+from particle_filter.ray_casting import jump_field
+from particle_filter.sensor_model import Beams, Grid
+
+CELL_M = 0.05
+MIDDLE = np.array([5.0, 5.0, 0.0])
+"""Of a room of 10 m; the wall ahead begins 4.95 m away."""
+AHEAD_M = 4.975
+
+
+def room() -> Cells:
+    cells = np.zeros((200, 200), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
+    return cells
+
+
+def seen(
+    cells: Cells, *ranges: float, angle: float = 0.0, map_from_grid: tuple[float, ...] = (0, 0, 0)
+) -> BeamClasses:
+    beams = Beams(np.array(ranges), np.full(len(ranges), angle), np.zeros(3), 30.0)
+    grid = Grid(cells, CELL_M, np.array(map_from_grid, np.float64))
+    pose = MIDDLE + np.array(map_from_grid)
+    return beam_classes(pose, beams, grid, jump_field(cells))
+
+
+@pytest.mark.parametrize(
+    ("range_m", "expected"),
+    [
+        (AHEAD_M, BeamClasses(1, 0, 0, 0)),
+        (AHEAD_M - 0.1, BeamClasses(1, 0, 0, 0)),
+        (AHEAD_M - 0.2, BeamClasses(0, 1, 0, 0)),
+        (AHEAD_M - 0.5, BeamClasses(0, 0, 0, 1)),
+        (AHEAD_M + 0.2, BeamClasses(0, 1, 0, 0)),
+        (AHEAD_M + 0.6, BeamClasses(0, 0, 1, 0)),
+        (30.0, BeamClasses(0, 0, 0, 0)),
+    ],
+)
+def test_a_beam_ends_on_a_wall_near_it_before_it_or_behind_it(
+    range_m: float, expected: BeamClasses
+) -> None:
+    assert seen(room(), range_m) == expected
+
+
+def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -> None:
+    cells = room()
+    cells[:, 150] = OCCUPIED
+    assert seen(cells, AHEAD_M, 2.525) == BeamClasses(1, 0, 1, 0)
+
+
+def test_beyond_unknown_ground_nothing_is_told() -> None:
+    cells = room()
+    cells[:, 140:145] = UNKNOWN
+    assert seen(cells, AHEAD_M, 1.0, AHEAD_M + 2.0) == BeamClasses(0, 0, 0, 3)
+    behind = room()
+    behind[:, 199] = UNKNOWN
+    assert seen(behind, AHEAD_M + 1.0) == BeamClasses(0, 0, 0, 1), "the world goes on off the map"
+
+
+def test_all_lasers_count_wherever_the_map_lies() -> None:
+    back = Beams(np.array([4.6]), np.zeros(1), np.array([-0.4, 0.0, math.pi]), 30.0)
+    both = Beams(np.array([AHEAD_M]), np.zeros(1), np.zeros(3), 30.0, others=(back,))
+    grid = Grid(room(), CELL_M, np.array([3.0, -2.0, 0.0]))
+    pose = MIDDLE + np.array([3.0, -2.0, 0.0])
+    assert beam_classes(pose, both, grid, jump_field(room())) == BeamClasses(2, 0, 0, 0)

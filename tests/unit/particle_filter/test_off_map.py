@@ -1,0 +1,74 @@
+"""What classes of beams say of places: arithmetic, and what is learned of the map."""
+
+import math
+
+import hypothesis
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from particle_filter.beam_classes import BeamClasses
+from particle_filter.off_map import MapQuality, log_odds_of_here
+
+ALL = np.array([1.0])
+RIGHT, WRONG = BeamClasses(58, 1, 1, 0), BeamClasses(12, 10, 30, 8)
+CRUDE = BeamClasses(40, 2, 14, 4)
+"""A right place in a map that lacks doors."""
+RESEMBLING = BeamClasses(42, 9, 7, 2)
+"""A wrong place in a building that is much alike."""
+counts = st.integers(0, 200)
+classes = st.builds(BeamClasses, counts, counts, counts, counts)
+
+
+def after(views: list[BeamClasses], new_view: float = 1.0) -> tuple[float, MapQuality]:
+    total, quality = 0.0, MapQuality()
+    for view in views:
+        odds, quality = log_odds_of_here(quality, ALL, [view], new_view)
+        total += odds
+    return total, quality
+
+
+def test_a_place_where_beams_end_on_obstacles_is_right() -> None:
+    assert after([RIGHT])[0] > 1.0
+    assert after([WRONG])[0] < -2.0
+
+
+def test_people_say_nothing() -> None:
+    assert after([BeamClasses(0, 0, 0, 60)])[0] == pytest.approx(0.0)
+    few, many = BeamClasses(20, 0, 0, 0), BeamClasses(20, 0, 0, 40)
+    assert after([few])[0] > after([many])[0] > 0.5, "fewer beams tell, but for the place"
+
+
+def test_a_view_that_was_seen_before_says_nothing() -> None:
+    odds, quality = log_odds_of_here(MapQuality(), ALL, [WRONG], 0.0)
+    assert (odds, quality) == (0.0, MapQuality())
+
+
+def test_a_crude_map_is_learned_and_a_resembling_building_is_not_taken_for_one() -> None:
+    odds, quality = after([CRUDE] * 20)
+    assert odds > 5.0
+    assert quality.crude > 0.9
+    assert after([RESEMBLING] * 20)[0] < -3.0
+
+
+def test_one_odd_view_of_a_right_place_does_not_lose_it() -> None:
+    assert after([RIGHT] * 5 + [WRONG])[0] > 2.0
+    assert log_odds_of_here(after([RIGHT] * 50)[1], ALL, [WRONG], 1.0)[0] > math.log(0.05) - 0.1
+
+
+def test_one_right_place_among_many_tells_for_all() -> None:
+    shares = np.array([0.2, 0.8])
+    odds, _ = log_odds_of_here(MapQuality(), shares, [RIGHT, WRONG], 1.0)
+    assert odds > 0.0
+    assert log_odds_of_here(MapQuality(), shares, [WRONG, WRONG], 1.0)[0] < -2.0
+
+
+@hypothesis.given(st.lists(classes, min_size=1, max_size=4), st.floats(0.0, 1.0))
+def test_whatever_is_counted_stays_a_probability(seen: list[BeamClasses], new_view: float) -> None:
+    shares = np.full(len(seen), 1.0 / len(seen))
+    quality = MapQuality()
+    for _ in range(5):
+        odds, quality = log_odds_of_here(quality, shares, seen, new_view)
+        assert math.isfinite(odds)
+        assert 0.0 < quality.crude < 1.0
+        assert 0.0 < quality.resembling < 1.0
