@@ -38,7 +38,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
-    parser.add_argument("--story", action="store_true", help="captions that tell what happens")
+    parser.add_argument("--story", action="store_true", help="captions that explain what happens")
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
     parser.add_argument(

@@ -26,7 +26,7 @@ class PageOptions:
     by_hand: bool = False
     """The arrow keys drive the simulated robot from the beginning."""
     story: bool = False
-    """Captions tell what happens, as in a demo."""
+    """Captions explain what happens, as in a demo."""
     certificate: Path | None = None
     """PEM; with it the page is served by HTTPS."""
     private_key: Path | None = None

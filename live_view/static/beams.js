@@ -1,4 +1,4 @@
-// What each beam of a scan says of a place: its end is at a wall, it went through one, or it ended short of any.
+// How each beam of a scan fits a place: it ends at a wall, has gone through one, or ends short of any.
 export const HIT = 0, THROUGH = 1, SHORT = 2;
 export const BEAM_COLOURS = ["--good", "--through", "--short"];
 const NEAR_M = 0.2;

@@ -1,4 +1,4 @@
-// What a demo tells while it runs: where its story is, in a sentence.
+// Captions of a demo: what happens now, in one sentence.
 const $ = (id) => document.getElementById(id);
 const NUMBERS = ["No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten"];
 const PROBABLE = 0.04;
@@ -15,7 +15,7 @@ export function captionOf({ state, places, last }) {
 
 /**
  * @param step the newest; null: there is none yet, or another one is looked back at
- * @param again tells the story once more
+ * @param again starts the story once more
  */
 export function showCaption(step, again) {
   $("caption").hidden = !step;

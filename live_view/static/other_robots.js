@@ -2,7 +2,7 @@
 import { Connection } from "./connection.js";
 
 export class OtherRobots {
-  /** @param changed is told when one of them has moved, or has another state */
+  /** @param changed called when one of them has moved, or has another state */
   constructor(changed) {
     Object.assign(this, { changed, robots: new Map() });
   }

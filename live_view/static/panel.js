@@ -75,7 +75,7 @@ export function showAge() {
   }[freshness];
 }
 
-/** For who cannot see: what the state is, whenever it is another. */
+/** Announce a change of the state to screen readers. */
 function announce(text) {
   if ($("announced").textContent !== text) $("announced").textContent = text;
 }

@@ -1,5 +1,5 @@
-// What ways and plot need of the steps so far. Steps that are missing, by haste or because they are
-// old, are asked for piece by piece: first those around the step that is looked back at.
+// What trails and plot need of the steps so far. Missing steps, old or skipped by a slow page, are
+// requested piece by piece: first those around the step that is shown.
 const USUAL_ROWS = 10000, PIECE_ROWS = 1000, ASKED_AFTER_MS = 500;
 export const ROW_PLACES = 16;
 
