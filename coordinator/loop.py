@@ -51,9 +51,9 @@ from protocol.health import Health
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.work import Checkpoint, OrderAnswer, Report
-from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
+from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import (
     Asked,
     Event,
@@ -89,7 +89,7 @@ class CoordinatorLoop:
         causes: CauseCounter,
         is_anybody_there: Callable[[], bool],
     ) -> None:
-        self._is_anybody_there, self._deaf = is_anybody_there, DeafLink()
+        self._is_anybody_there, self._stale = is_anybody_there, StaleSessionDetector()
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
         self._recorder, self._trust = recorder, trust
         self._map_reader: threading.Thread | None = None
@@ -126,25 +126,25 @@ class CoordinatorLoop:
         token = self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE)
         with self._keeper.running(), token:
             _log.info("coordinator ready")
-            while not (stop.is_set() or self._coordinator.outranked_by or self._is_deaf()):
+            while not (stop.is_set() or self._coordinator.outranked_by or self._is_session_stale()):
                 self._turn()
 
     def _turn(self) -> None:
         """Take what arrived first and do what comes of it."""
         event = self._inbox.get(TICK_S)
         now_ns = time.monotonic_ns()
-        self._deaf.on_event(event, now_ns)
+        self._stale.on_event(event, now_ns)
         self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns))
         self._carry_out(self._change(self._membership.due(now_ns), now_ns))
         if event is None:
             self._memory.turn(now_ns / 1e9)
 
-    def _is_deaf(self) -> bool:
-        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_anybody_there()
-        if is_deaf:
-            _log.warning(DEAF)
-        return is_deaf
+    def _is_session_stale(self) -> bool:
+        is_stale = self._stale.is_suspect(time.monotonic_ns()) and self._is_anybody_there()
+        if is_stale:
+            _log.warning(STALE)
+        return is_stale
 
     def _handle(self, event: _InboxEvent | None, now_ns: int) -> list[Instruction]:
         try:

@@ -26,9 +26,9 @@ from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
 from protocol import keys
 from protocol.errors import AlreadyRunningError
-from zenoh_link.deaf_link import is_there
 from zenoh_link.metrics import metrics_served
 from zenoh_link.session import open_session
+from zenoh_link.stale_session import is_there
 from zenoh_link.wire import is_alive
 
 _log = logging.getLogger(__name__)

@@ -14,8 +14,8 @@ from protocol import keys
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from protocol.work import Checkpoint
-from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.inbox import Inbox
+from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import Events, Link, Received, Token, subscribe, watch, watch_link
 
 TICK_S = 0.05
@@ -42,7 +42,7 @@ class StandbyLoop:
             is_another_there: whether somebody who hears well sees a coordinator.
         """
         self._session, self._trust = session, trust
-        self._is_another_there, self._deaf = is_another_there, DeafLink()
+        self._is_another_there, self._stale = is_another_there, StaleSessionDetector()
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
         self.newest = NewestCheckpoint()
@@ -57,7 +57,7 @@ class StandbyLoop:
         while not stop.is_set():
             event = self._inbox.get(TICK_S)
             now_ns = time.monotonic_ns()
-            self._deaf.on_event(event, now_ns)
+            self._stale.on_event(event, now_ns)
             match event:
                 case Received(payload=payload):
                     self._on_checkpoint(payload, now_ns)
@@ -68,10 +68,10 @@ class StandbyLoop:
                 case Link(up=up):
                     self._detector.link(up, now_ns)
             if event is None and self._detector.is_over(now_ns):
-                is_deaf = self._deaf.is_armed and self._is_another_there()
-                if is_deaf:
-                    _log.warning(DEAF)
-                return not is_deaf
+                is_stale = self._stale.is_armed and self._is_another_there()
+                if is_stale:
+                    _log.warning(STALE)
+                return not is_stale
         return False
 
     def _on_checkpoint(self, payload: bytes, now_ns: int) -> None:

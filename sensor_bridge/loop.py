@@ -34,9 +34,9 @@ from sensor_bridge.source import Extension, Source
 from sensor_bridge.standing_robot import StandingRobot
 from sensor_bridge.step_history import StepHistory
 from sensor_bridge.step_maker import StepMaker
-from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
+from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import (
     Asked,
     Event,
@@ -77,7 +77,7 @@ class BridgeLoop:
         extension: Extension,
         is_coordinator_there: Callable[[], bool],
     ) -> None:
-        self._is_coordinator_there, self._deaf = is_coordinator_there, DeafLink()
+        self._is_coordinator_there, self._stale = is_coordinator_there, StaleSessionDetector()
         self._session, self._settings, self._source = session, settings, source
         self._live = source is None
         self._extension = extension
@@ -119,17 +119,17 @@ class BridgeLoop:
             subscribe(self._session, keys.LASER_READING, self._inbox, "laser")
             subscribe(self._session, keys.MAP_READING, self._inbox, "map")
         with self._session.liveliness().declare_token(keys.BRIDGE_ALIVE):
-            while not (stop.is_set() or self._is_deaf()):
+            while not (stop.is_set() or self._is_session_stale()):
                 self._handle(self._inbox.get(self._send_due()))
                 if self._map is None:
                     self._ask_for_map()
                 self._health.publish_if_due(self._health_key)
 
-    def _is_deaf(self) -> bool:
-        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
-        if is_deaf:
-            _log.warning(DEAF)
-        return is_deaf
+    def _is_session_stale(self) -> bool:
+        is_stale = self._stale.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
+        if is_stale:
+            _log.warning(STALE)
+        return is_stale
 
     # --- readings
 
@@ -283,7 +283,7 @@ class BridgeLoop:
     # --- what arrives
 
     def _handle(self, event: Event | None) -> None:
-        self._deaf.on_event(event, time.monotonic_ns())
+        self._stale.on_event(event, time.monotonic_ns())
         try:
             match event:
                 case Asked():

@@ -18,8 +18,8 @@ from recordings.map_file import load_map, map_file_of
 from sensor_bridge.loop import BridgeLoop
 from sensor_bridge.recorded import RecordedSource
 from sensor_bridge.source import Extension, Source
-from zenoh_link.deaf_link import is_there
 from zenoh_link.session import open_session
+from zenoh_link.stale_session import is_there
 from zenoh_link.wire import is_alive
 
 _log = logging.getLogger(__name__)

@@ -16,8 +16,8 @@ from protocol.codec import decode
 from protocol.errors import MalformedMessageError, UnreachableError
 from robot_simulator.driver import TRUTH_KEY
 from soak_test.pose_promises import Question
-from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.inbox import Inbox
+from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import AS_THEY_COME, Event, watch_link
 
 ASK_TIMEOUT_S = 1.0
@@ -71,7 +71,7 @@ class Listener:
         """Subscribe through a new session; the caller closes the previous one."""
         with ExitStack() as opening:
             session = opening.enter_context(self._open_session(within_s))
-            self._deaf, self._link = DeafLink(), Inbox[Event]({})
+            self._stale, self._link = StaleSessionDetector(), Inbox[Event]({})
             watch_link(session, self._link)
             for key in _SUBSCRIBED:
                 session.declare_subscriber(key, self._on_sample)
@@ -86,16 +86,16 @@ class Listener:
     def _replace_stale_session(self, arrived: list[Arrived], now_ns: int) -> None:
         for one in arrived:
             if not (isinstance(one, Question) and one.answer is None):
-                self._deaf.on_event(one, now_ns)
+                self._stale.on_event(one, now_ns)
         while (event := self._link.get(0.0)) is not None:
-            self._deaf.on_event(event, now_ns)
-        if self._deaf.is_suspect(now_ns):
+            self._stale.on_event(event, now_ns)
+        if self._stale.is_suspect(now_ns):
             stale = self._opened
             try:
                 self._subscribe(_AGAIN_WITHIN_S)
             except UnreachableError:  # the router is away: tried again at the next call
                 return
-            _log.warning(DEAF)
+            _log.warning(STALE)
             stale.close()
 
     def ask_pose(self) -> None:

@@ -36,9 +36,9 @@ from worker.instructions import FetchMap, FetchScans
 from worker.outgoing import ANSWERS, Built, Fetched, Outgoing, WorkerInbox
 from worker.search_pause import SearchPause
 from worker.worker import Worker
-from zenoh_link.deaf_link import DEAF, DeafLink
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
+from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import (
     Asked,
     Publisher,
@@ -78,7 +78,7 @@ class WorkerLoop:
         incarnation: int,
         is_coordinator_there: Callable[[], bool],
     ) -> None:
-        self._is_coordinator_there, self._deaf = is_coordinator_there, DeafLink()
+        self._is_coordinator_there, self._stale = is_coordinator_there, StaleSessionDetector()
         self._name, self._session = name, session
         self._worker, self._pause = Worker(name, incarnation), SearchPause()
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
@@ -101,9 +101,9 @@ class WorkerLoop:
         serve(self._session, keys.worker_state(self._name), self._inbox)
         with self._session.liveliness().declare_token(keys.worker_alive(self._name)):
             unread_scans = 0
-            while not (stop.is_set() or self._is_deaf()):
+            while not (stop.is_set() or self._is_session_stale()):
                 event = self._inbox.get(self._wait_s())
-                self._deaf.on_event(event, time.monotonic_ns())
+                self._stale.on_event(event, time.monotonic_ns())
                 if isinstance(event, Received):
                     self._on_scan(event, time.monotonic_ns())
                     unread_scans += 1
@@ -111,7 +111,7 @@ class WorkerLoop:
                         continue
                 unread_scans = 0
                 for payload in checkpoints.drain():
-                    self._deaf.on_event(payload, time.monotonic_ns())
+                    self._stale.on_event(payload, time.monotonic_ns())
                     self._on_checkpoint(payload)
                 match event:
                     case Asked():
@@ -129,11 +129,11 @@ class WorkerLoop:
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
 
-    def _is_deaf(self) -> bool:
-        is_deaf = self._deaf.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
-        if is_deaf:
-            _log.warning("%s: %s", self._name, DEAF)
-        return is_deaf
+    def _is_session_stale(self) -> bool:
+        is_stale = self._stale.is_suspect(time.monotonic_ns()) and self._is_coordinator_there()
+        if is_stale:
+            _log.warning("%s: %s", self._name, STALE)
+        return is_stale
 
     def _wait_s(self) -> float:
         if self._worker.searches:

@@ -17,8 +17,8 @@ from protocol import keys
 from worker.loop import WorkerLoop
 from worker.map_model import default_cache_folder
 from worker.warm_up import compile_kernels
-from zenoh_link.deaf_link import is_there
 from zenoh_link.session import open_session
+from zenoh_link.stale_session import is_there
 
 
 def main() -> None:

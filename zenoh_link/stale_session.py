@@ -6,13 +6,13 @@ from protocol.errors import UnreachableError
 from zenoh_link.session import open_session
 from zenoh_link.wire import Link, Token, is_alive
 
-DEAF_NS = 10_000_000_000
+STALE_NS = 10_000_000_000
 """Everybody who is not alone hears something in this time."""
-DEAF = "the link came back and nothing comes through it: opening another"
+STALE = "the link came back and nothing comes through it: opening another"
 _LOOK_S = 1.0
 
 
-class DeafLink:
+class StaleSessionDetector:
     """Suspects a link through which nothing has come since it came back.
 
     A session declares everything anew when its link comes back. Once in an hour of chaos that
@@ -47,7 +47,7 @@ class DeafLink:
 
     def is_suspect(self, now_ns: int) -> bool:
         """Whether to look who is there; True again only after as long."""
-        if self._back_ns is None or now_ns - self._back_ns < DEAF_NS:
+        if self._back_ns is None or now_ns - self._back_ns < STALE_NS:
             return False
         self._back_ns = now_ns
         return True

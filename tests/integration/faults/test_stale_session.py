@@ -24,8 +24,8 @@ from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
-from zenoh_link.deaf_link import DEAF
 from zenoh_link.session import open_session
+from zenoh_link.stale_session import STALE
 from zenoh_link.wire import is_alive
 
 LOOK_S = 2.0
@@ -146,7 +146,7 @@ def test_a_process_that_hears_nothing_where_others_are_opens_another_session(
     with here.liveliness().declare_token(other):
         comes_back([token], detour, here, nowhere)
     assert process.is_running()
-    assert DEAF in process.err
+    assert STALE in process.err
 
 
 def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
