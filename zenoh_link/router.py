@@ -16,8 +16,8 @@ from process_runtime.main import EXIT_BUG, Invocation, process_main
 from process_runtime.memory import give_back_freed_memory
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
+from zenoh_link.router_probe import RouterProbe
 from zenoh_link.threads import MANY_LINKS, receiving_threads
-from zenoh_link.way_in import WayIn
 
 _log = logging.getLogger(__name__)
 
@@ -41,13 +41,13 @@ def run_router(invocation: Invocation) -> None:
         config = _read(file)
         endpoints = config.get_json("listen/endpoints")
     every_s: float = invocation.arguments.look_every
-    way_in = WayIn(config, _PATIENCE * every_s)
+    probe = RouterProbe(config, _PATIENCE * every_s)
     with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
         while not invocation.stop.wait(every_s):
             give_back_freed_memory()
-            way_in.look()
-            if way_in.is_shut:
+            probe.probe()
+            if probe.is_locked_up:
                 _log.error("nobody gets in any more: Zenoh has locked up; ending, to be restarted")
                 os._exit(EXIT_BUG)  # to close the session would wait for ever
 

@@ -14,7 +14,7 @@ from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
 from zenoh_link.configuration import as_json5, as_zenoh, router_configuration
-from zenoh_link.way_in import LEAST_LOOKS, WayIn, client_of
+from zenoh_link.router_probe import MIN_PROBES, RouterProbe, client_of
 
 EVERY_S = 0.5
 
@@ -62,22 +62,22 @@ def test_only_who_was_let_in_before_is_shut_out(
     """One that cannot visit, for it has not the right certificate, knows nothing."""
     assert narrow_router.is_running()
     router = as_zenoh(router_configuration(zenoh_settings))
-    good, never = WayIn(router, patience_s=10.0), WayIn(router, patience_s=0.1)
+    good, never = RouterProbe(router, patience_s=10.0), RouterProbe(router, patience_s=0.1)
     never._client["connect"]["endpoints"] = ["unixsock-stream//no/such/router"]
-    for _ in range(2 * LEAST_LOOKS):
+    for _ in range(2 * MIN_PROBES):
         for one in (good, never):
-            one.look().join()
-            assert not one.is_shut
+            one.probe().join()
+            assert not one.is_locked_up
 
 
 @pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
 def test_a_router_that_listens_nowhere_never_looks_well(listens: str, tmp_path: Path) -> None:
     file = tmp_path / "router.json5"
     file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
-    way_in = WayIn(zenoh.Config.from_file(str(file)), patience_s=0.1)
-    for _ in range(2 * LEAST_LOOKS):
-        way_in.look().join()
-        assert not way_in.is_shut
+    probe = RouterProbe(zenoh.Config.from_file(str(file)), patience_s=0.1)
+    for _ in range(2 * MIN_PROBES):
+        probe.probe().join()
+        assert not probe.is_locked_up
 
 
 @pytest.mark.parametrize("every", ["0", "-1", "nan", "often"])

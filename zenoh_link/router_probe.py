@@ -15,15 +15,15 @@ from zenoh_link.configuration import Configuration, as_zenoh, transport_configur
 
 _log = logging.getLogger(__name__)
 
-SHUT_AFTER = 3
+MAX_FAILURES = 3
 """Looks in a row that fail: a machine may be very busy."""
-LEAST_LOOKS = 12
+MIN_PROBES = 12
 """Before it may be found shut: who fills the door with silent connections shall not be able to
 have a router started again and again, for those who are in are served meanwhile."""
 _ANYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
-class WayIn:
+class RouterProbe:
     """Looks time and again; only what once went well can fail.
 
     Args:
@@ -38,11 +38,11 @@ class WayIn:
         self._failed = self._looks = 0
 
     @property
-    def is_shut(self) -> bool:
+    def is_locked_up(self) -> bool:
         """Whether the last looks failed, after enough others."""
-        return self._failed >= SHUT_AFTER and self._looks > LEAST_LOOKS
+        return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
 
-    def look(self) -> threading.Thread:
+    def probe(self) -> threading.Thread:
         """Note how the last look went and begin the next one, unless it still looks.
 
         Returns:
@@ -53,7 +53,7 @@ class WayIn:
             self._failed = 0 if self._is_open else self._failed + self._was_open
         if self._looking is None or not self._looking.is_alive():
             self._is_open = False
-            self._looking = threading.Thread(target=self._look, name="way in", daemon=True)
+            self._looking = threading.Thread(target=self._look, name="router probe", daemon=True)
             self._looking.start()
         return self._looking
 
