@@ -41,7 +41,7 @@ from coordinator.step_collector import without_snapshot
 from grid_maps.map_message import from_message
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
-from process_runtime.memory import AfterLargeMessages
+from process_runtime.memory import HeapTrimmer
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Belief, Relocalize, SetPose, Status
@@ -102,7 +102,7 @@ class CoordinatorLoop:
         self._membership = Membership()
         self._fencing = SelfFencing(time.monotonic_ns())
         self._outgoing = Outgoing(session, self._inbox, trust)
-        self._memory = AfterLargeMessages()
+        self._heap = HeapTrimmer()
 
     def run(self, stop: StopFlag) -> None:
         """Coordinate until told to stop, until another coordinator acts, or until deaf."""
@@ -138,7 +138,7 @@ class CoordinatorLoop:
         self._carry_out(self._handle(event, now_ns))
         self._carry_out(self._change(self._membership.due(now_ns), now_ns))
         if event is None:
-            self._memory.turn(now_ns / 1e9)
+            self._heap.trim_if_due(now_ns / 1e9)
 
     def _is_session_stale(self) -> bool:
         is_stale = self._stale.is_suspect(time.monotonic_ns()) and self._is_anybody_there()
@@ -190,7 +190,7 @@ class CoordinatorLoop:
             case keys.SCAN_HISTORY:
                 return HistoryArrived(decode(message.payload, ScanHistory).scans)
             case keys.MAP:
-                self._memory.passed(now_ns / 1e9)
+                self._heap.on_large_message(now_ns / 1e9)
                 self._read_map(message.payload)
                 return TimePassed()
             case keys.CHECKPOINT:
@@ -198,7 +198,7 @@ class CoordinatorLoop:
                 believed = self._trust.believes(checkpoint)
                 return CheckpointHeard(checkpoint) if believed else TimePassed()
             case WorkerKey(worker, WorkerTopic.STATE):
-                self._memory.passed(now_ns / 1e9)
+                self._heap.on_large_message(now_ns / 1e9)
                 return WorkerToldState(worker, told_by(message.payload, self._trust))
             case WorkerKey(worker, WorkerTopic.ORDER):
                 answer = decode(message.payload, OrderAnswer)

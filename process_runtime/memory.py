@@ -1,4 +1,4 @@
-"""Memory that was freed goes back to the operating system."""
+"""Returns freed heap memory to the operating system (glibc)."""
 
 import ctypes
 import sys
@@ -6,25 +6,25 @@ import sys
 ARENAS = 2
 _M_ARENA_MAX = -8  # of malloc.h
 SETTLED_S = 5.0
-"""After something large: what it was needed for is over."""
+"""Wait this long after a large message, until its memory has been freed [s]."""
 
 
 def share_arenas() -> None:
-    """Let all threads of this process allocate from a few arenas; call it before they do.
+    """Limit glibc to `ARENAS` malloc arenas; call it before threads allocate.
 
-    By itself glibc makes eight for each core, and each of them keeps what was its most: Zenoh's
-    threads fill one after the other. Without glibc, nothing happens.
+    The default is eight per core, and each keeps its peak size: Zenoh's threads fill one after
+    the other. Does nothing without glibc.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:
         mallopt(_M_ARENA_MAX, ARENAS)
 
 
-def give_back_freed_memory() -> None:
-    """Give back what the C library keeps of freed memory; it does so by itself only at its end.
+def trim_heap() -> None:
+    """Call glibc's ``malloc_trim``, which takes some milliseconds; does nothing without glibc.
 
-    Where many threads allocate and free, as Zenoh's do, that grows with every burst of large
-    messages and looks like a leak. Takes some milliseconds; without glibc, nothing happens.
+    By itself glibc shrinks a heap only from its end. Where many threads allocate and free, the
+    rest grows with every burst of large messages and looks like a leak.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
@@ -32,20 +32,19 @@ def give_back_freed_memory() -> None:
             trim(0)
 
 
-class AfterLargeMessages:
-    """Gives memory back a while after large messages, such as those of a take-over."""
+class HeapTrimmer:
+    """Trims the heap `SETTLED_S` after the last large message, such as those of a take-over."""
 
     def __init__(self) -> None:
         self._due_s: float | None = None
 
-    def passed(self, now_s: float) -> None:
-        """There was one."""
+    def on_large_message(self, now_s: float) -> None:
         self._due_s = now_s + SETTLED_S
 
-    def turn(self, now_s: float) -> bool:
-        """Give back if it is time; whether it was."""
+    def trim_if_due(self, now_s: float) -> bool:
+        """Return whether the heap was trimmed."""
         if self._due_s is None or now_s < self._due_s:
             return False
         self._due_s = None
-        give_back_freed_memory()
+        trim_heap()
         return True

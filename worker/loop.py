@@ -10,7 +10,7 @@ import zenoh
 
 from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
-from process_runtime.memory import AfterLargeMessages
+from process_runtime.memory import HeapTrimmer
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
@@ -84,7 +84,7 @@ class WorkerLoop:
         self._inbox: WorkerInbox = Inbox({"scan": KEPT_SCANS, ANSWERS: KEPT_ANSWERS})
         self._causes = CauseCounter()
         self._health = HealthReporter(name, "worker", self._causes, self._inbox)
-        self._memory = AfterLargeMessages()
+        self._heap = HeapTrimmer()
         self._health_key = Publisher(session, keys.worker_health(name))
         self._outgoing = Outgoing(
             name, session, self._inbox, self._health, self._causes, cache_folder
@@ -125,7 +125,7 @@ class WorkerLoop:
                 if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
                     self._tell(TimeToSearch())
                 if event is None:
-                    self._memory.turn(time.monotonic())
+                    self._heap.trim_if_due(time.monotonic())
                 self._outgoing.ask_again()
                 self._health.publish_if_due(self._health_key)
 
@@ -194,7 +194,7 @@ class WorkerLoop:
             asked.refuse(str(error))
             return
         self._tell(StateAsked(self._outgoing.number(asked), take_over))
-        self._memory.passed(time.monotonic())
+        self._heap.on_large_message(time.monotonic())
 
 
 def _with_term(payload: bytes, kind: type[T]) -> T:

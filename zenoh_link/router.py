@@ -13,7 +13,7 @@ from pathlib import Path
 import zenoh
 
 from process_runtime.main import EXIT_BUG, Invocation, process_main
-from process_runtime.memory import give_back_freed_memory
+from process_runtime.memory import trim_heap
 from protocol.errors import AlreadyRunningError, InputFileError, SettingsError
 from zenoh_link.configuration import as_zenoh, readable, router_configuration
 from zenoh_link.router_probe import RouterProbe
@@ -45,7 +45,7 @@ def run_router(invocation: Invocation) -> None:
     with listen(config, endpoints):
         _log.info("router listens at %s", endpoints)
         while not invocation.stop.wait(every_s):
-            give_back_freed_memory()
+            trim_heap()
             probe.probe()
             if probe.is_locked_up:
                 _log.error("nobody gets in any more: Zenoh has locked up; ending, to be restarted")

@@ -4,19 +4,19 @@ import sys
 
 import pytest
 
-from process_runtime.memory import ARENAS, SETTLED_S, AfterLargeMessages
+from process_runtime.memory import ARENAS, SETTLED_S, HeapTrimmer
 
 if platform.libc_ver()[0] != "glibc":
     pytest.skip("only glibc keeps freed memory and can be told not to", allow_module_level=True)
 
 PROGRAM = """
 import psutil
-from process_runtime.memory import give_back_freed_memory
+from process_runtime.memory import trim_heap
 size = lambda: psutil.Process().memory_info().rss >> 20
 blocks = [b"x" * 60_000 for _ in range(2_000)]
 del blocks[:-1]  # what is still used lies behind what is free
 before = size()
-give_back_freed_memory()
+trim_heap()
 print(before, size())
 """
 
@@ -53,13 +53,13 @@ def test_threads_share_a_few_arenas() -> None:
 
 
 def test_memory_is_given_back_once_after_large_messages() -> None:
-    after = AfterLargeMessages()
-    assert not after.turn(100.0)
-    after.passed(100.0)
-    after.passed(101.0)
-    assert not after.turn(100.0 + SETTLED_S)
-    assert after.turn(101.0 + SETTLED_S)
-    assert not after.turn(200.0)
+    trimmer = HeapTrimmer()
+    assert not trimmer.trim_if_due(100.0)
+    trimmer.on_large_message(100.0)
+    trimmer.on_large_message(101.0)
+    assert not trimmer.trim_if_due(100.0 + SETTLED_S)
+    assert trimmer.trim_if_due(101.0 + SETTLED_S)
+    assert not trimmer.trim_if_due(200.0)
 
 
 def test_what_is_free_but_lies_before_what_is_used_is_given_back() -> None:
