@@ -12,7 +12,7 @@ from particle_filter.kernel_arguments import to_cells
 from particle_filter.obstacle_distance import obstacle_distance
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
-from robot_simulator.ways import CLEARANCE_BETWEEN_M, connected_ways
+from robot_simulator.roadmap import EDGE_CLEARANCE_M, connected_roadmap
 
 
 class FreeSpace:
@@ -33,7 +33,7 @@ class FreeSpace:
         self._clearance: NDArray[np.float32] = (
             obstacle_distance(blocked)[1:-1, 1:-1] - np.float32(0.5)
         ) * np.float32(ground.cell_m)
-        self._graph, self._nodes = connected_ways(self._clearance, ground.cell_m)
+        self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m)
 
     def clearance_m(self, x: float, y: float) -> float:
         """Distance from a point of the map to the nearest obstacle, within half a cell [m]."""
@@ -48,7 +48,7 @@ class FreeSpace:
         steps = max(1, ceil(hypot(to_x - x, to_y - y) / self._cell_m))
         return all(
             self.clearance_m(x + (to_x - x) * i / steps, y + (to_y - y) * i / steps)
-            >= CLEARANCE_BETWEEN_M
+            >= EDGE_CLEARANCE_M
             for i in range(1, steps + 1)
         )
 

@@ -1,4 +1,4 @@
-"""The ground cut into places a step apart, and the ways between those where a robot fits."""
+"""A grid roadmap: nodes where the robot fits, edges along which it can drive."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,14 +7,14 @@ from scipy.sparse.csgraph import connected_components
 
 from protocol.errors import ClusterMclError
 
-CLEARANCE_M, CLEARANCE_BETWEEN_M = 0.3, 0.25
-"""From a place, or from the way to the next, to any obstacle; the robot has a radius of 0.2 m."""
+CLEARANCE_M, EDGE_CLEARANCE_M = 0.3, 0.25
+"""Distance of a node and of an edge to any obstacle [m]; the robot's radius is 0.2 m."""
 _SPACING_M = 0.2
 _LEAST_EXTENT_M = 1.0
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Rows and columns to half of a place's eight neighbours; the others are their way back."""
+"""Row and column offsets of four of the eight neighbours; edges are symmetric."""
 _DETOUR_M = 0.3
-"""A way this near to an obstacle counts twice."""
+"""An edge at this clearance costs twice its length."""
 
 Windows = tuple[tuple[slice, slice], tuple[slice, slice]]
 
@@ -28,25 +28,25 @@ class NoRoomError(ClusterMclError):
         super().__init__(f"{problem} for the simulated robot, which needs 0.6 m")
 
 
-def connected_ways(
+def connected_roadmap(
     clearance: NDArray[np.float32], cell_m: float
 ) -> tuple[csr_array, NDArray[np.int64]]:
-    """The largest connected part of the ground.
+    """Build the roadmap and keep its largest connected component.
 
     Args:
         clearance: (rows, cols) distance from each cell to the nearest obstacle [m].
         cell_m: side of a cell [m].
 
     Returns:
-        Sparse (n, n) costs of the ways between neighbours, which are their lengths [m] and more
-        near obstacles; and (n, 2) row and column of each place.
+        Sparse (n, n) edge costs: length [m], increased near obstacles; and (n, 2) row and
+        column of each node.
 
     Raises:
-        NoRoomError: that part is smaller than a robot needs to wander.
+        NoRoomError: the component is less than 1 m long.
     """
     stride = max(1, round(_SPACING_M / cell_m))
-    places = clearance[stride // 2 :: stride, stride // 2 :: stride]
-    fits = places >= CLEARANCE_M
+    nodes = clearance[stride // 2 :: stride, stride // 2 :: stride]
+    fits = nodes >= CLEARANCE_M
     if not fits.any():
         raise NoRoomError(_LEAST_EXTENT_M)
     costs = _costs(clearance, fits, stride, cell_m)
@@ -61,7 +61,7 @@ def connected_ways(
 def _costs(
     clearance: NDArray[np.float32], fits: NDArray[np.bool_], stride: int, cell_m: float
 ) -> csr_array:
-    """Costs of the ways between all places that fit, numbered row by row."""
+    """Edge costs between all nodes where the robot fits, numbered row by row."""
     half, count = stride // 2, int(np.count_nonzero(fits))
     number = np.full(fits.shape, -1)
     number[fits] = np.arange(count)
@@ -71,7 +71,7 @@ def _costs(
         rows, cols = np.nonzero(fits[here] & fits[there])
         rows, cols = rows + here[0].start, cols + here[1].start
         middle = half + rows * stride + step[0] * half, half + cols * stride + step[1] * half
-        clear = clearance[middle] >= CLEARANCE_BETWEEN_M
+        clear = clearance[middle] >= EDGE_CLEARANCE_M
         rows, cols, room = rows[clear], cols[clear], clearance[middle][clear]
         begins.append(number[rows, cols])
         ends.append(number[rows + step[0], cols + step[1]])
@@ -82,7 +82,7 @@ def _costs(
 
 
 def _windows(shape: tuple[int, ...], step: tuple[int, int]) -> Windows:
-    """Windows of one size: on all places that have a neighbour at `step`, and on those."""
+    """Two windows of one size: nodes that have a neighbour at `step`, and these neighbours."""
     rows, cols = shape
     here = slice(0, rows - step[0]), slice(max(0, -step[1]), cols - max(0, step[1]))
     there = slice(step[0], rows), slice(max(0, step[1]), cols - max(0, -step[1]))
