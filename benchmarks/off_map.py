@@ -31,8 +31,8 @@ from evaluation.experiments.case import Case, RecordedRobot
 from evaluation.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.course import TrueStep, course_of
 from evaluation.in_process import InProcess
-from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
 from evaluation.mirrored import mirrored
+from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from particle_filter.kernel_arguments import to_cells

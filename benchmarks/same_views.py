@@ -17,7 +17,7 @@ import numpy as np
 from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
 from evaluation.in_process import InProcess
-from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
+from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.poses import heading_distance
 from particle_filter.random_streams import Purpose
 from process_runtime.settings import Settings

@@ -26,7 +26,7 @@ from benchmarks import cbgl
 from coordinator.belief.search_pool import SearchPool
 from evaluation.experiments.symmetry import middle_of, turned_copies
 from evaluation.in_process import InProcess
-from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
+from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings

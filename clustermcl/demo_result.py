@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from clustermcl.as_json import JsonObject, hypothesis_object, pose_object
 from clustermcl.as_text import pose_text, spread_text
 from clustermcl.demo_summary import DemoSummary
-from evaluation.judge import PoseError, pose_error
+from evaluation.pose_error import PoseError, pose_error
 from protocol.answers import Belief, Status
 from protocol.message import PoseTuple
 

@@ -5,7 +5,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from evaluation.judge import CONFIDENT_PROBABILITY, pose_error
+from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from protocol.answers import Belief
 from protocol.job_events import Ended, JobEvents, event_text
 from protocol.message import PoseTuple

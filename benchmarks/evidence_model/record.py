@@ -11,8 +11,8 @@ from benchmarks.evidence_model.records import ELSEWHERE_POSES, NOWHERE, Record
 from evaluation.experiments.case import AfterStep, Case, SimulatedRobot
 from evaluation.experiments.course import TrueStep, course_of
 from evaluation.experiments.symmetry import middle_of, turned_copies
-from evaluation.judge import pose_error
 from evaluation.one_cloud import uniform_over_free_space
+from evaluation.pose_error import pose_error
 from particle_filter import cluster_filter
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import Cloud

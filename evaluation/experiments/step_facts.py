@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from evaluation.judge import CONFIDENT_PROBABILITY, PoseError, pose_error
+from evaluation.pose_error import CONFIDENT_PROBABILITY, PoseError, pose_error
 from protocol.answers import Hypothesis, State
 from protocol.message import PoseTuple
 

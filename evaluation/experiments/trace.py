@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from evaluation.experiments.symmetry import Point
-from evaluation.judge import CONFIDENT_PROBABILITY
+from evaluation.pose_error import CONFIDENT_PROBABILITY
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
 

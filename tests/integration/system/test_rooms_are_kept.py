@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from evaluation.in_process import outcomes
-from evaluation.judge import pose_error
+from evaluation.pose_error import pose_error
 from process_runtime.settings import BridgeSettings
 from process_runtime.settings_file import load_settings
 from protocol.message import PoseTuple

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.same_views import CASES, run
-from evaluation.judge import CONFIDENT_PROBABILITY
+from evaluation.pose_error import CONFIDENT_PROBABILITY
 from process_runtime.settings_file import load_settings
 
 

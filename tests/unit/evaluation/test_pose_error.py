@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.judge import pose_error
+from evaluation.pose_error import pose_error
 from protocol.message import PoseTuple
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)
