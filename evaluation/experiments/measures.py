@@ -7,7 +7,7 @@ which the first search has ended. The *copies* of a k-fold symmetric map are the
 images when the map is turned about its middle; a copy is *tracked* if some place is within 1 m and
 20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first update at
 which at least 3 beams would be more than 0.3 m longer or shorter at every other copy (see
-`sight`). *Right for good* is from the first update on after which every estimate of the run is
+`observability`). *Right for good* is from the first update on after which every estimate of the run is
 right. An update whose true pose nobody knows is not *judged*: it is in no number but those of the
 updates, of their states, and of the probability of no place. *Told* are the places of an update
 with their probabilities, those that a first search tells before it ends among them. `clustermcl

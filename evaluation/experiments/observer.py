@@ -3,7 +3,7 @@
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import AfterStep, Case, OnceRight, RecordedRobot, SimulatedRobot
 from evaluation.experiments.measures import Counts, RunMeasures, calibration_of, measures_of
-from evaluation.experiments.sight import Sight
+from evaluation.experiments.observability import ScanObservability
 from evaluation.experiments.step_facts import StepFacts, facts_of
 from evaluation.experiments.symmetry import middle_of, turned_copies
 from evaluation.experiments.trace import Trace, TraceStep, places_of
@@ -32,7 +32,9 @@ class Observer:
                 self._people, self._kidnapping = people, kidnapping
             case RecordedRobot():
                 self._people, self._kidnapping = 0, None
-        self._sight = Sight(grid_map) if case.has_feature or self._people else None
+        self._observability = (
+            ScanObservability(grid_map) if case.has_feature or self._people else None
+        )
         self._facts: list[StepFacts] = []
         self._update = self._right_in_a_row = 0
         self._seen_at: int | None = None
@@ -106,9 +108,11 @@ class Observer:
 
     def _look(self, scan: Scan, copies: tuple[PoseTuple, ...]) -> None:
         """Note what the scan could show."""
-        if self._sight is None:
+        if self._observability is None:
             return
         if self._people:
-            self._short_shares.append(self._sight.short_share(scan, copies[0]))
+            self._short_shares.append(self._observability.short_share(scan, copies[0]))
         if self._case.has_feature and self._seen_at is None:
-            self._seen_at = self._update if self._sight.tells_apart(scan, copies) else None
+            self._seen_at = (
+                self._update if self._observability.distinguishes(scan, copies) else None
+            )

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.experiments.sight import Sight
+from evaluation.experiments.observability import ScanObservability
 from evaluation.experiments.symmetry import middle_of, turned_copies
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
@@ -47,18 +47,18 @@ def test_the_middle_of_a_turned_grid_is_in_the_map_frame() -> None:
 @pytest.mark.parametrize(("name", "times"), [("cross", 4), ("rectangle", 2), ("hall_symmetric", 2)])
 def test_nothing_ever_tells_the_copies_of_a_symmetric_world_apart(name: str, times: int) -> None:
     grid_map = world(name).map
-    sight, middle = Sight(grid_map), middle_of(grid_map)
+    observability, middle = ScanObservability(grid_map), middle_of(grid_map)
     assert not any(
-        sight.tells_apart(scan, turned_copies(truth, times, middle))
+        observability.distinguishes(scan, turned_copies(truth, times, middle))
         for scan, truth in steps(name, 80)
     )
 
 
 def test_the_feature_of_the_cross_is_seen_late_on_the_route() -> None:
     grid_map = world("cross_feature").map
-    sight, middle = Sight(grid_map), middle_of(grid_map)
+    observability, middle = ScanObservability(grid_map), middle_of(grid_map)
     seen = [
-        sight.tells_apart(scan, turned_copies(truth, 4, middle))
+        observability.distinguishes(scan, turned_copies(truth, 4, middle))
         for scan, truth in steps("cross_feature", 165)
     ]
     assert not any(seen[:140])
@@ -69,17 +69,17 @@ def test_what_tells_places_apart_is_the_map_not_what_the_scan_measured() -> None
     cells = np.zeros((40, 40), dtype=np.int8)
     cells[:, 39] = 1  # a wall in the east, and something in front of it
     cells[19:22, 36] = 1
-    sight = Sight(GridMap(cells, 0.25, (0.0, 0.0, 0.0)))
+    observability = ScanObservability(GridMap(cells, 0.25, (0.0, 0.0, 0.0)))
     scan, _ = next(steps("cross", 1))
     before, beside = (4.0, 5.1, 0.0), (4.0, 2.0, 0.0)
-    assert sight.tells_apart(scan, (before, beside))
-    assert not sight.tells_apart(scan, (before, before))
+    assert observability.distinguishes(scan, (before, beside))
+    assert not observability.distinguishes(scan, (before, before))
     with pytest.raises(ValueError, match="no other place"):
-        sight.tells_apart(scan, (before,))
+        observability.distinguishes(scan, (before,))
 
 
 def test_without_people_no_beam_is_short_and_with_many_a_third_is() -> None:
-    sight = Sight(world("hall").map)
-    assert max(sight.short_share(*step) for step in steps("hall", 30)) < 0.02
-    crowded = [sight.short_share(*step) for step in steps("hall", 60, people=22)]
+    observability = ScanObservability(world("hall").map)
+    assert max(observability.short_share(*step) for step in steps("hall", 30)) < 0.02
+    crowded = [observability.short_share(*step) for step in steps("hall", 60, people=22)]
     assert 0.2 < np.mean(crowded) < 0.4

@@ -11,13 +11,13 @@ from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 
-TELLING_BEAMS = 3
+DISTINGUISHING_BEAMS = 3
 """So many beams that would be of another length tell two places apart."""
-TELLING_DIFFERENCE_M = 0.3
+DISTINGUISHING_M = 0.3
 """By so much: ten times the noise of a range, and more than a grazing ray's doubt."""
 
 
-class Sight:
+class ScanObservability:
     """Ranges as the map has them.
 
     Args:
@@ -39,7 +39,7 @@ class Sight:
             self._jumps, self._cell_m, grid_from_laser, angles, scan.range_max_m
         )
 
-    def tells_apart(self, scan: Scan, places: Sequence[PoseTuple]) -> bool:
+    def distinguishes(self, scan: Scan, places: Sequence[PoseTuple]) -> bool:
         """Whether a scan taken at the first place looks different from each of the others.
 
         Different is what 3 beams or more show that by the map differ by over 0.3 m; beams that
@@ -52,13 +52,13 @@ class Sight:
         if len(places) < 2:
             raise ValueError("there is no other place to tell the first one from")
         ranges = self.expected(scan, places)[:, _returned(scan)]
-        differs = np.abs(ranges[1:] - ranges[0]) > TELLING_DIFFERENCE_M
-        return bool(np.all(np.count_nonzero(differs, axis=1) >= TELLING_BEAMS))
+        differs = np.abs(ranges[1:] - ranges[0]) > DISTINGUISHING_M
+        return bool(np.all(np.count_nonzero(differs, axis=1) >= DISTINGUISHING_BEAMS))
 
     def short_share(self, scan: Scan, map_from_robot: PoseTuple) -> float:
         """Share of the beams that return from 0.3 m or more in front of what the map has there."""
         expected = self.expected(scan, [map_from_robot])[0]
-        short = _returned(scan) & (scan.ranges.array() < expected - TELLING_DIFFERENCE_M)
+        short = _returned(scan) & (scan.ranges.array() < expected - DISTINGUISHING_M)
         return float(np.mean(short))
 
 
