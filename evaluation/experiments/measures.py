@@ -1,17 +1,19 @@
-"""The numbers of one run: every word of the experiments' tables is defined here.
+"""The measures of one run: every term of the experiments' tables is defined here.
 
-An *update* is one step: one gated scan; updates are counted from 1. The *estimate* of an update is
-the most probable place; during the first search nothing is claimed and there is none. A place is
-*right* within 1 m and 20 degrees of the truth. *After the bootstrap* means from the update on at
-which the first search has ended. The *copies* of a k-fold symmetric map are the true pose and its
-images when the map is turned about its middle; a copy is *tracked* if some place is within 1 m and
-20 degrees of it. The robot *sees the feature* of a nearly symmetric map at the first update at
-which at least 3 beams would be more than 0.3 m longer or shorter at every other copy (see
-`observability`). *Right for good* is from the first update on after which every estimate of the run is
-right. An update whose true pose nobody knows is not *judged*: it is in no number but those of the
-updates, of their states, and of the probability of no place. *Told* are the places of an update
-with their probabilities, those that a first search tells before it ends among them. `clustermcl
-evaluate` gives some of these numbers, under names of its own.
+- *Update*: one step, that is one gated scan; updates are counted from 1.
+- *Estimate*: the most probable place. During the first search there is none.
+- *Right*: within 1 m and 20 degrees of the ground truth.
+- *After the bootstrap*: from the update at which the first search has ended.
+- *Copies* of a k-fold symmetric map: the true pose and its images under the map's rotations.
+- *Tracked*: a copy with a place within 1 m and 20 degrees of it.
+- *Feature seen*: the first update in a nearly symmetric map at which 3 or more beams would differ
+  by more than 0.3 m at every other copy (see `observability`).
+- *Right for good*: from the first update after which every estimate of the run is right.
+- *Judged*: an update with a known true pose. Others count only in the number of updates, in their
+  states and in the probability of no place.
+- *Reported*: the places of an update with their probabilities, including the first search's.
+
+`clustermcl evaluate` computes some of these measures under other names.
 """
 
 import math
