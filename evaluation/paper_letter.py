@@ -39,7 +39,9 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
     return changed(
         settings,
         sensor=changed(settings.sensor, scan_likelihood_exponent=1.0, visibility_particles=0),
-        cluster=changed(settings.cluster, particles=PARTICLES, resample_below_ess=1.0),
+        cluster=changed(
+            settings.cluster, particles=PARTICLES, resample_below_ess=1.0, view_distance_m=0.0
+        ),
         belief=changed(
             settings.belief,
             squared_prior=True,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
+from particle_filter.evidence_model import way
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.ground import ground_log_penalty
 from particle_filter.kld_sampling import sufficient_particles
@@ -20,7 +21,7 @@ from particle_filter.slip import slipped
 
 _SLIP_EVERY = 4
 """One particle of so many is tried as one that has slipped."""
-_SLIP_GAIN = 0.4
+_SLIP_GAIN = 0.15
 """So much better must the best of them fit [nat/beam]."""
 
 
@@ -86,7 +87,9 @@ def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator)
     return Cloud.even(cloud.map_from_robot.take(chosen, axis=0))  # thrice as fast as [chosen]
 
 
-def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> Weighed:
+def weighed(
+    cloud: Cloud, beams: Beams, model: SensorModel, exponent: float, share: float = 1.0
+) -> Weighed:
     """Multiply the weights by the likelihood of a scan.
 
     Args:
@@ -94,6 +97,7 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
         beams: the scan; without a valid beam it tells nothing and the evidence is one.
         model: weighs poses.
         exponent: on the likelihood of the scan; beams are not independent.
+        share: of it that moves weights; the evidence is that of the whole scan.
     """
     count = len(cloud.log_weights)
     if beams.count == 0:
@@ -104,9 +108,23 @@ def weighed(cloud: Cloud, beams: Beams, model: SensorModel, exponent: float) -> 
         cloud.map_from_robot, model.grid, model.settings.not_free_log_penalty
     )
     log_weights, total = multiplied(cloud.log_weights, fit, exponent, penalty)
+    if share < 1.0:
+        log_weights, _ = multiplied(cloud.log_weights, fit, share * exponent, penalty)
     after = Cloud(cloud.map_from_robot, log_weights)
     best = int(np.argmax(fit))
     return Weighed(after, total, float(fit[best]) / beams.count, cloud.map_from_robot[best])
+
+
+def pose_share(before_from_after: Pose, settings: ClusterSettings) -> float:
+    """Share of a scan after such a motion (3,) that is new of where in a cloud the robot is.
+
+    What earlier scans said of that is in the cloud, blurred by the motion since: as much of a scan
+    counts as the motion has blurred, so a cloud gets no surer by looking more often.
+    """
+    if settings.view_distance_m == 0.0:
+        return 1.0
+    moved_m, turned_rad = way(before_from_after)
+    return -math.expm1(-moved_m / settings.view_distance_m - turned_rad / settings.view_turn_rad)
 
 
 def advanced(
@@ -117,6 +135,8 @@ def advanced(
     motion: MotionSettings,
     settings: ClusterSettings,
     rng: np.random.Generator,
+    *,
+    is_first: bool = False,
 ) -> Weighed:
     """One step of MCL: draw from the cloud, move by odometry, weigh by the scan.
 
@@ -125,20 +145,31 @@ def advanced(
     A step after which the best particle fits badly is tried again as one on which the robot has
     slipped; particles that have are taken up where they fit clearly better.
 
+    Args:
+        cloud: before.
+        before_from_after: (3,) the motion, by odometry.
+        beams: of the scan.
+        model: weighs poses.
+        motion: how far odometry errs.
+        settings: of the cluster.
+        rng: all chance of this step.
+        is_first: no scan has been seen by this cloud, so all of this one is new.
+
     References:
         Section 2, routine 1-3; the draw is left out while enough particles count.
     """
     cloud = resampled(cloud, settings, rng)
     moved = move(cloud.map_from_robot, before_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
-    result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent)
+    share = 1.0 if is_first else pose_share(before_from_after, settings)
+    result = weighed(Cloud(moved, cloud.log_weights), beams, model, exponent, share)
     if motion.slip_probability > 0.0 and result.log_likelihood_per_beam < motion.slip_below_fit:
         some = slice(None, None, _SLIP_EVERY)
         back = slipped(cloud.map_from_robot[some], moved[some], before_from_after, rng)
         best_back = float(model.log_likelihood(back, beams).max()) / beams.count
         if best_back > result.log_likelihood_per_beam + _SLIP_GAIN:
             both = _with_slipped(cloud, moved, back, motion.slip_probability)
-            again = weighed(both, beams, model, exponent)
+            again = weighed(both, beams, model, exponent, share)
             chosen = resample(again.cloud.log_weights, len(moved), settings.resampling, rng)
             drawn = Cloud.even(both.map_from_robot[chosen])
             result = replace(again, cloud=drawn)

@@ -91,14 +91,3 @@ def way(before_from_after: Pose) -> tuple[float, float]:
     """How far a robot has driven [m] and turned [rad] on a motion of (3,)."""
     x, y, turn = before_from_after.tolist()
     return math.hypot(x, y), abs(turn)
-
-
-def new_view(moved_m: float, turned_rad: float, rules: BeliefSettings) -> float:
-    """How much of a new view of the building a scan is after such a way, from 0 to 1.
-
-    A robot that stands sees the same again, errors of the map included, however often it looks.
-    """
-    if rules.view_distance_m == 0.0:
-        return 1.0
-    views = moved_m / rules.view_distance_m + turned_rad / rules.view_turn_rad
-    return -math.expm1(-views)

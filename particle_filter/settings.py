@@ -67,7 +67,7 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     slip_below_fit: Annotated[
         float,
         described("slips are thought of where the best particle fits worse", "nat/beam"),
-    ] = 0.3
+    ] = 0.5
 
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -134,6 +134,11 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         Literal["systematic", "stratified", "residual", "multinomial"],
         described("how particles are redrawn"),
     ] = "systematic"
+    view_distance_m: Annotated[
+        float,
+        described("after such a way a scan tells anew where in a cluster; 0: always", "m", ge=0),
+    ] = 0.2
+    view_turn_rad: Annotated[float, described("or after such a turn", "rad", gt=0)] = 0.4
     resample_below_ess: Annotated[
         float,
         described("redraw when effective sample size / particles is under this", gt=0, le=1),

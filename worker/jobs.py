@@ -100,6 +100,7 @@ class Tracking:
         self._model, self._settings = model, settings
         self._snapshot_every = snapshot_every_steps
         self._odom_from_robot = np.array(job.start.odom_from_robot)
+        self._is_new = not job.exact
         poses = job.start.map_from_robot.array().astype(np.float64)
         log_weights = job.start.log_weights.array().astype(np.float64)
         if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
@@ -133,7 +134,9 @@ class Tracking:
             self._settings.motion,
             self._settings.cluster,
             rng,
+            is_first=self._is_new,
         )
+        self._is_new = False
         self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
         mean, covariance = self._cloud.gaussian()
         best = result.best
@@ -156,6 +159,8 @@ class Tracking:
 
     def handed_on(self) -> Assignment:
         """The same job, from its particles as they are now."""
+        if self._is_new:
+            return self.assignment
         job = TrackJob(cluster=self._cluster, start=self._particles(), exact=True)
         return replace(self.assignment, job=job)
 

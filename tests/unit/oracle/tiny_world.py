@@ -120,7 +120,7 @@ def settings(seed: int, particles: int = 2000, **belief: object) -> FilterSettin
         seed=seed,
         motion=MOTION,
         sensor=SENSOR,
-        cluster=ClusterSettings(particles=particles),
+        cluster=ClusterSettings(particles=particles, view_distance_m=0.0),
         search=SearchSettings(shards=1, source_radius_m=0.2),
         belief=literal_bayes(**rules),
     )

@@ -11,7 +11,6 @@ from particle_filter.evidence_model import (
     contenders,
     counted,
     misfit,
-    new_view,
     share_that_counts,
     way,
 )
@@ -107,21 +106,6 @@ def test_misfit_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> None:
     assert misfit(best - 1.5, sensor) == pytest.approx(1.5)
     assert misfit(best + 1e-9, sensor) == 0.0, "rounding"
     assert math.isnan(misfit(math.nan, sensor))
-
-
-@pytest.mark.parametrize(
-    ("moved_m", "turned_rad", "view"),
-    [(0.0, 0.0, 0.0), (0.8, 0.0, 1.0), (0.0, 1.6, 1.0), (0.4, 0.8, 1.0), (0.2, 0.0, 0.25)],
-)
-def test_a_scan_is_a_new_view_as_far_as_the_robot_has_moved(
-    moved_m: float, turned_rad: float, view: float
-) -> None:
-    assert new_view(moved_m, turned_rad, RULES) == pytest.approx(1.0 - math.exp(-view))
-
-
-def test_the_first_scan_and_where_all_count_every_scan_is_a_new_view() -> None:
-    assert new_view(math.inf, math.inf, RULES) == 1.0
-    assert new_view(0.0, 0.0, BeliefSettings(view_distance_m=0.0)) == 1.0
 
 
 def test_the_way_is_as_the_robot_has_gone_and_turns_go_round() -> None:

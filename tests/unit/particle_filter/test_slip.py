@@ -128,9 +128,9 @@ def test_a_slip_is_thought_of_only_where_scans_fit_badly() -> None:
         assert (error_m(result, BACKWARDS) < 0.25) == follows
 
 
-def test_a_slip_has_to_fit_better_by_four_tenths_of_a_nat_a_beam() -> None:
+def test_a_slip_has_to_fit_better_by_a_seventh_of_a_nat_a_beam() -> None:
     gains, taken = [], []
-    for x_m, turn in product(np.linspace(0.3, 0.1, 6), (-0.2, -0.1, 0.0, 0.1, 0.2)):
+    for x_m, turn in product(np.linspace(0.3, 0.2, 21), (-0.1, 0.1)):
         true_motion = np.array([x_m, 0.0, turn])
         eager, without = (after_a_drive(true_motion, s) for s in (EAGER, WITHOUT))
         beams = seen_from(compose(BEFORE, true_motion), plain_room())
@@ -138,8 +138,8 @@ def test_a_slip_has_to_fit_better_by_four_tenths_of_a_nat_a_beam() -> None:
         gains.append((back - moved) / beams.count)
         poses = [result.cloud.map_from_robot for result in (eager, without)]
         taken.append(not np.array_equal(*poses))
-    assert taken == [gain > 0.4 for gain in gains]
-    assert {True, False} == {0.3 < gain < 0.4 for gain in gains if gain < 0.5}, "near it, too"
+    assert taken == [gain > 0.15 for gain in gains]
+    assert {True, False} == {gain > 0.15 for gain in gains if 0.0 < gain < 0.3}, "near it, too"
 
 
 def test_a_slipped_robot_is_behind_where_odometry_says() -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.arrays import OCCUPIED
+from particle_filter.arrays import OCCUPIED, Pose
 from particle_filter.cluster_filter import Cloud, advanced, drawn_from, resampled, weighed
-from particle_filter.poses import between
+from particle_filter.poses import between, compose
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
@@ -45,10 +45,32 @@ def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
     kept = ClusterSettings(resample_below_ess=0.01)
     beams = seen_from(HERE, plain_room())
     rng = np.random.default_rng(0)
-    result = advanced(cloud, NO_WAY, beams, model, STILL, kept, rng)
+    result = advanced(cloud, NO_WAY, beams, model, STILL, kept, rng, is_first=True)
     by_hand = weighed(cloud, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
     np.testing.assert_allclose(result.cloud.log_weights, by_hand.cloud.log_weights)
+
+
+@pytest.mark.parametrize(
+    ("motion", "share"),
+    [
+        (NO_WAY, 0.0),
+        (np.array([0.2, 0.0, 0.0]), 1.0 - math.exp(-1.0)),
+        (np.array([0.0, 0.0, -0.2]), 1.0 - math.exp(-0.5)),
+    ],
+)
+def test_a_scan_moves_weights_as_far_as_the_robot_has_moved_and_is_evidence_in_full(
+    motion: Pose, share: float
+) -> None:
+    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
+    beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
+    result = advanced(cloud, motion, beams, model, STILL, rules, rng)
+    moved = Cloud(result.cloud.map_from_robot, cloud.log_weights)
+    whole = weighed(moved, beams, model, model.settings.scan_likelihood_exponent)
+    assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
+    told, in_full = (c.log_weights - cloud.log_weights for c in (result.cloud, whole.cloud))
+    np.testing.assert_allclose(told - told[0], share * (in_full - in_full[0]), atol=1e-9)
 
 
 def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:

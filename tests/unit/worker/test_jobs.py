@@ -43,8 +43,18 @@ def poses_of(job: RunningJob) -> np.ndarray:
 
 
 def test_clusters_do_not_share_the_noise_of_their_start(model: SensorModel) -> None:
-    first, second = (poses_of(begun(job_id, model)) for job_id in ("c0", "c1"))
+    jobs = [begun(job_id, model, exact=False) for job_id in ("c0", "c1")]
+    first, second = (vars(job)["_cloud"].map_from_robot for job in jobs)
     assert not np.intersect1d(first, second).size
+
+
+def test_a_cluster_that_has_seen_nothing_is_handed_on_as_it_was_given(model: SensorModel) -> None:
+    """Whoever begins it draws the same particles, and takes its first scan as the first."""
+    job = begun("c0", model)
+    assert job.handed_on() == job.assignment
+    again = running(job.handed_on(), model, SETTINGS, sender="v")
+    first, second = (vars(one)["_cloud"].map_from_robot for one in (job, again))
+    np.testing.assert_array_equal(first, second)
 
 
 def test_clusters_do_not_share_their_noise(model: SensorModel) -> None:
