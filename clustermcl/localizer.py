@@ -95,7 +95,7 @@ class ClusterMCL:
             heading [rad].
         seed: of all random numbers; None: that of the settings.
         settings: all of them, or those that differ from the defaults by their names, such as
-            ``{"belief.max_clusters": 32}``; `clustermcl settings` lists all.
+            ``{"belief.max_clusters": 32}``; `clustermcl settings --all` lists all.
 
     Attributes:
         map: as given.

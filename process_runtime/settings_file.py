@@ -207,7 +207,7 @@ def _check_known(name: str, where: str) -> None:
 
 def _hint(name: str, known: Sequence[str]) -> str:
     near = known if len(known) == 1 else difflib.get_close_matches(name, known, n=1)
-    return f", did you mean {near[0]}?" if near else "; 'clustermcl settings' lists all"
+    return f", did you mean {near[0]}?" if near else "; 'clustermcl settings --all' lists all"
 
 
 def _check(setting: SettingInfo, value: object, where: str, name: str | None = None) -> None:

@@ -2,7 +2,7 @@
 
 import json
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from types import MappingProxyType
@@ -33,10 +33,37 @@ class SettingInfo:
     meaning: str
 
 
-def settings_as_toml(settings: Settings) -> str:
-    """Write all settings, each below its meaning, unit, range and default, as a settings file."""
+EVERYDAY = frozenset({
+    "seed", "robot.name", "log.level", "worker.count", "worker.cache_folder", "search.regions",
+    "zenoh.router", "zenoh.start_router",
+    "zenoh.tls_ca_certificate", "zenoh.tls_certificate", "zenoh.tls_private_key",
+    "bridge.map", "bridge.source", "bridge.gate_distance_m", "bridge.gate_turn_rad",
+    "bridge.laser_x_m", "bridge.laser_y_m", "bridge.laser_heading_rad",
+    "motion.model", "motion.turn_noise_per_turn", "motion.turn_noise_per_metre",
+    "motion.drive_noise_per_metre", "motion.drive_noise_per_turn", "motion.strafe_noise_per_metre",
+    "sensor.model", "sensor.max_beams", "sensor.max_range_m", "sensor.hit_sigma_m",
+    "cluster.particles", "belief.max_clusters", "belief.particles",
+    "belief.localized_probability", "belief.set_pose_probability",
+    "coordinator.standby", "coordinator.stale_after_s", "coordinator.state_folder",
+    "coordinator.keep_pose_on_new_map", "metrics.port", "metrics.host",
+    "recorder.folder", "recorder.max_mb",
+    "ros2.enabled", "ros2.router", "ros2.domain_id", "ros2.publish",
+})  # fmt: skip
+"""What an operator sets. The others are constants of the filter and of the service."""
+
+
+def settings_as_toml(settings: Settings, names: Container[str] | None = None) -> str:
+    """Write settings, each below its meaning, unit, range and default, as a settings file.
+
+    Args:
+        settings: the values.
+        names: to write, next to those that differ from their defaults; None: all.
+    """
     sections: dict[str, list[str]] = {}
     for info in TABLE.values():
+        is_default = value_of(settings, info.name) == info.default
+        if names is not None and info.name not in names and is_default:
+            continue
         section, _, key = info.name.rpartition(".")
         unit = f" [{info.unit}]" if info.unit else ""
         comment = f"{info.meaning}{unit}; {info.expected}; default {_toml(info.default)}"

@@ -208,17 +208,29 @@ def settings(
     from_nav2: Annotated[
         Path | None, typer.Option(metavar="FILE", help="What a nav2_params.yaml becomes.")
     ] = None,
+    show_all: Annotated[
+        bool, typer.Option("--all", help="Also constants of the filter and the service.")
+    ] = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """All settings with default, unit and meaning, as TOML.
+    """Print the settings with default, unit and meaning, as TOML.
 
     The file can be fed back by --settings.
     """
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
-    from process_runtime.settings_table import settings_as_toml  # noqa: PLC0415 - see the package
+    from process_runtime.settings_table import (  # noqa: PLC0415 - see the package
+        EVERYDAY,
+        TABLE,
+        settings_as_toml,
+    )
 
     chosen, notes = settings_with_nav2(from_nav2, settings_file, assignments or ())
     output = standard_output()
     output.writelines(f"# {line}\n" for line in notes)
-    output.write(settings_as_toml(chosen))
+    if not show_all:
+        text = (
+            f"# {len(EVERYDAY)} of {len(TABLE)} settings; clustermcl settings --all prints all.\n\n"
+        )
+        output.write(text)
+    output.write(settings_as_toml(chosen, None if show_all else EVERYDAY))

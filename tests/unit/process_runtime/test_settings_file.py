@@ -1,4 +1,5 @@
 import time
+import tomllib
 from pathlib import Path
 from typing import get_args
 
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
-from process_runtime.settings_table import TABLE, SettingInfo, settings_as_toml
+from process_runtime.settings_table import EVERYDAY, TABLE, SettingInfo, settings_as_toml
 from protocol.errors import ClusterMclError, InputFileError, SettingsError
 
 TEXT = st.text(st.sampled_from("az AZ09/\"'\\#=[]{}\n\r\t\0\x1b\x7f\x85é€😀\u2028"), max_size=20)
@@ -165,7 +166,7 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
         ("max_clusters=5", "unknown setting max_clusters, did you mean belief.max_clusters?"),
         ("belief.clusters=5", "setting belief.clusters, did you mean belief.max_clusters?"),
         ("belief.kidnapping_probability=1", "expected a number >= 0 and < 1"),
-        ("qqqq=5", "unknown setting qqqq; 'clustermcl settings' lists all"),
+        ("qqqq=5", "unknown setting qqqq; 'clustermcl settings --all' lists all"),
         ("motion=5", "motion is a section: give motion.KEY"),
         ("cluster.particles=abc", "cluster.particles = 'abc': expected a whole number > 0"),
         ("cluster.particles=2.5", "cluster.particles = 2.5: expected a whole number > 0"),
@@ -247,3 +248,15 @@ def test_a_robot_may_not_be_called_so(name: str) -> None:
     said = "expected letters, digits, _ and single - between them, at most 64"
     assert str(caught.value).startswith("--set: robot.name = ")
     assert str(caught.value).endswith(said)
+
+
+def test_a_short_file_has_an_operators_settings_and_those_that_were_changed() -> None:
+    changed = load_settings(None, ["belief.evidence_noise=0.5"])
+    text = settings_as_toml(changed, EVERYDAY)
+    names = {
+        f"{section}.{key}" if isinstance(values, dict) else section
+        for section, values in tomllib.loads(text).items()
+        for key in (values if isinstance(values, dict) else [""])
+    }
+    assert names == EVERYDAY | {"belief.evidence_noise"}
+    assert len(EVERYDAY) <= 45
