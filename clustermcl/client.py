@@ -70,7 +70,7 @@ class Client:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
             defaults, with `CLUSTERMCL_ROBOT` and `CLUSTERMCL_ROUTER` of the environment.
         robot: the robot's name, instead of that of the settings.
-        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, likewise.
+        router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, instead of theirs.
         timeout_s: of connecting, and of each question and command [s]. None:
             `zenoh.connect_timeout_s`, and `zenoh.query_timeout_s`.
         stop: looked at while waiting; a wait then ends with `StoppedError`.
@@ -251,15 +251,15 @@ class Client:
         Beliefs of a coordinator that was taken over from are left out.
 
         Args:
-            timeout_s: how long to wait for each belief [s]; None: for ever, for a robot that
-                stands makes none.
+            timeout_s: how long to wait for each belief [s]; None: without limit. A robot
+                that stands makes no beliefs.
 
         Raises:
-            UnreachableError: nobody answers, or no belief came in time.
+            UnreachableError: no coordinator answers, or no belief came in time.
             StoppedError: the client's stop flag is set.
         """
         published = self._published(keys.BELIEF, Belief, timeout_s)
-        self.pose()  # raises where there is no robot, rather than waiting for ever
+        self.pose()  # raises where there is no robot
         return _of_newest_term(published)
 
     def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
@@ -268,10 +268,10 @@ class Client:
         Events that were lost on their way are asked for.
 
         Args:
-            timeout_s: how long to wait for each event [s]; None: for ever.
+            timeout_s: how long to wait for each event [s]; None: without limit.
 
         Raises:
-            UnreachableError: nobody answers, or no event came in time.
+            UnreachableError: no coordinator answers, or no event came in time.
             StoppedError: the client's stop flag is set.
         """
         published = self._published(keys.EVENTS, JobEvents, timeout_s)

@@ -33,8 +33,8 @@ class Reading:
         range_min: a reading below it is no return [m].
         stamp_ns: robot's clock. None: a second after the reading before; only the speed at which
             odometry counts as a jump depends on it.
-        robot_from_laser: where the laser is on the robot: x [m], y [m], heading [rad]. None: as
-            `ClusterMCL` was told.
+        robot_from_laser: where the laser is on the robot: x [m], y [m], heading [rad]. None: that
+            of `ClusterMCL`.
         laser: which one, where the robot has several.
         upside_down: the laser is mounted on its head, so its beams go clockwise.
 

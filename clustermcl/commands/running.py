@@ -171,7 +171,7 @@ def _become(
     settings: list[str],
     assignments: list[str] | None,
 ) -> None:
-    """Let a process take this one's place: signals and exit code are its own."""
+    """Replace this process by another one, which gets the signals and sets the exit code."""
     command = [*python_module(module), *arguments]
     command += ["--settings", str(settings_file)] if settings_file else []
     for assignment in [*log_settings(), *settings, *(assignments or ())]:

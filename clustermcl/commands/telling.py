@@ -1,4 +1,4 @@
-"""The commands that tell a running system something, and say what was done."""
+"""The commands that change a running system, and print what was done."""
 
 import math
 from typing import Annotated
