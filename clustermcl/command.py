@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from clustermcl.commands import asking, recordings, running, telling
-from clustermcl.loudness import LoudCommands, set_loudness
+from clustermcl.commands import control, query, recordings, running
+from clustermcl.verbosity import VerbosityGroup, set_verbosity
 from evaluation.experiments.command import experiments
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import standard_output, written_output
@@ -19,7 +19,7 @@ EXIT_NOBODY, EXIT_INTERRUPTED = 3, 130
 """No router, or nobody behind it, answers; Ctrl-C, or a pipe whose reader has gone."""
 
 
-class _Commands(LoudCommands):
+class _Commands(VerbosityGroup):
     """Lists the commands in their groups, each with one line."""
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
@@ -48,19 +48,19 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "view": running.serve_view,
     },
     "Ask a running system": {
-        "pose": asking.pose,
-        "hypotheses": asking.hypotheses,
-        "watch": asking.watch,
-        "events": asking.events,
-        "status": asking.status,
-        "snapshot": asking.snapshot,
+        "pose": query.pose,
+        "hypotheses": query.hypotheses,
+        "watch": query.watch,
+        "events": query.events,
+        "status": query.status,
+        "snapshot": query.snapshot,
         "record": recordings.record,
     },
     "Tell it something": {
-        "set-pose": telling.set_pose,
-        "relocalize": telling.relocalize,
-        "update": telling.update,
-        "kidnap": telling.kidnap,
+        "set-pose": control.set_pose,
+        "relocalize": control.relocalize,
+        "update": control.update,
+        "kidnap": control.kidnap,
     },
     "Maps, recordings, settings": {
         "check": recordings.check,
@@ -103,7 +103,7 @@ def _common(
 
 def main() -> None:
     """Run the command; errors that a person can mend are one line and exit code 2, or 3."""
-    set_loudness()
+    set_verbosity()
     try:
         with written_output():
             app()

@@ -14,9 +14,9 @@ from clustermcl.demo_audience import Audience
 from clustermcl.demo_result import Result, as_object, summary_lines
 from clustermcl.demo_show import DemoOptions, Show, prepared
 from clustermcl.demo_view import LineView, LiveView, NoView, View
-from clustermcl.loudness import is_verbose
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
+from clustermcl.verbosity import is_verbose
 from clustermcl.view import say_link
 from live_view.admission import Address, parsed_address
 from process_runtime.logs import is_quiet

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 import typer
 
 from clustermcl import completion
-from clustermcl.loudness import log_settings
+from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from process_runtime.settings_file import load_settings
 from protocol.errors import SettingsError
@@ -67,7 +67,7 @@ def meant(robot: str | None, router: str | None) -> list[str]:
     return [f"{setting}={value}" for setting, value in named.items() if value]
 
 
-def asking(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
+def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
     """Give a command `--robot`, `--router`, `--settings` and `--set`, and hand it the settings."""
 
     def run(

@@ -17,7 +17,7 @@ from clustermcl.commands.options import (
     RecordFile,
     ScanTopic,
     SettingsFile,
-    asking,
+    client_command,
     of_bag,
 )
 from evaluation.experiments.command import MOST_JOBS, MOST_RUNS
@@ -165,7 +165,7 @@ def check(
     )
 
 
-@asking
+@client_command
 def record(
     settings: Settings,
     file: Annotated[

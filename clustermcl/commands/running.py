@@ -22,12 +22,12 @@ from clustermcl.commands.options import (
     Router,
     ScanTopic,
     SettingsFile,
-    asking,
+    client_command,
     meant,
     of_bag,
     refuse_without,
 )
-from clustermcl.loudness import log_settings
+from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.supervisor import python_module
@@ -128,7 +128,7 @@ def up(
     run_up(chosen, view_at=(listen or HERE) if view else None, allow_commands=allow_commands)
 
 
-@asking
+@client_command
 def ros2(settings: Settings) -> None:
     """Stand in for nav2's AMCL over rmw_zenoh, until Ctrl-C."""
     from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see the package

@@ -14,7 +14,7 @@ from clustermcl.client import Client
 from process_runtime.settings import MetricsSettings, Settings
 from tests.integration.free_port import free_port
 from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.system.test_questions import patient, typed
+from tests.integration.system.test_queries import patient, typed
 from tests.integration.waiting import wait_until
 
 STEPS = 20

@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import asking
+from clustermcl.commands.options import client_command
 from process_runtime.settings import Settings
 from protocol.errors import SettingsError
 
 _SIGMA_M, _SIGMA_DEG = 0.5, 15.0
 
 
-@asking
+@client_command
 def set_pose(
     settings: Settings,
     x_m: Annotated[float, typer.Argument(metavar="X", help="In the map [m].")],
@@ -52,10 +52,10 @@ def set_pose(
     numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
     if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
         raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
-    from clustermcl.questions import set_pose as tell  # noqa: PLC0415 - see the package
+    from clustermcl.queries import set_pose as send  # noqa: PLC0415 - see the package
 
     try:
-        tell(
+        send(
             settings,
             (x_m, y_m, math.radians(heading_deg)),
             position_sigma_m=position_m,
@@ -76,7 +76,7 @@ def _symmetric(
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
 
 
-@asking
+@client_command
 def relocalize(
     settings: Settings,
     near: Annotated[
@@ -93,22 +93,22 @@ def relocalize(
         raise SettingsError(key="--near", problem=problem)
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle is two finite numbers and a positive radius")
-    from clustermcl.questions import relocalize as tell  # noqa: PLC0415 - see the package
+    from clustermcl.queries import relocalize as send  # noqa: PLC0415 - see the package
 
-    tell(settings, near, region)
+    send(settings, near, region)
 
 
-@asking
+@client_command
 def update(settings: Settings) -> None:
     """Make a step of the next scan, also if the robot stands still."""
-    from clustermcl.questions import update as tell  # noqa: PLC0415 - see the package
+    from clustermcl.queries import update as send  # noqa: PLC0415 - see the package
 
-    tell(settings)
+    send(settings)
 
 
-@asking
+@client_command
 def kidnap(settings: Settings) -> None:
     """Lift the simulated robot to somewhere far away."""
-    from clustermcl.questions import kidnap as tell  # noqa: PLC0415 - see the package
+    from clustermcl.queries import kidnap as send  # noqa: PLC0415 - see the package
 
-    tell(settings)
+    send(settings)

@@ -9,25 +9,25 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import AsJson, asking
+from clustermcl.commands.options import AsJson, client_command
 from process_runtime.settings import Settings
 
 EXIT_NO_POSE = 4
 
 
-@asking
+@client_command
 def pose(settings: Settings, as_json: AsJson = False) -> None:
     """Where the robot is now, how surely, and how old the data is.
 
     Exit code 4 if the pose is not to be driven by: stale, blind, lost, or not known yet.
     """
-    from clustermcl.questions import print_pose  # noqa: PLC0415 - see the package
+    from clustermcl.queries import print_pose  # noqa: PLC0415 - see the package
 
     if not print_pose(settings, as_json=as_json):
         sys.exit(EXIT_NO_POSE)
 
 
-@asking
+@client_command
 def hypotheses(
     settings: Settings,
     above: Annotated[
@@ -36,12 +36,12 @@ def hypotheses(
     as_json: AsJson = False,
 ) -> None:
     """All places where the robot may be, with their probabilities."""
-    from clustermcl.questions import print_hypotheses  # noqa: PLC0415 - see the package
+    from clustermcl.queries import print_hypotheses  # noqa: PLC0415 - see the package
 
     print_hypotheses(settings, above=above, as_json=as_json)
 
 
-@asking
+@client_command
 def events(
     settings: Settings,
     follow: Annotated[
@@ -50,7 +50,7 @@ def events(
     as_json: AsJson = False,
 ) -> None:
     """Which clusters and searches began and ended, and why."""
-    from clustermcl.questions import follow_events, print_events  # noqa: PLC0415 - see the package
+    from clustermcl.queries import follow_events, print_events  # noqa: PLC0415 - see the package
 
     if follow:
         _until_interrupted(lambda: follow_events(settings, as_json=as_json))
@@ -58,23 +58,23 @@ def events(
         print_events(settings, as_json=as_json)
 
 
-@asking
+@client_command
 def status(settings: Settings, as_json: AsJson = False) -> None:
     """Steps, workers, and what was dropped or refused."""
-    from clustermcl.questions import print_status  # noqa: PLC0415 - see the package
+    from clustermcl.queries import print_status  # noqa: PLC0415 - see the package
 
     print_status(settings, as_json=as_json)
 
 
-@asking
+@client_command
 def watch(settings: Settings, as_json: AsJson = False) -> None:
     """Every belief from now on, until Ctrl-C."""
-    from clustermcl.questions import watch as stream  # noqa: PLC0415 - see the package
+    from clustermcl.queries import watch as stream  # noqa: PLC0415 - see the package
 
     _until_interrupted(lambda: stream(settings, as_json=as_json))
 
 
-@asking
+@client_command
 def snapshot(
     settings: Settings,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],

@@ -1,4 +1,4 @@
-"""The commands that talk to a running system: each asks once, or streams, and prints."""
+"""Query or command a running system once, or stream from it, and print the answer."""
 
 from collections.abc import Iterable
 

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from clustermcl.loudness import is_verbose, log_settings
+from clustermcl.verbosity import is_verbose, log_settings
 from process_runtime.logs import configure_logging, is_quiet
 from process_runtime.settings import Settings
 

@@ -12,7 +12,7 @@ from process_runtime.logs import configure_logging, is_quiet
 _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
 
 
-def set_loudness(level: str = _NORMAL) -> None:
+def set_verbosity(level: str = _NORMAL) -> None:
     """Say on standard error what is at least this severe."""
     configure_logging("clustermcl", level)
 
@@ -31,12 +31,12 @@ def log_settings() -> list[str]:
 
 def _quiet(asked: bool) -> None:
     if asked:
-        set_loudness(_QUIET)
+        set_verbosity(_QUIET)
 
 
 def _verbose(asked: bool) -> None:
     if asked:
-        set_loudness(_VERBOSE)
+        set_verbosity(_VERBOSE)
 
 
 def _options(
@@ -64,7 +64,7 @@ def _options(
     """Both options, for those who take them from here."""
 
 
-class LoudCommands(TyperGroup):
+class VerbosityGroup(TyperGroup):
     """A group that takes both options itself, and has each of its commands take them."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
