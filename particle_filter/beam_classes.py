@@ -21,6 +21,8 @@ SHARP_M = 0.1
 """An end this near to an obstacle, plus half a cell of the map, lies on it."""
 NEAR_M = 0.3
 """An end this near to one is near it."""
+CLOSE_M = 2.0
+"""Of obstacles closer than this: what ends just before one may have met a person there."""
 THROUGH_M = 0.45
 """An end so far behind the first obstacle on the way went through it."""
 
@@ -31,7 +33,7 @@ class BeamClasses(NamedTuple):
     sharp: int
     """End on an obstacle that the laser can see from there."""
     blunt: int
-    """End near one."""
+    """End near one, but not just before a close one."""
     through: int
     """End behind one."""
     other: int
@@ -80,6 +82,7 @@ def _count(
     laser_y = pose[1] + sh * laser[0] + ch * laser[1]
     from_col, from_row = c * laser_x - s * laser_y + x0, s * laser_x + c * laser_y + y0
     sharp, near, behind = SHARP_M / cell_m + 0.5, NEAR_M / cell_m, THROUGH_M / cell_m
+    close = CLOSE_M / cell_m
     reach = ceil(max(sharp, near))
     for j in range(len(hits)):
         hit_x = pose[0] + ch * hits[j, 0] - sh * hits[j, 1]
@@ -109,4 +112,7 @@ def _count(
                     if cells[at_row, at_col] == OCCUPIED:
                         least = min(least, (at_row - row) ** 2 + (at_col - col) ** 2)
             away = sqrt(least)
-            counts[0 if away < sharp else 1 if away <= near else 3] += 1
+            is_near = away <= near
+            if is_near and not away < sharp and first > 1.0:  # before what is on its way, if close
+                is_near = cast_ray(ahead, from_col, from_row, dx, dy, close / length) == np.inf
+            counts[0 if away < sharp else 1 if is_near else 3] += 1

@@ -55,6 +55,12 @@ def test_a_beam_that_ends_at_an_obstacle_behind_a_wall_went_through_the_wall() -
     assert seen(cells, AHEAD_M, 2.525) == BeamClasses(1, 0, 1, 0)
 
 
+def test_a_beam_that_ends_just_before_a_close_wall_may_have_met_a_person() -> None:
+    cells = room()
+    cells[:, 130] = OCCUPIED
+    assert seen(cells, 1.3, 1.525, 1.7) == BeamClasses(1, 1, 0, 1), "before it, on it, behind it"
+
+
 def test_beyond_unknown_ground_nothing_is_told() -> None:
     cells = room()
     cells[:, 140:145] = UNKNOWN

@@ -91,19 +91,21 @@ def test_a_laser_that_sits_elsewhere_is_noticed() -> None:
 
 def test_a_recording_of_another_building_is_noticed() -> None:
     cross = world("cross_feature").map
-    agreement = agreement_of(recorded(MOUNT), cross, FilterSettings())
+    agreement = agreement_of(itertools.islice(recorded(MOUNT), 40), cross, FilterSettings())
     assert agreement.is_of_another_map
     assert any("probably not on this map" in remark for remark in remarks(agreement))
 
 
 def test_a_laser_that_is_upside_down_is_noticed() -> None:
     plan = world("hall").map
-    agreement = agreement_of(map(mirrored, recorded(MOUNT)), plan, FilterSettings())
+    some = itertools.islice(map(mirrored, recorded(MOUNT)), 30)
+    agreement = agreement_of(some, plan, FilterSettings())
     assert agreement.decoy_localized_share > 0.9
     assert any("upside down" in remark for remark in remarks(agreement))
 
 
 def test_a_map_that_is_its_own_mirror_image_is_noticed() -> None:
-    agreement = agreement_of(recorded(MOUNT), world("hall").map, FilterSettings())
+    some = itertools.islice(recorded(MOUNT), 10)
+    agreement = agreement_of(some, world("hall").map, FilterSettings())
     alike = msgspec.structs.replace(agreement, decoy_localized_share=0.8)
     assert any("its own mirror image" in remark for remark in remarks(alike))
