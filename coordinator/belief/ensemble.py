@@ -57,6 +57,7 @@ class EnsembleState(msgspec.Struct, frozen=True):
     seen: ViewMemory = ViewMemory()
     log_off_map: float = -math.inf
     quality: MapQuality = MapQuality()
+    found: bool = False
 
 
 class Ensemble:
@@ -68,6 +69,7 @@ class Ensemble:
         self._search = SearchCourse(settings)
         self._prior_pose: PriorPose | None = None
         self._seen = ViewMemory()
+        self._found = False  # since it was last searched for from nothing
         self._begin: dict[str, Job] = {}
         self._events: list[JobEvent] = []
 
@@ -178,7 +180,7 @@ class Ensemble:
             corners: of a region, likewise; empty: everywhere.
         """
         self._events += self.clusters.clear(cause)
-        self._seen = ViewMemory()
+        self._seen, self._found = ViewMemory(), False
         self._stop_search(step, "search stopped")
         self._prior_pose = None
         self._begin |= self.standing_jobs(step + 1)
@@ -218,6 +220,7 @@ class Ensemble:
             seen=self._seen,
             log_off_map=self.clusters.log_off_map,
             quality=self.clusters.quality,
+            found=self._found,
         )
 
     def restore(self, state: EnsembleState) -> None:
@@ -232,6 +235,7 @@ class Ensemble:
         search = SearchCourseState(state.search, state.searches, state.next_search_step)
         self._search.restore(search)
         self._prior_pose, self._seen = state.prior_pose, state.seen
+        self._found = state.found
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -370,6 +374,7 @@ class Ensemble:
     # --- what it comes to
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
+        self._found |= len(self.clusters) > 0 and not self._lost
         events, self._events = tuple(self._events), []
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self._begin.items() if job_id not in ended}
@@ -389,8 +394,10 @@ class Ensemble:
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
-        if not len(self.clusters) or (self._is_founding and self._is_elsewhere):
+        if not len(self.clusters):
             return "searching"
+        if self._is_elsewhere and (self._is_founding or not self._found):
+            return "searching"  # among more look-alikes than can be tracked, nothing was lost
         if self._lost:
             return "lost"
         if not self.clusters.by_probability()[0].confirmed:

@@ -65,6 +65,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "_state.ensemble": {
             "_prior_pose": PriorPose | None,
             "_seen": ViewMemory,
+            "_found": bool,
             "_begin": dict[str, Job],
             "_events": list[JobEvent],
         },

@@ -190,3 +190,23 @@ def test_it_is_handed_on_with_all_that_was_gathered() -> None:
     found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
     reports = [*at_north(3, -5.0, -5.0), found]
     assert again.advance(3, reports) == made.advance(3, reports)
+
+
+def test_a_robot_among_more_look_alikes_than_can_be_tracked_was_never_lost() -> None:
+    """It stands: its first search ends with most of it elsewhere, and the next one begins."""
+    rules = literal_bayes(kidnapping_probability=HAZARD, max_clusters=2, view_distance_m=0.8)
+    search = SearchSettings(shards=1, max_steps=1)
+    made = Ensemble(FilterSettings(search=search, belief=rules))
+    made.begin_at(0)
+    states, jobs = set[str](), set[str]()
+    for step in range(12):
+        searches = [job for job in made.expected if job.startswith("s")]
+        found = {NORTH: 0.02, SOUTH: 0.02}
+        reports: list[Report] = [searched(job, step, found) for job in searches]
+        places = zip(made.clusters.job_ids, found, strict=False)
+        reports += [tracked(job, step, 1.0, mean) for job, mean in places]
+        outcome = made.advance(step, [*reports, elsewhere(step, 0.0)], np.zeros(3))
+        states.add(outcome.state)
+        jobs |= set(searches)
+    assert len(jobs) > 1
+    assert states == {"searching"}
