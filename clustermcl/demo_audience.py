@@ -14,7 +14,6 @@ from protocol.codec import decode
 from protocol.errors import ClusterMclError
 from protocol.job_events import JobEvents
 from protocol.message import PoseTuple
-from protocol.pose_arrays import pose_tuple
 from protocol.steps import TruePose
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Publisher, Received, Token, subscribe, watch
@@ -72,8 +71,7 @@ class Audience:
     def truth_of(self, belief: Belief) -> PoseTuple | None:
         """Where the robot was at the step of a belief; None where nobody knows."""
         if self._show.reference is not None:
-            pose = self._show.reference.pose_at(belief.stamp_ns)
-            return None if pose is None else pose_tuple(pose)
+            return self._show.reference.pose_at(belief.stamp_ns)
         deadline_s = time.monotonic() + 1.0
         while self._show.simulated and belief.step not in self._truths:
             if time.monotonic() > deadline_s:

@@ -7,7 +7,8 @@ from typing import assert_never
 import msgspec
 
 from evaluation.recordings import counted_steps
-from evaluation.references import Reference, load_reference
+from evaluation.references import load_reference
+from particle_filter.trajectory import Trajectory
 from process_runtime.settings import Settings
 from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from protocol.errors import SettingsError
@@ -59,7 +60,7 @@ class Show:
     ends_when_localized: bool
     may_stand: bool
     """A person drives, and may leave it standing."""
-    reference: Reference | None
+    reference: Trajectory | None
 
 
 def prepared(options: DemoOptions, settings: Settings) -> Show:

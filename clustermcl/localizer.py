@@ -13,7 +13,7 @@ from clustermcl.readings import Reading
 from coordinator.belief.outcome import Outcome, belief_after
 from coordinator.commands import Commands
 from coordinator.free_ground import FreeGround
-from coordinator.pose.odometry_history import OdometryHistory
+from coordinator.pose.pose_tracker import recent_odometry
 from evaluation.in_process import InProcess
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
@@ -126,7 +126,7 @@ class ClusterMCL:
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         model = sensor_model(grid_map, chosen.sensor, default_cache_folder())
         self._filter = InProcess(model, chosen)
-        self._commands, self._odometry = Commands(), OdometryHistory()
+        self._commands, self._odometry = Commands(), recent_odometry()
         self._applied: Scan | None = None
         self._ground = FreeGround.of(grid_map)
 

@@ -10,10 +10,10 @@ from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
 from coordinator.free_ground import FreeGround
 from coordinator.pose.dead_reckoning import carried
-from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.random_streams import Purpose
 from particle_filter.regions import parsed_regions
 from particle_filter.settings import MotionSettings
+from particle_filter.trajectory import Trajectory
 from protocol.answers import Relocalize, SetPose
 from protocol.errors import printable
 from protocol.message import Covariance, PoseTuple
@@ -68,7 +68,7 @@ class Commands:
         command: SetPose | Relocalize,
         ensemble: Ensemble,
         applied: Scan | None,
-        odometry: OdometryHistory,
+        odometry: Trajectory,
         ground: FreeGround | None,
     ) -> Outcome | None:
         """Do what is commanded, as of the last applied scan.
@@ -102,7 +102,7 @@ class Commands:
         self,
         ensemble: Ensemble,
         applied: Scan,
-        odometry: OdometryHistory,
+        odometry: Trajectory,
         ground: FreeGround | None,
     ) -> Outcome | str | None:
         """Do what was commanded before the first step, or the map, came.
@@ -121,8 +121,8 @@ class Commands:
             return problem
         if isinstance(waiting.command, Relocalize) and not waiting.during_search:
             return None
-        if waiting.odom_from_robot is None and (first := odometry.at(odometry.oldest_ns)):
-            waiting = Commanded(waiting.command, *first)
+        if waiting.odom_from_robot is None and (oldest_ns := odometry.oldest_ns) is not None:
+            waiting = Commanded(waiting.command, oldest_ns, odometry.pose_at(oldest_ns))
         return self._outcome(waiting, ensemble, applied)
 
     def _outcome(self, commanded: Commanded, ensemble: Ensemble, applied: Scan) -> Outcome:
@@ -158,19 +158,23 @@ class Commands:
 
 
 def _held(
-    command: SetPose | Relocalize, odometry: OdometryHistory, regions: str
+    command: SetPose | Relocalize, odometry: Trajectory, regions: str
 ) -> tuple[Commanded, str]:
     """The command with the odometry of its time, and why it cannot be carried out, if so."""
     if isinstance(command, Relocalize):
         return Commanded(command), _region_problem(command.region, parsed_regions(regions))
-    if odometry.oldest_ns is None:
+    oldest_ns, newest_ns = odometry.oldest_ns, odometry.newest_ns
+    if oldest_ns is None or newest_ns is None:
         return Commanded(command), ""
-    found = odometry.at(command.stamp_ns)
-    if found is None:
-        ago_s = (odometry.oldest_ns - (command.stamp_ns or 0)) / 1e9
+    stamp_ns = newest_ns if command.stamp_ns is None else min(command.stamp_ns, newest_ns)
+    odom_from_robot = odometry.pose_at(stamp_ns)
+    if odom_from_robot is None:
+        ago_s = (oldest_ns - stamp_ns) / 1e9
         problem = f"the pose is of {ago_s:.1f} s before the oldest odometry that is known; "
+        if ago_s < 0.0:
+            problem = "the robot moved then without odometry; "
         return Commanded(command), problem + "give a newer one, or one without a stamp"
-    return Commanded(command, *found), ""
+    return Commanded(command, stamp_ns, odom_from_robot), ""
 
 
 def _can_be_judged(command: SetPose | Relocalize, ground: FreeGround | None) -> bool:

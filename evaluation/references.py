@@ -5,14 +5,11 @@ orientation only the heading is used.
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Sequence
+from operator import itemgetter
 from pathlib import Path
 
-import numpy as np
-
-from particle_filter.arrays import Pose
-from particle_filter.trajectory import bridgeable, interpolated
+from particle_filter.trajectory import Trajectory
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
 from recordings.log_file import LogFile, numbers_of, stamp_ns_of
@@ -24,57 +21,7 @@ _WORDS = 8
 _MAX_NORM_ERROR = 0.05
 
 
-class Reference:
-    """Poses at known times, and in between.
-
-    Args:
-        stamps_ns: times of the poses, in any order; of equal ones the first counts.
-        map_from_robot: the poses.
-
-    Raises:
-        ValueError: no pose, or not as many times as poses.
-    """
-
-    def __init__(self, stamps_ns: Sequence[int], map_from_robot: Sequence[PoseTuple]) -> None:
-        if len(stamps_ns) != len(map_from_robot) or not stamps_ns:
-            raise ValueError(f"{len(stamps_ns)} times for {len(map_from_robot)} poses")
-        order = sorted(range(len(stamps_ns)), key=stamps_ns.__getitem__)
-        self._stamps = [stamps_ns[i] for i in order]
-        self._poses = [map_from_robot[i] for i in order]
-
-    def __len__(self) -> int:
-        return len(self._stamps)
-
-    def pose_at(self, stamp_ns: int) -> Pose | None:
-        """The pose at a time.
-
-        At the time of a pose it is exactly that pose, also where the stamps of the file step
-        back. In between it is interpolated, the heading the short way round.
-
-        Returns:
-            (3,) x [m], y [m], heading [rad]; None where nobody knows: more than 1 s before the
-            first or after the last pose, or in a gap of more than 2 s across which the robot
-            moved by more than 1 m or 1 rad. Where it stood, the gap may be of any length.
-        """
-        pose = self._pose_at(stamp_ns)
-        return None if pose is None else np.array(pose)
-
-    def _pose_at(self, stamp_ns: int) -> PoseTuple | None:
-        stamps, poses = self._stamps, self._poses
-        after = bisect_left(stamps, stamp_ns)
-        if after < len(stamps) and stamps[after] == stamp_ns:
-            return poses[after]
-        if after in (0, len(stamps)):
-            end = min(after, len(stamps) - 1)
-            return poses[end] if abs(stamps[end] - stamp_ns) <= MAX_OUTSIDE_NS else None
-        before = after - 1
-        if not bridgeable(stamps[before], poses[before], stamps[after], poses[after]):
-            return None
-        share = (stamp_ns - stamps[before]) / (stamps[after] - stamps[before])
-        return interpolated(poses[before], poses[after], share)
-
-
-def load_reference(path: Path | str) -> Reference:
+def load_reference(path: Path | str) -> Trajectory:
     """Read a reference trajectory; gzip and xz are unpacked.
 
     Raises:
@@ -83,23 +30,23 @@ def load_reference(path: Path | str) -> Reference:
     """
     path = Path(path)
     log = LogFile(path, ReferenceFileError)
-    stamps_ns: list[int] = []
-    poses: list[PoseTuple] = []
+    poses: list[tuple[int, PoseTuple]] = []
     for number, line in log.lines():
         words = line.split()
         if not words or words[0].startswith("#"):
             continue
         try:
-            stamp_ns, pose = _parsed(words)
+            poses.append(_parsed(words))
         except ValueError as problem:
             raise ReferenceFileError(path, str(problem), line=number) from None
-        stamps_ns.append(stamp_ns)
-        poses.append(pose)
     if log.broken:
         raise ReferenceFileError(path, log.broken.problem, line=log.broken.line_number)
     if not poses:
         raise ReferenceFileError(path, "no pose in it; expected lines of the TUM format")
-    return Reference(stamps_ns, poses)
+    reference = Trajectory(held_ns=MAX_OUTSIDE_NS)
+    for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps of a file may step back
+        reference.add(stamp_ns, pose)
+    return reference
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:

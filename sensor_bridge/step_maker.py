@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 import msgspec
 
 from particle_filter.settings import section_with
-from particle_filter.trajectory import OdometryBuffer
+from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
@@ -72,7 +72,7 @@ class StepMaker:
         self._next_step = first_step
         self._settings, self._live_settings = settings, AS_STARTED
         self._gate = MotionGate(settings)
-        self._buffer, self._continuity = OdometryBuffer(), OdometryContinuity()
+        self._buffer, self._continuity = Trajectory(most=200), OdometryContinuity()
         self._lasers = LaserInputs()
         self._first_laser: str | None = None
         self._strayed_in_a_row = 0
@@ -218,7 +218,7 @@ class StepMaker:
                 if not known and len(laser.waiting) <= at_most_waiting:
                     break
                 laser.waiting.popleft()
-                pose = pose or self._buffer.at(reading.stamp_ns)
+                pose = pose or self._buffer.pose_at(reading.stamp_ns)
                 if pose is None:
                     self.dropped[NO_ODOMETRY] += 1
                 else:

@@ -6,10 +6,10 @@ from msgspec.structs import replace
 from coordinator.belief.outcome import Outcome
 from coordinator.pose.dead_reckoning import BlindDrive, DeadReckoning
 from coordinator.pose.lateness import Lateness
-from coordinator.pose.odometry_history import OdometryHistory
 from particle_filter.motion_covariance import composed_covariance
 from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
+from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Freshness, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
@@ -17,6 +17,15 @@ from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 MAX_WAITING_SCANS = 1_000
 """More scans than this have arrived and were not applied: those are not waited for."""
+
+
+def recent_odometry() -> Trajectory:
+    """For the odometry of the last five seconds or more: a given pose may be of then.
+
+    Between poses 0.1 s apart the robot goes straight. Before the oldest, that holds for a second:
+    whoever gives a pose has another clock.
+    """
+    return Trajectory(most=51, every_ns=100_000_000, held_ns=1_000_000_000)
 
 
 class PoseTracker:
@@ -42,7 +51,7 @@ class PoseTracker:
         self._blind_after_gates = settings.blind_after_gates
         self._outcome: Outcome | None = None
         self._since_step, self._blind = DeadReckoning(motion, bridge), BlindDrive(bridge)
-        self.history = OdometryHistory()
+        self.history = recent_odometry()
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
         self._arrived_ns: int | None = None

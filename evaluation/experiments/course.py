@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
 from evaluation.mirrored import mirrored
-from evaluation.references import Reference, load_reference
+from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
+from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
-from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
 from recordings.map_file import load_map
 from recordings.recording import open_recording
@@ -75,12 +75,11 @@ def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int)
 
 
 def _with_truth(
-    scans: Iterator[Scan], reference: Reference | None, start_step: int, updates: int | None
+    scans: Iterator[Scan], reference: Trajectory | None, start_step: int, updates: int | None
 ) -> Iterator[TrueStep]:
     end = None if updates is None else start_step + updates
     for scan in itertools.islice(scans, start_step, end):
-        pose = reference.pose_at(scan.stamp_ns) if reference else None
-        yield scan, None if pose is None else pose_tuple(pose)
+        yield scan, reference.pose_at(scan.stamp_ns) if reference else None
 
 
 def _cannot_kidnap() -> None:

@@ -525,8 +525,8 @@ def test_a_pose_of_the_past_is_carried_to_now_by_odometry() -> None:
 
 def test_a_pose_of_long_ago_is_refused_with_the_reason() -> None:
     story = Story("a", "b").bootstrapped()
-    for second in range(1, 21):
-        story.coordinator.handle(odometry(second * SECOND, 0.1 * second), second)
+    for tenth in range(1, 201):
+        story.coordinator.handle(odometry(tenth * SECOND // 10, 0.01 * tenth), tenth)
     command = given("1", map_from_robot=(1.0, 2.0, 0.0), stamp_ns=2 * SECOND)
     before = len(story.beliefs)
     for _ in range(2):

@@ -4,32 +4,35 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from particle_filter.trajectory import OdometryBuffer
-from protocol.message import PoseTuple
+from particle_filter.trajectory import PoseTuple, Trajectory
 from tests.unit.recordings.logs import seconds
 
+S = 1_000_000_000
 
-def buffer_of(*poses: tuple[float, PoseTuple], capacity: int = 200) -> OdometryBuffer:
-    buffer = OdometryBuffer(capacity)
+
+def through(
+    *poses: tuple[float, PoseTuple], most: int | None = None, held_ns: int | None = None
+) -> Trajectory:
+    trajectory = Trajectory(most, held_ns=held_ns)
     for stamp_s, pose in poses:
-        buffer.add(seconds(stamp_s), pose)
-    return buffer
+        trajectory.add(seconds(stamp_s), pose)
+    return trajectory
 
 
-DRIVING = buffer_of((1.0, (0, 0, 0)), (2.0, (1, -2, 0.5)))
+DRIVING = through((1.0, (0, 0, 0)), (2.0, (1, -2, 0.5)))
 
 
 def test_between_two_poses_it_is_interpolated() -> None:
-    assert DRIVING.at(seconds(1.25)) == pytest.approx((0.25, -0.5, 0.125))
+    assert DRIVING.pose_at(seconds(1.25)) == pytest.approx((0.25, -0.5, 0.125))
 
 
 def test_a_known_pose_comes_back_exactly() -> None:
-    assert DRIVING.at(seconds(2.0)) == (1, -2, 0.5)
+    assert DRIVING.pose_at(seconds(2.0)) == (1, -2, 0.5)
 
 
 def test_the_heading_turns_the_short_way_round() -> None:
-    buffer = buffer_of((1.0, (0, 0, math.pi - 0.1)), (2.0, (0, 0, -math.pi + 0.3)))
-    pose = buffer.at(seconds(1.5))
+    trajectory = through((1.0, (0, 0, math.pi - 0.1)), (2.0, (0, 0, -math.pi + 0.3)))
+    pose = trajectory.pose_at(seconds(1.5))
     assert pose is not None
     assert pose[2] == pytest.approx(-math.pi + 0.1)
 
@@ -39,7 +42,7 @@ def test_no_heading_in_between_is_farther_away_than_the_ends(
     heading: float, turn: float, share: float
 ) -> None:
     end = math.remainder(heading + turn, math.tau)
-    pose = buffer_of((0.0, (0, 0, heading)), (1.0, (0, 0, end))).at(seconds(share))
+    pose = through((0.0, (0, 0, heading)), (1.0, (0, 0, end))).pose_at(seconds(share))
     assert pose is not None
     turned = abs(math.remainder(pose[2] - heading, math.tau))
     assert turned == pytest.approx(abs(turn) * share, abs=1e-8)  # stamps are whole nanoseconds
@@ -47,40 +50,63 @@ def test_no_heading_in_between_is_farther_away_than_the_ends(
 
 @pytest.mark.parametrize(("stamp_s", "x"), [(0.8, -0.2), (2.25, 1.25)])
 def test_a_little_outside_the_motion_goes_on(stamp_s: float, x: float) -> None:
-    pose = DRIVING.at(seconds(stamp_s))
+    pose = DRIVING.pose_at(seconds(stamp_s))
     assert pose is not None
     assert pose[0] == pytest.approx(x)
 
 
 @pytest.mark.parametrize("stamp_s", [0.7, 2.3, 100.0])
 def test_farther_outside_nothing_is_known(stamp_s: float) -> None:
-    assert DRIVING.at(seconds(stamp_s)) is None
+    assert DRIVING.pose_at(seconds(stamp_s)) is None
 
 
 def test_of_one_pose_only_its_own_time_is_known() -> None:
-    alone = buffer_of((1.0, (1, 2, 3)))
-    assert alone.at(seconds(1.2)) == (1, 2, 3)
-    assert alone.at(seconds(1.5)) is None
-    assert OdometryBuffer().at(0) is None
+    alone = through((1.0, (1, 2, 3)))
+    assert alone.pose_at(seconds(1.2)) == (1, 2, 3)
+    assert alone.pose_at(seconds(1.5)) is None
+    assert Trajectory().pose_at(0) is None
 
 
 def test_a_gap_is_bridged_only_where_the_robot_stayed() -> None:
-    stayed = buffer_of((0.0, (0, 0, 0)), (200.0, (0.5, 0, 0)))
-    assert stayed.at(seconds(100.0)) == pytest.approx((0.25, 0, 0))
-    moved = buffer_of((0.0, (0, 0, 0)), (200.0, (5.0, 0, 0)))
-    assert moved.at(seconds(100.0)) is None
+    stayed = through((0.0, (0, 0, 0)), (200.0, (0.5, 0, 0)))
+    assert stayed.pose_at(seconds(100.0)) == pytest.approx((0.25, 0, 0))
+    moved = through((0.0, (0, 0, 0)), (200.0, (5.0, 0, 0)))
+    assert moved.pose_at(seconds(100.0)) is None
 
 
 def test_late_poses_find_their_place_and_old_ones_go() -> None:
-    buffer = buffer_of((1, (1, 0, 0)), (3, (3, 0, 0)), (2, (9, 0, 0)), capacity=2)
-    assert buffer.at(seconds(2.5)) == pytest.approx((6, 0, 0))
-    assert buffer.at(seconds(1)) is None
-    assert buffer.reaches(seconds(3))
-    assert not buffer.reaches(seconds(3.1))
-    buffer.clear()
-    assert not buffer.reaches(0)
+    trajectory = through((1, (1, 0, 0)), (3, (3, 0, 0)), (2, (9, 0, 0)), most=2)
+    assert trajectory.pose_at(seconds(2.5)) == pytest.approx((6, 0, 0))
+    assert trajectory.pose_at(seconds(1)) is None
+    assert trajectory.reaches(seconds(3))
+    assert not trajectory.reaches(seconds(3.1))
+    trajectory.clear()
+    assert not trajectory.reaches(0)
 
 
 def test_two_poses_of_one_time_do_not_divide_by_zero() -> None:
-    buffer = buffer_of((1, (1, 0, 0)), (1, (1, 1, 0)))
-    assert buffer.at(seconds(1.1)) == (1, 1, 0)
+    trajectory = through((1, (1, 0, 0)), (1, (1, 1, 0)))
+    assert trajectory.pose_at(seconds(1.1)) == (1, 1, 0)
+
+
+def test_where_ends_hold_they_do_so_for_the_time_that_was_given() -> None:
+    held = through((10.0, (1, 0, 0)), (11.0, (2, 0, 0)), held_ns=S)
+    assert [held.pose_at(9 * S), held.pose_at(12 * S)] == [(1, 0, 0), (2, 0, 0)]
+    assert [held.pose_at(9 * S - 1), held.pose_at(12 * S + 1)] == [None, None]
+    assert held.pose_at(seconds(10.5)) == pytest.approx((1.5, 0, 0))
+
+
+@pytest.mark.parametrize("rate_hz", [1, 10, 333])
+def test_what_is_thinned_is_known_at_any_time_of_the_last_seconds(rate_hz: int) -> None:
+    thinned = Trajectory(most=51, every_ns=S // 10)
+    for tick in range(8 * rate_hz + 1):
+        thinned.add(tick * S // rate_hz, (0.5 * tick / rate_hz, 0.0, 0.0))
+    assert len(thinned) <= 51
+    for at_s in (3.0, 3.05, 4.234, 7.999):
+        assert thinned.pose_at(int(at_s * S)) == pytest.approx((0.5 * at_s, 0.0, 0.0))
+
+
+def test_a_clock_that_was_set_back_begins_anew() -> None:
+    trajectory = through((4.0, (1, 0, 0)), (5.0, (2, 0, 0)), (3.9, (7, 0, 0)))
+    assert (trajectory.oldest_ns, trajectory.newest_ns) == (seconds(3.9), seconds(3.9))
+    assert len(trajectory) == 1

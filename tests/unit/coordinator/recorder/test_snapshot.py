@@ -65,7 +65,9 @@ def contents(value: Any) -> Any:
             return most, [contents(item) for item in items]
         case msgspec.Struct() as struct:
             return repr(struct)
-        case part if type(part).__module__.startswith(("coordinator.", "protocol.")):
+        case part if type(part).__module__.startswith(
+            ("coordinator.", "particle_filter.trajectory", "protocol.")
+        ):
             return {name: contents(item) for name, item in vars(part).items()}
         case other:
             return repr(other)
@@ -105,7 +107,7 @@ FOLLOWS_FROM_SETTINGS = {
     *("_sender", "_version", "_seed", "settings", "_settings", "_rules", "_sensor", "_motion"),
     *("_bridge", "_snapshot_every_steps", "_stale_after_s", "_stale_ns", "_blind_after_gates"),
     *("_is_folder_named", "_keeps_pose_on_new_map", "_last_poses", "_last_pose_probability"),
-    *("_own_us", "_started_ns", "_began_ns", "_filter_settings"),
+    *("_own_us", "_started_ns", "_began_ns", "_filter_settings", "_most", "_every_ns", "_held_ns"),
     *("_live", "sensor", "bridge"),  # set by `_state.live`
 }
 """Attributes that nothing changes after the coordinator was made, or that `live` settles."""
