@@ -210,7 +210,7 @@ class Client:
             region: the name of one of `search.regions`, likewise; empty: everywhere.
 
         Raises:
-            ValueError: `near` is no circle.
+            ValueError: `near` is not a circle.
         """
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")

@@ -1,1 +1,1 @@
-"""Everything two processes must agree on: keys, messages, errors. No input, no output."""
+"""What processes agree on: keys, messages, limits, errors. No input or output."""

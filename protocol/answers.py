@@ -1,4 +1,4 @@
-"""Answers from the coordinator to everybody, and the commands that a person gives."""
+"""The coordinator's publications and answers, and the commands that clients send."""
 
 from typing import Literal, TypeAlias
 
@@ -10,43 +10,47 @@ from protocol.message import Circle, Covariance, Message, PoseTuple
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
 """`searching`: no place is known, or the most probable one was given and no scan has confirmed it.
-`ambiguous`: several are possible. `localized`: one is all but certain. `lost`: none is probable."""
+`ambiguous`: several places are possible. `localized`: one is almost certain. `lost`: none is
+probable."""
 Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
-"""`fresh`: odometry and scans arrive. `blind`: odometry alone moves the pose, for the robot has
-driven on without a step, or no worker is left. `stale`: nothing new has arrived for a while.
-`none`: no scan has been seen yet; then there is no pose either."""
+"""`fresh`: odometry and scans arrive. `blind`: dead reckoning; the robot has driven on without a
+step, or no worker is left. `stale`: no new data has arrived for a while. `none`: no scan has
+arrived yet, so there is no pose either."""
 
 
 class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One place where the robot may be."""
 
     cluster: int
-    """Its cluster, of the same number for life; negative: a place of a search that goes on."""
+    """Number of its cluster, never reused; negative: a candidate of a running search."""
     probability: float
-    """That the robot is there."""
+    """Probability that the robot is there."""
     log_probability: float
-    """Its natural logarithm, which does not underflow."""
+    """Natural logarithm of `probability`; does not underflow."""
     mean: PoseTuple
     """Pose of the robot in the map: x [m], y [m], heading [rad]."""
     covariance: Covariance
-    """Of that pose, row by row."""
+    """Covariance of `mean`, row by row."""
     effective_sample_size: float
-    """Of its particles: how many equally weighted ones tell as much."""
+    """Number of equally weighted particles with the same information."""
     age_steps: int
     """Steps since the cluster entered the belief."""
 
 
 class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
-    """The belief after one step. From the coordinator on ``belief``; the next repairs a loss."""
+    """The belief after one step.
+
+    Published by the coordinator on ``belief`` after each step; the next one repairs a loss.
+    """
 
     step: int
-    """Number of the step; rises by one."""
+    """Number of the step; increases by one."""
     stamp_ns: int
     """Robot's clock at the step's scan."""
     odom_from_robot: PoseTuple
     """Odometry at that scan: x [m], y [m], heading [rad]."""
     state: State
-    """What the probabilities amount to; docs/operations.md explains each state."""
+    """Summary of the probabilities; docs/operations.md explains each state."""
     hypotheses: tuple[Hypothesis, ...]
     """Most probable first; with `elsewhere_probability` they sum to 1."""
     searching: bool
@@ -56,13 +60,13 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     last: bool = False
     """The recording, or the simulated run, ends with this step."""
     term: int = 0
-    """The coordinator's term: a belief of a lower one than was heard before is of the past."""
+    """The coordinator's term. Discard a belief with a lower term than one already received."""
     elsewhere_probability: float = 0.0
-    """That the robot is at none of these places."""
+    """Probability that the robot is at none of these places."""
     search_progress: float = 0.0
-    """How near the search that runs is to its end, 0 to 1."""
+    """Progress of the running search, 0 to 1."""
     off_map_probability: float = 0.0
-    """Of `elsewhere_probability`, that the robot is not on this map at all."""
+    """The part of `elsewhere_probability` that the robot is not on this map at all."""
 
     @property
     def pose(self) -> PoseTuple | None:
@@ -71,12 +75,12 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
 
     @property
     def covariance(self) -> Covariance | None:
-        """Of `pose`, row by row."""
+        """Covariance of `pose`, row by row."""
         return self.hypotheses[0].covariance if self.hypotheses else None
 
     @property
     def probability(self) -> float:
-        """That the robot is at `pose`."""
+        """Probability that the robot is at `pose`."""
         return self.hypotheses[0].probability if self.hypotheses else 0.0
 
 
@@ -84,99 +88,95 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Where the robot is now. Published on ``pose`` each step; answers queries on ``pose``."""
 
     state: State
-    """Of the belief after its last step."""
+    """State of the belief after its last step."""
     freshness: Freshness
-    """Whether data still arrives; steer by it."""
+    """Whether data still arrives; check it before steering by the pose."""
     stamp_ns: int
-    """Robot's clock at the odometry that carried the pose forward."""
+    """Robot's clock at the newest odometry, to which the pose is predicted."""
     age_s: float
-    """Since that odometry arrived, by the coordinator's clock; -1 for `none`. What has come later
-    than usual by a live robot's stamps counts from when it should have come."""
+    """Time since that odometry arrived, by the coordinator's clock; -1 for `none`. For a live
+    robot, the delay beyond the usual latency is added."""
     step: int
     """Number of the last step; -1 before the first."""
     probability: float
-    """Of the most probable place, which is the pose."""
+    """Probability of the most probable place, which is the pose."""
     map_from_robot: PoseTuple | None
     """The pose: x [m], y [m], heading [rad]; None: no place is tracked yet."""
     covariance: Covariance | None
-    """Of the pose, row by row; None without a pose."""
+    """Covariance of the pose, row by row; None without a pose."""
     workers: int
-    """Workers alive; 0 means the belief does not follow the robot's scans."""
+    """Live workers; with 0 the belief does not follow the robot's scans."""
     term: int = 0
-    """The coordinator's term."""
     scan_age_s: float = -1.0
-    """Since the newest scan arrived that a worker weighed, counted as `age_s`; -1: none was."""
+    """Time since the newest scan that a worker weighed, measured like `age_s`; -1: none yet."""
     elsewhere_probability: float = 1.0
-    """That the robot is at none of the places that are tracked."""
+    """Probability that the robot is at none of the tracked places."""
     off_map_probability: float = 0.0
     """As in `Belief`."""
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
-    """All places with their probabilities, carried forward by odometry. Answers ``hypotheses``."""
+    """All places with their probabilities, predicted by odometry. Answers ``hypotheses``."""
 
     pose: PoseAnswer
-    """The answer to `pose`, of the same moment."""
+    """The answer to `pose` at the same moment."""
     hypotheses: tuple[Hypothesis, ...]
     """Most probable first."""
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
-    """How the system is. Answers queries on ``status``."""
+    """State of the system and its counters. Answers queries on ``status``.
+
+    Fields not described here are those of `PoseAnswer` and `Belief`.
+    """
 
     version: str
-    """The coordinator's."""
+    """Version of the coordinator."""
     state: State
-    """As in `PoseAnswer`."""
     freshness: Freshness
-    """As in `PoseAnswer`."""
     age_s: float
-    """As in `PoseAnswer`."""
     step: int
     """Number of the last step that was applied; -1 before the first."""
     steps_applied: int
-    """Since this coordinator began."""
+    """Steps applied since this coordinator started."""
     steps_lost: int
-    """Steps whose scan never came, or that were applied without one report."""
+    """Steps whose scan never arrived, or that were applied without any report."""
     reports_missing: int
-    """Reports of workers that did not come in time."""
+    """Workers' reports that did not arrive in time."""
     map_digest: str
-    """Names the map; empty while it is not known."""
+    """Identifies the map; empty while it is not known."""
     clusters: int
-    """Places that are tracked."""
+    """Number of tracked places."""
     searching: bool
     """A global search is under way."""
     workers: dict[str, tuple[str, ...]]
-    """Name of each live worker to its jobs."""
+    """Maps each live worker's name to its jobs."""
     counters: dict[str, int]
-    """Everything that was dropped or refused, by cause."""
+    """Counts of dropped and refused things, by cause."""
     uptime_s: float
-    """Since the coordinator was started."""
+    """Time since the coordinator started."""
     term: int = 0
-    """The coordinator's term."""
     processes: tuple[Health, ...] = ()
-    """How each process is, the coordinator first; silent ones are left out after 30 s."""
+    """Health of each process, the coordinator first; silent ones are removed after 30 s."""
     scan_age_s: float = -1.0
-    """As in `PoseAnswer`."""
     overloaded: bool = False
-    """Steps are made faster than they are decided: scans are left out, searches put off."""
+    """Steps arrive faster than they are decided: scans are dropped and searches postponed."""
     newest_step: int = -1
-    """The newest whose scan has arrived, applied or not: a bridge that starts goes on after it."""
+    """Newest step whose scan has arrived, applied or not. A restarted bridge continues after it."""
     search_progress: float = 0.0
-    """As in `Belief`."""
     settings: LiveSettings = AS_STARTED
-    """Of the newest scan."""
+    """Live settings of the newest scan."""
 
 
 class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
-    """A person says where the robot is. A query on ``command/set_pose``.
+    """Give the robot's pose. A query on ``command/set_pose``.
 
-    Refused where the map has no free ground within 3 sigma. Before the first scan, or the map, it
-    is remembered until then, as `Relocalize` is: the last of both counts.
+    Refused where the map has no free space within 3 sigma. Before the first scan or the map
+    arrives, the last `SetPose` or `Relocalize` is kept and applied then.
     """
 
     command_id: str
-    """The same id again does nothing."""
+    """Makes the command idempotent: a repeated id has no effect. So in all commands."""
     map_from_robot: PoseTuple
     """x [m], y [m], heading [rad]."""
     position_sigma_m: float = 0.5
@@ -184,68 +184,64 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     heading_sigma_rad: float = 0.26
     """Standard deviation of the heading."""
     covariance: Covariance | None = None
-    """Of the pose; it stands in for both sigmas."""
+    """Covariance of the pose; replaces both sigmas."""
     stamp_ns: int | None = None
-    """When the robot was there, by its own clock: the odometry since is added. None: now."""
+    """Time of the pose by the robot's clock; the odometry since then is added. None: now."""
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
     command_id: str
-    """The same id again does nothing."""
     near: Circle | None = None
-    """Where to search; None: everywhere."""
+    """Search in this circle only; None: everywhere."""
     region: str = ""
-    """Of the coordinator's settings: where to search; empty: everywhere."""
+    """Search in this one of `search.regions` only; empty: everywhere."""
 
 
 class Update(Message, frozen=True, kw_only=True, tag="update/1"):
-    """Make a step of the next scan, also of a robot that stands. A query on ``command/update``.
+    """Make a step of the next scan although the robot stands. A query on ``command/update``.
 
-    The bridge answers, before that step is made.
+    The bridge answers before that step is made.
     """
 
     command_id: str
-    """The same id again does nothing."""
 
 
 class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
     """Change settings while the robot drives. A query on ``command/configure``.
 
-    The bridge answers; they hold from its next step on, and are all that is live from then on.
+    The bridge answers. The settings apply from its next step and replace all earlier ones.
     """
 
     settings: LiveSettings
-    """All live settings, those that stay as they are included."""
+    """All live settings, including unchanged ones."""
 
 
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
-    """Lift the simulated robot to another place. A query on ``simulator/kidnap``."""
+    """Move the simulated robot without odometry. A query on ``simulator/kidnap``."""
 
     command_id: str
-    """The same id again does nothing."""
     map_from_robot: PoseTuple | None = None
-    """Where to; None: somewhere far away."""
+    """Its new pose; None: a random one far away."""
 
 
 class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
     """Drive the simulated robot by hand. A query on ``simulator/drive``.
 
-    Repeat it several times a second while it lasts: a second of the robot's time after the last
-    one it stands still, and waits.
+    Repeat it several times a second: the robot stops one second of its time after the last one.
     """
 
     speed_m_s: float = 0.0
-    """Forward; the robot goes as fast as it can, and hits nothing."""
+    """Forward; limited to the robot's top speed, and by obstacles."""
     turn_rate_rad_s: float = 0.0
     """Counter-clockwise."""
     by_hand: bool = True
-    """False: the robot wanders on by itself."""
+    """False: the robot drives by itself again."""
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="command_done/1"):
     """Answer to a command."""
 
     problem: str = ""
-    """Why it was refused; empty when it was done."""
+    """Why it was refused; empty: it was carried out."""

@@ -1,4 +1,4 @@
-"""Numeric arrays on the wire: one little-endian blob with its dtype and shape."""
+"""Numeric arrays on the wire: little-endian bytes with a dtype and a shape."""
 
 import math
 from typing import Any, Literal, get_args
@@ -14,9 +14,9 @@ WireType = Literal["int8", "int32", "float32", "float64"]
 _LITTLE = {name: np.dtype(name).newbyteorder("<") for name in get_args(WireType)}
 
 MAX_DIMENSIONS = 2
-"""Scans have one, clouds and maps two."""
+"""Scans have one, particle sets and maps two."""
 MAX_SIDE = 2**31
-"""Of an array that is empty in its other direction; else the bytes are the bound."""
+"""Bounds an array whose other side is 0; otherwise the number of bytes bounds it."""
 
 
 class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -28,7 +28,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
     @classmethod
     def of(cls, array: NDArray[Any], dtype: WireType) -> "ArrayBlob":
-        """Pack an array, converted to the wire type `dtype`."""
+        """Convert an array to `dtype` and pack it."""
         little = np.ascontiguousarray(array, dtype=_LITTLE[dtype])
         return cls(dtype=dtype, shape=little.shape, data=little.tobytes())
 
@@ -36,15 +36,15 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         """The array, read-only and without a copy.
 
         Raises:
-            MalformedMessageError: the bytes do not fill the shape, or it is no array of ours.
+            MalformedMessageError: the shape does not match the bytes, or exceeds the limits.
         """
         dtype = _LITTLE[self.dtype]
         if len(self.shape) > MAX_DIMENSIONS:
-            raise _malformed(f"{len(self.shape)} dimensions, at most {MAX_DIMENSIONS} are read")
+            raise _malformed(f"{len(self.shape)} dimensions; the limit is {MAX_DIMENSIONS}")
         if not all(0 <= side < MAX_SIDE for side in self.shape) or (
             math.prod(self.shape) * dtype.itemsize != len(self.data)
         ):
-            raise _malformed(f"{len(self.data)} bytes do not make {self.dtype} of {self.shape}")
+            raise _malformed(f"{len(self.data)} bytes do not fill {self.dtype} of {self.shape}")
         return np.frombuffer(self.data, dtype=dtype).reshape(self.shape)
 
 

@@ -1,7 +1,7 @@
-"""Messages to bytes and back: MessagePack maps, read by msgpack, checked by msgspec.
+"""Encode messages as MessagePack maps; decode them with msgpack, check them with msgspec.
 
-Only msgpack bounds what it reads before it makes it; `msgspec.msgpack` reads five times faster, and
-would make a list of four billion items.
+Only msgpack can limit a list's length before it allocates it. `msgspec.msgpack` decodes five times
+faster, but would allocate a list of four billion items.
 """
 
 from threading import Lock
@@ -16,10 +16,11 @@ from protocol.message import Message
 from protocol.validity import problem_of
 
 MAX_ITEMS = 20_000
-"""Of one list or map, and of lists and maps in one message: no message has a hundredth.
+"""Limit for the items of one list or map, and for the lists and maps of one message.
 
-MessagePack may announce a list of four billion items in five bytes, or nest a million empty
-ones in a megabyte; either would take gigabytes before a field could be checked.
+Real messages have less than a hundredth of it. MessagePack can announce a list of four billion
+items in five bytes, or nest a million empty lists in a megabyte. Either would take gigabytes of
+memory before a field could be checked.
 """
 
 _NOT_MESSAGEPACK = (
@@ -32,24 +33,23 @@ _NOT_MESSAGEPACK = (
 
 M = TypeVar("M")
 
-_learnt: set[object] = set()
-_learning = Lock()
+_prepared: set[object] = set()
+_preparing = Lock()
 
 
 def encode(message: Message) -> bytes:
-    """The message as one MessagePack map."""
     return msgspec.msgpack.encode(message)
 
 
 def decode(data: bytes, expected: type[M]) -> M:
-    """The message in `data`, checked field by field, and then for numbers that cannot be.
+    """Decode a message; check its fields, then the plausibility of its numbers.
 
     Args:
-        data: what came from the wire.
+        data: bytes from the wire.
         expected: a message class, or a union of them.
 
     Raises:
-        MalformedMessageError: it is too large, not MessagePack, or not the message it should be.
+        MalformedMessageError: the data is too large, not MessagePack, or not a valid `expected`.
     """
 
     def malformed(kind: str, problem: object) -> MalformedMessageError:
@@ -58,8 +58,8 @@ def decode(data: bytes, expected: type[M]) -> M:
 
     most = max_bytes(expected)  # type: ignore[arg-type] # classes and unions can be hashed
     if len(data) > most:
-        raise malformed("too large", f"{len(data)} bytes, at most {most} are read")
-    _learn(expected)
+        raise malformed("too large", f"{len(data)} bytes; the limit is {most}")
+    _prepare(expected)
     try:
         message = msgspec.convert(_unpacked(data), expected)
     except msgspec.ValidationError as error:
@@ -72,19 +72,19 @@ def decode(data: bytes, expected: type[M]) -> M:
     return message
 
 
-def _learn(expected: type[M]) -> None:
-    """Have msgspec look at a class while no other thread does: half learnt, it ends the process."""
-    if expected in _learnt:
+def _prepare(expected: type[M]) -> None:
+    """Have msgspec inspect a class in one thread: two at once crash the process."""
+    if expected in _prepared:
         return
-    with _learning:
+    with _preparing:
         msgspec.msgpack.Decoder(expected)
-        _learnt.add(expected)
+        _prepared.add(expected)
 
 
 def _unpacked(data: bytes) -> Any:
-    """Plain values; what would grow far beyond its bytes is refused while it is read."""
+    """Decode to plain values; refuse data that would need far more memory than its bytes."""
     left = MAX_ITEMS
-    bounded = len(data) <= MAX_ITEMS  # a list or map takes a byte at least
+    bounded = len(data) <= MAX_ITEMS  # a list or map takes at least a byte
 
     def counted(container: Any) -> Any:
         nonlocal left

@@ -1,18 +1,18 @@
-"""One tree of errors: what a peer, a file or a command did wrong, in one sentence each.
+"""The errors that a user, a file or another process can cause.
 
-A wrong argument inside the code raises `ValueError`; everything a person or another process
-can cause raises a `ClusterMclError`. Front ends print it as one line and exit with 2.
+They are all a `ClusterMclError`, whose text is one sentence; programs print it and exit with 2.
+A wrong argument inside the code raises `ValueError`.
 """
 
 from pathlib import Path
 
 
 class ClusterMclError(Exception):
-    """Root of all errors that a person can cause or mend."""
+    """Base class of all errors that a user can cause or fix."""
 
 
 class InputFileError(ClusterMclError):
-    """A map, recording, reference or settings file cannot be used."""
+    """A map, recording, reference or settings file is unusable."""
 
     def __init__(self, path: Path | str, problem: str, *, line: int | None = None) -> None:
         self.path, self.problem, self.line = Path(path), problem, line
@@ -21,24 +21,24 @@ class InputFileError(ClusterMclError):
 
 
 class MapFileError(InputFileError):
-    """A map file is missing, broken, or holds nothing to localize in."""
+    """A map file is missing, corrupt, or has no free space."""
 
 
 class RecordingError(InputFileError):
-    """A recording is missing, broken, or holds no scan."""
+    """A recording is missing, corrupt, or has no scan."""
 
 
 class ReferenceFileError(InputFileError):
-    """A reference trajectory is missing or broken."""
+    """A reference trajectory is missing or corrupt."""
 
 
 class SettingsError(ClusterMclError):
-    """A setting or an option is unknown, of the wrong type, out of its range, or cannot be used.
+    """A setting or an option is unknown, of the wrong type, out of range, or unusable.
 
     Args:
         key: the setting, such as ``bridge.map``, or the option, such as ``--map``.
-        problem: a sentence that names it.
-        where: the file, or ``--set``; None where that is not known.
+        problem: a sentence that names the key.
+        where: the file, or ``--set``; None: unknown.
     """
 
     def __init__(self, *, key: str, problem: str, where: str | None = None) -> None:
@@ -47,18 +47,18 @@ class SettingsError(ClusterMclError):
 
 
 class ProtocolError(ClusterMclError):
-    """A peer said something that this process cannot act on."""
+    """A peer sent something that this process cannot act on."""
 
 
 class MalformedMessageError(ProtocolError):
-    """Bytes from the wire are not the message they should be.
+    """Bytes from the wire are not a valid message of the expected type.
 
     Args:
-        expected: which message they should be.
-        problem: what is wrong with them; may quote them, so it is cut and made printable.
-        kind: the same in fixed words: ``too large``, ``not MessagePack``, ``schema`` (another
-            message, or another version of it), ``field``, ``impossible`` (numbers that no honest
-            process sends), ``array that lies``.
+        expected: name of the expected message.
+        problem: what is wrong; may quote the bytes, so it is truncated and made printable.
+        kind: the category: ``too large``, ``not MessagePack``, ``schema`` (another message, or
+            another version of it), ``field``, ``impossible`` (implausible numbers), or
+            ``array that lies`` (shape and bytes disagree).
     """
 
     def __init__(self, *, expected: str, problem: str, kind: str = "impossible") -> None:
@@ -68,12 +68,12 @@ class MalformedMessageError(ProtocolError):
 
     @property
     def cause(self) -> str:
-        """What to count it as: never text from the wire."""
+        """Name of its counter; contains no text from the wire."""
         return f"malformed {self.expected}: {self.kind}"
 
 
 class MapMismatchError(ProtocolError):
-    """Somebody localizes in another map: its poses cannot be compared with those of the others."""
+    """A process localizes in another map, so its poses cannot be compared with the others'."""
 
     def __init__(self, *, worker: str, expected: str, found: str) -> None:
         self.worker, self.expected, self.found = worker, expected, found
@@ -81,21 +81,21 @@ class MapMismatchError(ProtocolError):
 
 
 class OldTermError(ProtocolError):
-    """An order comes from a coordinator that another one has taken over from."""
+    """An order comes from a coordinator that has been replaced by another one."""
 
     def __init__(self, *, term: int, ruling: int) -> None:
         self.term, self.ruling = term, ruling
-        super().__init__(f"order of term {term}, but term {ruling} rules")
+        super().__init__(f"order of term {term}, but the current term is {ruling}")
 
 
 class UnreachableError(ClusterMclError):
-    """No router, or nobody behind it, answered in time.
+    """The router, or a process behind it, did not answer in time.
 
     Args:
-        who: the router, a process, or the key that was asked.
+        who: the router, a process, or the key of the query.
         problem: a sentence that names it.
-        waited_s: how long an answer was waited for [s].
-        endpoint: the router's; None where it is not known.
+        waited_s: how long the caller waited for an answer [s].
+        endpoint: the router's; None: unknown.
     """
 
     def __init__(
@@ -106,11 +106,11 @@ class UnreachableError(ClusterMclError):
 
 
 class RefusedError(UnreachableError):
-    """Somebody is there and does not answer now; arguments as for `UnreachableError`."""
+    """A process is there, but refuses to answer now; arguments as for `UnreachableError`."""
 
 
 class CommandRefusedError(ClusterMclError):
-    """A command was understood and will not be carried out."""
+    """A command was understood but refused."""
 
     def __init__(self, *, command: str, problem: str) -> None:
         self.command, self.problem = command, problem
@@ -121,21 +121,21 @@ class AlreadyRunningError(ClusterMclError):
     """A second coordinator or bridge was started for a robot, or a second router at an endpoint.
 
     Args:
-        what: what is there already, such as ``a coordinator``.
+        what: what is already running, such as ``a coordinator``.
         endpoint: the router's.
-        advice: what a person can do.
-        robot: whose it is; None for what listens at the endpoint itself.
+        advice: what the user can do.
+        robot: the robot's name; None for a router.
     """
 
     def __init__(self, *, what: str, endpoint: str, advice: str, robot: str | None = None) -> None:
         self.what, self.endpoint, self.advice, self.robot = what, endpoint, advice, robot
-        taken = f"{endpoint} is in use: {what} listens there already; "
+        taken = f"{endpoint} is in use: {what} already listens there; "
         if robot is not None:
-            taken = f"robot {robot!r} has {what} already at {endpoint}: "
+            taken = f"robot {robot!r} already has {what} at {endpoint}: "
         super().__init__(taken + advice)
 
 
 def printable(text: str, at_most: int = 200) -> str:
-    """Text of a stranger's as a log may show it: one line, no control characters, not too long."""
+    """Make untrusted text safe to log: one line, no control characters, at most this long."""
     cut = text if len(text) <= at_most else f"{text[:at_most]}..."
     return "".join(c if c.isprintable() else "?" for c in cut)

@@ -1,7 +1,7 @@
-"""The places that a search holds possible: hundreds with every scan, so they travel as columns.
+"""The places that a search considers possible, as columns of numbers.
 
-As a list of places, with some fifteen lists and maps each, they took a coordinator longer to read
-than all it does with them.
+A search reports hundreds of them after every scan. As a list of structures they took the
+coordinator longer to decode than to use.
 """
 
 from collections.abc import Sequence
@@ -15,25 +15,24 @@ from protocol.arrays import ArrayBlob, WireType
 from protocol.errors import MalformedMessageError
 from protocol.message import MAX_POSE_M, PoseTuple
 
-_MAX_SHARE = 1.000001
-"""Shares are sums of weights."""
+_MAX_SHARE = 1.000001  # shares are sums of rounded weights
 
 
 class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """P places, most probable first, each with particles from which it can be tracked."""
 
     odom_from_robot: PoseTuple
-    """At the scan of the report."""
+    """Odometry at the report's scan."""
     share: ArrayBlob
-    """(P,) float64: of the weight of all that the shard has found."""
+    """(P,) float64: share of the weight of all places that the shard found."""
     mean: ArrayBlob
     """(P, 3) float64: x [m], y [m], heading [rad]."""
     covariance: ArrayBlob
-    """(P, 9) float64: rows of the matrix, one after the other [m^2, m rad, rad^2]."""
+    """(P, 9) float64: the 3 x 3 matrix, row by row [m^2, m rad, rad^2]."""
     count: ArrayBlob
-    """(P,) int32: how many particles a place has; one where it is too improbable to be tracked."""
+    """(P,) int32: particles of each place; one where it is too improbable to be tracked."""
     particles: ArrayBlob
-    """(S, 3) float32: drawn from the places, one after the other; those of a place count alike."""
+    """(S, 3) float32: samples of the places in order, equally weighted within a place."""
 
     def __len__(self) -> int:
         return len(self.share.array())
@@ -50,11 +49,11 @@ class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         """Pack places.
 
         Args:
-            odom_from_robot: at the scan.
+            odom_from_robot: odometry at the scan.
             share: (P,) most probable first.
             mean: (P, 3).
             covariance: (P, 3, 3) or (P, 9).
-            particles: of each place, (n, 3).
+            particles: an (n, 3) array for each place.
         """
         return cls(
             odom_from_robot=odom_from_robot,
@@ -67,7 +66,7 @@ class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def found_places_problem(found: FoundPlaces) -> str | None:
-    """Why these are no places; None if they are. Steps and odometry are for others to check."""
+    """Why these places are invalid, or None. The caller checks the step and the odometry."""
     try:
         share, mean = _column(found.share, "float64"), _column(found.mean, "float64", 3)
         covariance = _column(found.covariance, "float64", 9)
@@ -76,14 +75,14 @@ def found_places_problem(found: FoundPlaces) -> str | None:
         return error.problem
     held = {
         "columns of different lengths": len(share) == len(mean) == len(covariance) == len(count),
-        "a share that is none": np.all((share >= 0.0) & (share <= _MAX_SHARE)),
-        "a place that is nowhere on Earth": np.all(np.isfinite(mean))
+        "a share outside 0 to 1": np.all((share >= 0.0) & (share <= _MAX_SHARE)),
+        "a place that is not on Earth": np.all(np.isfinite(mean))
         and np.all(np.abs(mean[:, :2]) < MAX_POSE_M),
         "a covariance with a negative variance, or an entry that is not finite": np.all(
             np.isfinite(covariance)
         )
         and np.all(covariance[:, ::4] >= 0.0),
-        "counts that are not those of the particles": np.all(count > 0)
+        "counts that do not match the particles": np.all(count > 0)
         and count.sum(dtype=np.int64) == len(particles),
         "a particle whose pose is not finite": np.all(np.isfinite(particles)),
     }
@@ -91,7 +90,11 @@ def found_places_problem(found: FoundPlaces) -> str | None:
 
 
 def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArray[Any]:
-    """An array of that type, with so many numbers a row; None: one, and no row."""
+    """The array, of shape (P, width), or (P,) without a width.
+
+    Raises:
+        MalformedMessageError: its type or shape differs.
+    """
     array = blob.array()
     shape = (len(array) if array.ndim else 0, *([] if width is None else [width]))
     if blob.dtype != dtype or array.shape != shape:

@@ -1,4 +1,4 @@
-"""How each process is: what it does, how often, and what it had to drop."""
+"""The health of a process: its work, its rates, and what it dropped."""
 
 import msgspec
 
@@ -6,27 +6,27 @@ from protocol.message import Message
 
 
 class Health(Message, frozen=True, kw_only=True, tag="health/1"):
-    """How one process is. About once a second; losing one makes ``status`` a second older.
+    """The health of one process, once a second. Losing one makes ``status`` a second older.
 
-    From the bridge on ``bridge/health``, from a worker on ``worker/{name}/health``; read by the
-    coordinator, which shows them all in its status, with its own.
+    Published by the bridge on ``bridge/health`` and by a worker on ``worker/{name}/health``; read
+    by the coordinator, which adds its own and answers with all of them in its status.
     """
 
     role: str
     """``bridge``, ``worker`` or ``coordinator``."""
     version: str
-    """Of the package."""
+    """Version of the package."""
     uptime_s: float
-    """Since its start."""
+    """Time since the process started."""
     memory_bytes: int = 0
-    """Resident; 0 where the system does not say."""
+    """Resident memory; 0 where the operating system does not report it."""
     done: dict[str, int] = msgspec.field(default_factory=dict)
-    """What it has done since its start: ``scans``, ``steps``, ``reports`` and so on."""
+    """Counts since its start: ``scans``, ``steps``, ``reports`` and so on."""
     rates_per_s: dict[str, float] = msgspec.field(default_factory=dict)
-    """The same per second, over the last ten seconds."""
+    """Rates of the same counts over the last ten seconds."""
     ages_s: dict[str, float] = msgspec.field(default_factory=dict)
-    """How long ago it did each last [s]."""
+    """Time since each of them last increased [s]."""
     dropped: dict[str, int] = msgspec.field(default_factory=dict)
-    """What it dropped or refused since its start, by cause."""
+    """Counts of dropped and refused things since its start, by cause."""
     age_s: float = 0.0
-    """In a status: since this was heard [s]."""
+    """In a status: time since this message arrived [s]."""

@@ -1,4 +1,4 @@
-"""Why clusters and searches begin and end: in what the coordinator decides, and on the wire."""
+"""Events of clusters and searches: what began or ended, and why."""
 
 from typing import Literal, TypeAlias
 
@@ -7,8 +7,8 @@ import msgspec
 from protocol.message import Message
 
 BeganCause: TypeAlias = Literal["first search", "restart", "prior pose", "given", "split"]
-"""Found by the first search, or by a later one; known from earlier; given by a person; part of a
-cluster that has fallen apart. Readers of releases that do not know a cause refuse its messages."""
+"""Found by the first search; found by a later one; taken from the last pose; given by a command;
+part of a cluster that split. An older release refuses a message with a cause it does not know."""
 
 EndedCause: TypeAlias = Literal[
     "merged",
@@ -21,10 +21,9 @@ EndedCause: TypeAlias = Literal[
     "search over",
     "search stopped",
 ]
-"""Merged into another cluster; below `belief.least_probability`; pushed out by a newcomer;
-fallen apart into several; forgotten by command; the bridge counts its steps anew, so that nobody
-knows how the robot moved; the bridge was restarted with another map. A search has found what there
-is, or a command made it needless."""
+"""Merged into another cluster; below `belief.least_probability`; replaced by a better candidate;
+split into several; forgotten by a command; the bridge restarted its count of steps, so the robot's
+motion is unknown; the bridge has another map. A search is complete, or a command replaced it."""
 
 
 class Began(
@@ -33,15 +32,14 @@ class Began(
     """A cluster began."""
 
     job_id: str
-    """``c3`` for cluster 3; searches have names of their own."""
+    """``c3`` for cluster 3."""
     cause: BeganCause
-    """Why."""
     probability: float
-    """That it began with."""
+    """Its probability at the start."""
 
     @property
     def is_search(self) -> bool:
-        """False: of a search, only the end is told."""
+        """False: the start of a search is not an event."""
         return False
 
 
@@ -51,17 +49,15 @@ class Ended(
     """A cluster, or a search, ended."""
 
     job_id: str
-    """As in `Began`."""
+    """``c3`` for cluster 3; a search has its own kind of id."""
     cause: EndedCause
-    """Why."""
     by: tuple[str, ...] = ()
-    """The job that it merged into or that pushed it out; the parts that it fell apart into."""
+    """The cluster that it merged into, the ones that replaced it, or the ones it split into."""
     probability: float = 0.0
-    """That it had; 0 of a search."""
+    """Its last probability; 0 for a search."""
 
     @property
     def is_search(self) -> bool:
-        """Whether it was a search."""
         return self.cause in ("search over", "search stopped")
 
 
@@ -69,33 +65,32 @@ JobEvent: TypeAlias = Began | Ended
 
 
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One of them, and when it was."""
+    """An event with its number and time."""
 
     number: int
-    """Rises by one with each event of a coordinator's term."""
+    """Increases by one with each event of a coordinator's term."""
     step: int
-    """At which it was."""
+    """Step of the event."""
     stamp_ns: int
     """Robot's clock at the scan of the step."""
     event: JobEvent
-    """What began or ended."""
 
 
 class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
-    """What has begun and ended, oldest first.
+    """Events of clusters and searches.
 
-    Answers queries on ``events`` with the last 200 of this coordinator's term. Published there
-    with those that are new, before the belief they belong to; whoever misses a number asks.
+    The coordinator publishes new events on ``events``, before the belief that they lead to. It
+    answers queries there with the last 200 of its term: query after a gap in the numbers.
     """
 
     events: tuple[NumberedEvent, ...]
     """Oldest first."""
     term: int = 0
-    """The coordinator's term; each counts its events from 0."""
+    """The coordinator's term; each term numbers its events from 0."""
 
 
 def event_text(event: JobEvent) -> str:
-    """An event in a few words: ``c3 merged into c1 (0.02)``."""
+    """An event as text: ``c3 merged into c1 (0.02)``."""
     match event:
         case Began(job_id, cause, probability):
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"
@@ -106,19 +101,19 @@ def event_text(event: JobEvent) -> str:
 
 _BEGAN: dict[BeganCause, str] = {
     "first search": "was found by the first search",
-    "restart": "was found by a restart",
-    "prior pose": "was known before",
-    "given": "was given by a person",
+    "restart": "was found by a later search",
+    "prior pose": "was restored from the last pose",
+    "given": "was given by a command",
     "split": "was split off",
 }
 _ENDED: dict[EndedCause, str] = {
     "merged": "merged into",
     "improbable": "became too improbable",
-    "pushed out": "was pushed out by",
-    "split": "fell apart into",
-    "forgotten": "was forgotten by command",
+    "pushed out": "was replaced by",
+    "split": "split into",
+    "forgotten": "was forgotten by a command",
     "new map": "was forgotten: the bridge has another map",
-    "steps restarted": "was forgotten: the bridge counts its steps anew",
+    "steps restarted": "was forgotten: the bridge restarted its count of steps",
     "search over": "is over",
     "search stopped": "was stopped",
 }

@@ -1,7 +1,7 @@
-"""Key expressions, relative to the robot's namespace: one writer for each key.
+"""Key expressions, relative to the robot's namespace; each key has one writer.
 
-Zenoh's `namespace` (the robot's name) is put before every key by the session, so keys of
-several robots behind one router never meet.
+The session puts Zenoh's `namespace`, the robot's name, in front of every key. So robots behind
+one router never share a key.
 """
 
 from dataclasses import dataclass
@@ -62,33 +62,30 @@ ALL_WORKERS_HEALTH = "worker/*/health"
 
 
 def scan_history(first: int, last: int | None) -> str:
-    """Selector of the steps `first` to `last`, both included; None: to the newest."""
+    """Selector of the steps `first` to `last`, inclusive; None: to the newest."""
     end = f";last={last}" if last is not None else ""
     return f"{SCAN_HISTORY}?first={first}{end}"
 
 
 def worker_alive(name: str) -> str:
-    """Liveliness token of a worker."""
     return f"worker/{name}/{WorkerTopic.ALIVE}"
 
 
 def worker_order(name: str) -> str:
-    """Where a worker takes its work orders."""
+    """Key of the queries that give a worker its work order."""
     return f"worker/{name}/{WorkerTopic.ORDER}"
 
 
 def worker_state(name: str) -> str:
-    """Where a worker says what it does."""
+    """Key of the queries for a worker's jobs, and for a `TakeOver`."""
     return f"worker/{name}/{WorkerTopic.STATE}"
 
 
 def worker_report(name: str) -> str:
-    """Where a worker publishes what its jobs made of a step."""
     return f"worker/{name}/{WorkerTopic.REPORT}"
 
 
 def worker_health(name: str) -> str:
-    """Where a worker says how it is."""
     return f"worker/{name}/{WorkerTopic.HEALTH}"
 
 
@@ -96,7 +93,7 @@ def worker_health(name: str) -> str:
 
 
 class WorkerTopic(StrEnum):
-    """What a worker's key is for: the last part of ``worker/{name}/{topic}``."""
+    """The last part of a worker's key, ``worker/{name}/{topic}``."""
 
     ALIVE = "alive"
     ORDER = "order"
@@ -107,7 +104,7 @@ class WorkerTopic(StrEnum):
 
 @dataclass(frozen=True)
 class WorkerKey:
-    """A key of one worker."""
+    """A parsed key of one worker."""
 
     worker: str
     topic: WorkerTopic
@@ -115,11 +112,10 @@ class WorkerKey:
 
 @lru_cache(maxsize=1024)
 def parsed(key: str) -> str | WorkerKey:
-    """What a key is: one of the constants of this module, or a worker's.
+    """Parse a key: return a constant of this module, or a `WorkerKey`.
 
     Raises:
-        MalformedMessageError: no message of this protocol has this key, or no worker may be
-            called so.
+        MalformedMessageError: the protocol has no such key, or the worker's name is invalid.
     """
     if key in _CONSTANT:
         return key
@@ -136,7 +132,7 @@ def worker_name(key: str) -> str:
     """The worker's name in one of its keys.
 
     Raises:
-        MalformedMessageError: the key is no worker's.
+        MalformedMessageError: it is not the key of a worker.
     """
     match parsed(key):
         case WorkerKey(worker=name):

@@ -1,4 +1,4 @@
-"""How large a message may be: what is larger is refused before it is decoded, or even copied."""
+"""Limits for the size of messages; a larger one is refused before it is copied or decoded."""
 
 from collections.abc import Mapping
 from functools import cache, lru_cache
@@ -34,11 +34,7 @@ _BYTES: Mapping[Any, int] = MappingProxyType(
 
 @cache
 def max_bytes(expected: Any) -> int:
-    """The most bytes that a message may have.
-
-    Args:
-        expected: a message class, or a union of them.
-    """
+    """Size limit of a message class, or of a union of them [bytes]."""
     return max(_BYTES.get(kind, SMALL_BYTES) for kind in get_args(expected) or (expected,))
 
 
@@ -62,17 +58,14 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
         WorkerTopic.REPORT: Report,
     }
 )
-"""What is published or asked; elsewhere it is small, or nothing."""
+"""Messages published or queried on each key; payloads on other keys are small or empty."""
 
 
 @lru_cache(maxsize=1024)
 def max_bytes_on(key: str) -> int:
-    """The most bytes that a message on a key, or the payload of a query there, may have.
-
-    What is larger is refused before it is copied, let alone decoded.
-    """
+    """Size limit of a message on a key, or of the payload of a query there [bytes]."""
     try:
         parsed = keys.parsed(key)
     except MalformedMessageError:
-        return SMALL_BYTES  # of an extension
+        return SMALL_BYTES  # the key of an extension
     return max_bytes(_ON_KEY.get(parsed.topic if isinstance(parsed, WorkerKey) else parsed))

@@ -1,4 +1,4 @@
-"""Settings that can change while a robot drives."""
+"""Settings that can change while the robot drives."""
 
 from typing import Annotated, TypeAlias
 
@@ -11,10 +11,10 @@ _Share: TypeAlias = Annotated[float, Meta(gt=0.0, le=1.0)] | None
 
 
 class LiveSettings(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What holds in place of the settings of the same names; None: as the processes were started.
+    """Override the settings of the same names; None: the value at the start of the processes.
 
-    They travel in every scan: all clusters are weighed by the same numbers at each step, whoever
-    tracks them, and whoever coordinates.
+    Every scan carries them, so that all workers weigh a step with the same values, also after
+    another coordinator takes over.
     """
 
     gate_distance_m: _NotNegative = None

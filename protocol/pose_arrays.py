@@ -1,6 +1,6 @@
-"""Poses and covariances as they travel, tuples, and as they are computed with, arrays.
+"""Convert poses and covariances between wire tuples and arrays.
 
-The other way, a pose's array is just `np.array(pose)`.
+There is no function for a tuple to a pose array: use `np.array(pose)`.
 """
 
 import numpy as np
@@ -10,17 +10,17 @@ from protocol.message import Covariance, PoseTuple
 
 
 def pose_tuple(pose: NDArray[np.float64]) -> PoseTuple:
-    """A (3,) pose as it travels."""
+    """A (3,) pose as a wire tuple."""
     x, y, heading = pose.tolist()
     return (x, y, heading)
 
 
 def covariance_tuple(covariance: NDArray[np.float64]) -> Covariance:
-    """A (3, 3) covariance as it travels."""
+    """A (3, 3) covariance as a wire tuple."""
     a, b, c, d, e, f, g, h, i = covariance.ravel().tolist()
     return (a, b, c, d, e, f, g, h, i)
 
 
 def covariance_matrix(covariance: Covariance) -> NDArray[np.float64]:
-    """A covariance that has travelled, (3, 3)."""
+    """A wire tuple as a (3, 3) covariance."""
     return np.reshape(covariance, (3, 3))

@@ -1,4 +1,4 @@
-"""What makes a reading, or a scan made of one, useless before anything is computed from it."""
+"""Check readings and scans before anything is computed from them."""
 
 import math
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from protocol.message import MAX_POSE_M, PoseTuple
 from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
 
 MAX_BEAMS = 20_000
-"""No laser of today gives more; a larger scan is a mistake."""
+"""No current laser has more; a larger scan is an error."""
 
 MALFORMED = "malformed"
 NOT_FINITE = "not_finite"
@@ -20,9 +20,9 @@ NO_BEAMS = "no_beams"
 TOO_MANY_BEAMS = "too_many_beams"
 NO_RETURNS = "no_returns"
 MAX_LASERS = 16
-"""Of one robot."""
+"""Lasers of one robot."""
 MAX_LASER_NAME = 128
-"""Characters."""
+"""Characters of a laser's name."""
 
 _SOME = 8
 _MAX_STAMP_NS = 2**62
@@ -30,12 +30,12 @@ _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 def odometry_problem(reading: OdometryReading) -> str | None:
-    """Why an odometry reading cannot be used; None if it can."""
+    """Why an odometry reading is unusable, or None."""
     return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
 def laser_problem(reading: LaserReading | Scan) -> str | None:
-    """Why a scan cannot be used; None if it can."""
+    """Why a scan is unusable, or None."""
     odom_from_robot = reading.odom_from_robot or reading.robot_from_laser
     if problem := stamp_problem(reading.stamp_ns) or pose_problem(odom_from_robot):
         return problem
@@ -52,7 +52,7 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
 
 
 def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0) -> str | None:
-    """Why what a laser measured cannot be used; None if it can."""
+    """Why the measurement of one laser is unusable, or None."""
     if problem := pose_problem(laser.robot_from_laser):
         return problem
     try:
@@ -65,12 +65,12 @@ def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 
 
 
 def stamp_problem(stamp_ns: int) -> str | None:
-    """Why this is no time of a robot's clock; None if it is."""
+    """Why this cannot be a time of a robot's clock, or None."""
     return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
 
 
 def pose_problem(pose: PoseTuple) -> str | None:
-    """Why this cannot be a pose: not finite, or no place on Earth; None if it can."""
+    """Why this cannot be a pose (not finite, or not on Earth), or None."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
     return None if usable else NOT_FINITE
 
@@ -98,13 +98,13 @@ def _ranges_problem(
 ) -> str | None:
     if math.isnan(range_max_m):
         return NOT_FINITE
-    # One that returned is enough, and mostly there is one among the first that did by any rounding:
-    # as plain numbers, they take a quarter of the time of all as an array.
+    # One return is enough, and mostly one of the first few is well within the limits. Checking
+    # these as plain numbers takes a quarter of the time of the array operation below.
     least, most = 1.001 * range_min_m, 0.999 * range_max_m
     if any(reading > 0.0 and least <= reading < most for reading in ranges[:_SOME].tolist()):
         return None
     if ranges.dtype == np.float32 and abs(range_max_m) > _LARGEST_FLOAT32:
-        range_max_m = math.copysign(math.inf, range_max_m)  # what it would be as a float32
+        range_max_m = math.copysign(math.inf, range_max_m)  # its value as a float32
+    # NaN and infinity fail `< range_max_m`, even if that is infinite.
     returned = (ranges > 0.0) & (ranges >= range_min_m) & (ranges < range_max_m)
-    # What is not finite is not below the largest, be that infinite itself.
     return None if returned.any() else NO_RETURNS

@@ -1,48 +1,45 @@
-"""Whether the bridge counts its steps anew: coordinator and workers must see it at the same scan.
+"""Detect that the bridge restarted its count of steps.
 
-A bridge that starts goes on after the step that the coordinator knows. If nobody answers it, it
-starts at 0, and a coordinator that carries on from a checkpoint would wait for a step that comes
-in an hour. Scans that repeat or come late are no new count: their stamps are not newer.
+A starting bridge continues after the coordinator's newest step. If no coordinator answers, it
+starts at 0; a coordinator restored from a checkpoint would then wait an hour for its next step.
+Repeated or late scans do not indicate a new count: their stamps are not newer.
 
-A step far above all others is no honest one either. One such scan is left out: if it were
-followed, all scans of the real count would be over.
+A single scan far above all others is discarded. If it were followed, every real scan would be too
+old. Coordinator and workers must detect a restart at the same scan, so both use this module.
 """
 
 from protocol.steps import Scan
 
 NEEDED = 3
-"""So many scans in a row, each later than the one before: one alone may be anything."""
+"""Consecutive scans, each later than the one before, that indicate a new count."""
 NEEDED_OF_OLDER = 20
-"""The same where their stamps are older than the newest scan's, which may have been a wrong one."""
+"""The same for scans older than the newest known scan, whose stamp may have been wrong."""
 HUGE_JUMP = 10_000
-"""Steps: two kilometres of driving. A robot that was out of reach for longer is searched for."""
+"""Steps, about two kilometres of driving. After a longer gap the robot is searched for."""
 
 
 def is_huge_jump(scan: Scan, newest: Scan | None) -> bool:
-    """Whether a scan's step is so far above the newest one that it cannot follow it."""
+    """Whether a scan's step is too far above the newest one to follow it."""
     return newest is not None and scan.step > newest.step + HUGE_JUMP
 
 
 class StepResetDetector:
-    """Told of scans that do not go on with the count; says when they are the beginning of another.
-
-    These are scans of steps that are over, and those after a huge jump.
-    """
+    """Watches the scans that do not continue the count: past steps, and steps after a huge jump."""
 
     def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
         self._in_a_row = self._newer_in_a_row = 0
 
     def goes_on(self) -> None:
-        """A scan went on with the count so far."""
+        """Reset: a scan continued the current count."""
         self._last, self._in_a_row, self._newer_in_a_row = None, 0, 0
 
     def starts_anew(self, scan: Scan, newest: Scan | None) -> bool:
-        """Take a scan that does not go on with the count.
+        """Whether a new count has begun, after a scan that does not continue the current one.
 
         Args:
-            scan: any such scan.
-            newest: the last scan of the count so far.
+            scan: such a scan.
+            newest: the last scan of the current count.
         """
         if newest is None or newest.step <= scan.step <= newest.step + HUGE_JUMP:
             self.goes_on()

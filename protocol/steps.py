@@ -1,4 +1,4 @@
-"""Readings from a robot to the bridge, and what the bridge makes of them: steps and the map."""
+"""Readings from a robot to the bridge, and the steps and the map that the bridge sends on."""
 
 from typing import TypeAlias
 
@@ -10,14 +10,14 @@ from protocol.message import Message, PoseTuple
 
 
 class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1"):
-    """One odometry pose. From a robot on ``readings/odometry``; the next one repairs a loss."""
+    """An odometry pose. From a robot on ``readings/odometry``; the next one repairs a loss."""
 
     stamp_ns: int
     odom_from_robot: PoseTuple
 
 
 class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
-    """One raw scan. From a robot on ``readings/laser``; losing one costs nothing but a step."""
+    """A raw scan. From a robot on ``readings/laser``; losing one costs at most one step."""
 
     stamp_ns: int
     ranges: ArrayBlob
@@ -28,23 +28,23 @@ class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
     range_max_m: float
     robot_from_laser: PoseTuple
     odom_from_robot: PoseTuple | None = None
-    """Odometry at the scan's time, where the source knows it; else it is interpolated."""
+    """Odometry at the scan's time, if the source knows it; otherwise it is interpolated."""
     laser: str = ""
-    """Which of the robot's lasers, where it has several: each has a name of its own."""
+    """Name of the laser, where the robot has several."""
     range_min_m: float = 0.0
-    """A reading below it is no return."""
+    """A range below it is no return."""
     upside_down: bool = False
-    """The laser is mounted on its head: its beams go clockwise as seen from above."""
+    """The laser is mounted upside down: seen from above, its beams run clockwise."""
 
 
 Reading: TypeAlias = OdometryReading | LaserReading
 
 
 class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
-    """The map that the robot has, or has now instead of another.
+    """The robot's map, with the fields of `nav_msgs/OccupancyGrid`.
 
-    From a robot on ``readings/map``, when it has one and whenever that changes; it answers queries
-    there too, for the bridge may come later. As ROS has it in `nav_msgs/OccupancyGrid`.
+    A robot publishes it on ``readings/map`` whenever it changes, and answers queries there for a
+    bridge that starts later.
     """
 
     cell_m: float
@@ -52,11 +52,11 @@ class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
     map_from_grid: PoseTuple
     """Pose of the low corner of cell [0, 0] in the map frame (`origin`)."""
     occupancy: ArrayBlob
-    """(height, width) int8, row 0 has the lowest y: 0 free, 100 occupied, all else unknown."""
+    """(height, width) int8, row 0 has the lowest y: 0 free, 100 occupied, others unknown."""
 
 
 class LaserBeams(msgspec.Struct, frozen=True, kw_only=True):
-    """What one laser measured, as from where the robot was at a step."""
+    """The measurement of one laser, relative to the robot's pose at a step."""
 
     robot_from_laser: PoseTuple
     angle_min_rad: float
@@ -84,31 +84,31 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     """(B,) float32 [m], counter-clockwise; not finite, <= 0 or >= range_max_m: no return."""
     map_digest: str
     paced: bool = False
-    """The bridge sends the next step only when this one's belief is out."""
+    """Lockstep: the bridge sends the next step only after this one's belief."""
     last: bool = False
     """The recording ends here."""
     live: bool = False
-    """Stamps are of a robot's own clock, which runs like any other: they tell how late a message
-    is, and the robot's place outlives our processes. Not so of a recording or a simulation."""
+    """The stamps are of a real robot's clock, so that they show a message's delay, and the last
+    pose stays valid after a restart. False for a recording or a simulation."""
     standing: bool = False
-    """Since the step before, the robot has moved less than makes a step: somebody asked for this
-    one. It shows what that one showed."""
+    """A no-motion update: the robot has moved less than a step since the last one, and an `Update`
+    requested this one. Its evidence is not independent of the last step's."""
     others: tuple[LaserBeams, ...] = ()
-    """What the robot's other lasers saw a moment before. Where it has driven in between, their
-    places on it are changed by that, so that all beams are as from this step's pose."""
+    """The newest measurements of the robot's other lasers. Their `robot_from_laser` includes the
+    motion since then, so that all beams are relative to this step's pose."""
     settings: LiveSettings = AS_STARTED
-    """What holds from this step on in place of the settings of the start."""
+    """Live settings that apply from this step on."""
 
 
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):
-    """Steps of the past. The bridge's answer to a query on ``scans``; ask again after a loss."""
+    """Past steps. The bridge's answer to a query on ``scans``; query again after a loss."""
 
     scans: tuple[Scan, ...]
-    """In the order of the steps; older ones than the bridge keeps are missing."""
+    """In the order of the steps, without those that the bridge no longer keeps."""
 
 
 class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
-    """The map. The bridge's answer to a query on ``map``; ask again after a loss."""
+    """The map. The bridge's answer to a query on ``map``; query again after a loss."""
 
     digest: str
     cell_m: float
@@ -121,9 +121,8 @@ class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
 
 
 class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
-    """Where the robot really is. On ``truth``, once a step.
-
-    From the simulator, or from a demo that plays a recording with its reference.
+    """Ground truth. Published on ``truth`` once a step, by the simulator or by a demo of a
+    recording with a reference.
     """
 
     step: int

@@ -1,8 +1,7 @@
-"""What no field can tell alone: numbers that no honest process sends.
+"""Check messages for implausible numbers, after their types have been checked.
 
-A message whose fields have the right types can still poison whoever believes it: a NaN in a
-report makes every probability NaN. Readings of a robot's laser are left to the bridge, which
-counts their defects one by one.
+A NaN in one report would make every probability NaN. Laser readings are not checked here: the
+bridge checks them and counts each kind of defect.
 """
 
 import math
@@ -38,22 +37,22 @@ from protocol.work import (
 )
 
 MAX_STEP = 2**53
-"""Steps, epochs and numbers of orders stay below: 28 million years at 10 Hz."""
+"""Limit for steps, epochs and order numbers: 28 million years at 10 Hz."""
 MAX_SCAN_STEP = 2**50
-"""Steps of scans stay below: whatever is numbered after one of them is below `MAX_STEP`."""
+"""Limit for the steps of scans, so that numbers derived from them stay below `MAX_STEP`."""
 MAX_ID_CHARACTERS = 128
 MAX_WORDS = 500
-"""Of one health message; processes have some twenty."""
+"""Entries in a health message; processes have about twenty."""
 MAX_SIGMA_M = 1e4
 MAX_PARTICLES = 1_000_000
-"""Of one cluster."""
+"""Particles of one cluster."""
 FLATNESS = 1e-6
-"""A covariance may be flat, and by rounding a little less than that, of its largest variance."""
+"""Tolerance for rounding in singular covariances, relative to the largest entry."""
 
 
 @singledispatch
 def problem_of(message: object) -> str | None:  # noqa: ARG001 - what most messages need
-    """Why a message cannot be meant; None where nothing speaks against it."""
+    """Why a message is implausible, or None."""
     return None
 
 
@@ -103,7 +102,7 @@ def _(message: TakeOver) -> str | None:
 
 @problem_of.register
 def _(message: WorkerState) -> str | None:
-    # Of what it holds, a coordinator leaves out what cannot be, and believes the rest.
+    # The coordinator checks its jobs and reports one by one, and uses the valid ones.
     return number_problem("term", message.term)
 
 
@@ -208,14 +207,13 @@ def _(message: Kidnap) -> str | None:
 
 
 def first_problem(problems: Iterable[str | None]) -> str | None:
-    """The first of them that is one."""
     return next((problem for problem in problems if problem), None)
 
 
 def _circle_problem(circle: Circle | None) -> str | None:
     if circle is None or (all(map(math.isfinite, circle)) and circle[2] > 0.0):
         return None
-    return f"{circle} is no circle"
+    return f"{circle} is not a circle"
 
 
 def _report_problem(report: TrackReport | SearchReport) -> str | None:
@@ -227,24 +225,22 @@ def _report_problem(report: TrackReport | SearchReport) -> str | None:
 
 
 def number_problem(name: str, number: int, *, least: int = 0) -> str | None:
-    """Why a count of steps, epochs, orders or terms is none."""
+    """Why a number of a step, epoch, order or term is invalid, or None."""
     return None if least <= number < MAX_STEP else f"{name} {number} is out of range"
 
 
 def scan_step_problem(step: int) -> str | None:
-    """Why a scan cannot be of this step."""
     return None if 0 <= step < MAX_SCAN_STEP else f"step {step} is out of range"
 
 
 def finite_problem(name: str, value: float) -> str | None:
-    """Why a number cannot be computed with."""
     return None if math.isfinite(value) else f"{name} is {value}"
 
 
 def _id_problem(command_id: str) -> str | None:
     if 0 < len(command_id) <= MAX_ID_CHARACTERS:
         return None
-    return f"a command_id of {len(command_id)} characters, 1 to {MAX_ID_CHARACTERS} are taken"
+    return f"a command_id of {len(command_id)} characters, not 1 to {MAX_ID_CHARACTERS}"
 
 
 def _event_problem(numbered: NumberedEvent) -> str | None:
@@ -252,13 +248,13 @@ def _event_problem(numbered: NumberedEvent) -> str | None:
     jobs = (event.job_id, *(event.by if isinstance(event, Ended) else ()))
     if max(map(len, jobs)) > MAX_ID_CHARACTERS:
         return f"a job's id of more than {MAX_ID_CHARACTERS} characters"
-    if not 0.0 <= event.probability <= 1.000001:  # sums of others
+    if not 0.0 <= event.probability <= 1.000001:  # rounded sums
         return f"a probability of {event.probability}"
     return number_problem("number", numbered.number)
 
 
 def assignment_problem(given: Assignment) -> str | None:
-    """Why a job cannot be done."""
+    """Why an assignment is invalid, or None."""
     problem = number_problem("epoch", given.epoch) or number_problem("term", given.term)
     match given.job:
         case TrackJob(start=start, particles=count):
@@ -270,7 +266,7 @@ def assignment_problem(given: Assignment) -> str | None:
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """Why a place is none; of the covariance only what is quickly seen."""
+    """Why a pose with a covariance is invalid, or None; checks only what is cheap to check."""
     variances = (covariance[0], covariance[4], covariance[8])
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
@@ -278,7 +274,7 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 
 
 def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """Why this is no Gaussian, in a building on Earth, from which particles can be drawn."""
+    """Why particles cannot be drawn from this Gaussian, or None."""
     if problem := gaussian_problem(mean, covariance):
         return problem
     matrix = covariance_matrix(covariance)
@@ -288,26 +284,26 @@ def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
     lopsided = float(np.max(np.abs(matrix - matrix.T)))
     least = float(np.linalg.eigvalsh(matrix)[0])
     if lopsided > FLATNESS * largest or least < -FLATNESS * largest:
-        return "a covariance that is none"
+        return "a covariance that is not symmetric and positive semi-definite"
     return None
 
 
 def _place_problem(place: Place) -> str | None:
-    if not 0.0 <= place.share <= 1.000001:  # shares are sums of weights
+    if not 0.0 <= place.share <= 1.000001:  # shares are rounded sums
         return f"a share of {place.share}"
     return gaussian_problem(place.mean, place.covariance) or _particles_problem(place.sample)
 
 
 def _particles_problem(particles: Particles) -> str | None:
-    """A cloud has poses and weights, as many of both, and at least one that counts."""
+    """Why a particle set is invalid, or None."""
     try:
         poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()
     except MalformedMessageError as error:
         return error.problem
     if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
-        return f"no cloud: poses {poses.shape}, weights {log_weights.shape}"
+        return f"no particle set: poses {poses.shape}, weights {log_weights.shape}"
     if not np.all(np.isfinite(poses)):
         return "a particle whose pose is not finite"
     if not (len(log_weights) and math.isfinite(float(np.max(log_weights)))):
-        return "a cloud without weight"  # a NaN makes the largest one NaN
+        return "particles without weight"  # a NaN makes the maximum NaN
     return number_problem("step", particles.step) or pose_problem(particles.odom_from_robot)

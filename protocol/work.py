@@ -1,4 +1,4 @@
-"""Work from the coordinator to workers, and what they report back."""
+"""Work orders from the coordinator to workers, and the workers' reports."""
 
 from typing import TypeAlias
 
@@ -10,14 +10,14 @@ from protocol.message import Circle, Corners, Covariance, Message, PoseTuple
 
 
 class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A weighted cloud as it was after one step."""
+    """A weighted particle set after one step."""
 
     step: int
     odom_from_robot: PoseTuple
     map_from_robot: ArrayBlob
     """(N, 3) x [m], y [m], heading [rad]."""
     log_weights: ArrayBlob
-    """(N,) of any common scale."""
+    """(N,) log weights, not normalised."""
 
 
 class TrackJob(
@@ -28,14 +28,14 @@ class TrackJob(
     tag_field="kind",
     tag="track",
 ):
-    """Track one cluster from a cloud on."""
+    """Track one cluster, starting from a particle set."""
 
     cluster: int
     start: Particles
     exact: bool
-    """Carry on with just this cloud; else draw the cluster's own particles from it first."""
+    """Use `start` unchanged; otherwise draw the cluster's particles from it first."""
     particles: int | None = None
-    """So many are drawn; None: as many as the settings say."""
+    """How many are drawn; None: the number in the settings."""
 
 
 class SearchJob(
@@ -53,9 +53,9 @@ class SearchJob(
     first_step: int
     """The first step whose scan it uses."""
     near: Circle | None = None
-    """It looks there only; None: everywhere."""
+    """Search in this circle only; None: everywhere."""
     corners: Corners = ()
-    """It looks within this region only; empty: everywhere."""
+    """Search in this region only; empty: everywhere."""
 
 
 class ElsewhereJob(
@@ -66,7 +66,7 @@ class ElsewhereJob(
     tag_field="kind",
     tag="elsewhere",
 ):
-    """Weigh each scan all over the map: how likely it is, wherever the robot may be."""
+    """Compute each scan's likelihood for a pose spread evenly over the whole map."""
 
     first_step: int
     """The first step whose scan it weighs."""
@@ -76,178 +76,178 @@ Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
 
 
 class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One job for one worker. The epoch rises each time a job changes hands."""
+    """One job for one worker. The epoch increases each time another worker gets the job."""
 
     job_id: str
     epoch: int
     job: Job
     term: int = 0
-    """Of the coordinator that gave it. Another that knew of nothing gave its own jobs such ids."""
+    """Term of the coordinator that assigned it; another one may have used the same job id."""
 
 
 class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
-    """All that a worker shall do from now on: jobs it keeps and jobs it begins.
+    """All jobs of a worker: those to keep and those to begin. Jobs not named end.
 
-    A query of the coordinator on ``worker/{name}/order``, repeated until answered: the same
-    order twice does nothing the second time. Jobs that it does not name end.
+    A query of the coordinator on ``worker/{name}/order``, repeated until answered; a repeated
+    order has no effect.
     """
 
     order: int
-    """Rises with each order of a term; a worker leaves out one lower than the last."""
+    """Increases with each order of a term; a worker ignores a lower one than the last."""
     term: int = 0
-    """The coordinator's term; a worker refuses an order of a lower one than it knows."""
+    """The coordinator's term; a worker refuses a lower term than the highest it knows."""
     map_digest: str
     filter_settings: dict[str, object]
     snapshot_every_steps: int
     keep: tuple[tuple[str, int], ...]
-    """(job id, epoch) of jobs that go on."""
+    """(job id, epoch) of jobs to continue."""
     begin: tuple[Assignment, ...]
     term_proof: bytes = b""
-    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
+    """Proves to holders of the coordinators' key that a coordinator has had this term."""
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """A worker's answer to a work order, or to an empty query on ``worker/{name}/state``."""
 
     order: int
-    """The last order it follows."""
+    """The last order that the worker accepted."""
     incarnation: int
-    """Start time of the process [ns]: another number is another process."""
+    """Start time of the process [ns]; a restarted worker has another one."""
     jobs: tuple[tuple[str, int, int], ...]
-    """(job id, epoch, last step done)."""
+    """(job id, epoch, last completed step)."""
     problem: str = ""
-    """Why the order was refused; empty when it was taken."""
+    """Why the order was refused; empty: it was accepted."""
     term: int = 0
     """The highest term that the worker knows."""
     term_proof: bytes = b""
-    """As it came with that term."""
+    """The proof that was received with that term."""
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One place where the robot may be, with particles from which it can be tracked.
+    """One place where the robot may be, with particles to start a cluster from.
 
-    Found by a whole search, part of a cluster that has fallen apart, or given.
+    It is a result of a search, a part of a cluster that split, or a given pose.
     """
 
     share: float
-    """Of the weight of whatever holds it possible; where it asks to be tracked, its probability."""
+    """Its share of the weight of its search or cluster; of a candidate cluster, the probability."""
     mean: PoseTuple
     covariance: Covariance
     sample: Particles
-    """Particles drawn from it for the hand-over."""
+    """Particles drawn from the place."""
 
 
 class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
-    """What one cluster made of one scan. Losing one costs its cluster that step's update.
+    """The result of one cluster for one scan.
 
-    Sent by a worker on ``worker/{name}/report`` for every step and job, in order; read by the
-    coordinator.
+    Published by a worker on ``worker/{name}/report`` for every step and job, in order; read by the
+    coordinator. Losing one costs its cluster that step's update.
     """
 
     job_id: str
     epoch: int
     step: int
     log_weight_sum: float
-    """Log of the summed particle weights under the scan; weights summed to `particles` before."""
+    """Log of the sum of the weights after the update; before it they summed to `particles`."""
     particles: int
     log_likelihood_per_beam: float
-    """Best particle's log-likelihood a beam, without exponent: how well the scan fits at all."""
+    """The best particle's log-likelihood per beam, without tempering: how well the scan fits."""
     effective_sample_size: float
     mean: PoseTuple
     covariance: Covariance
     beam_classes: tuple[int, int, int, int] = (0, 0, 0, 0)
-    """Beams at the best particle: how many end on an obstacle, near one, behind one, and others."""
+    """Numbers of beams of the best particle that end on, near or behind an obstacle, and others."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
-    """Two or more where the cluster has fallen apart, most probable first."""
+    """Two or more parts if the cluster has split, most probable first."""
 
 
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
-    """What one search shard holds possible after one step. Sent like a track report."""
+    """The places that a search shard considers possible after a step. Sent like `TrackReport`."""
 
     job_id: str
     epoch: int
     step: int
     log_evidence: float
-    """Log of the average likelihood of all scans so far, over the shard's part of the free space:
-    all shards have equal parts."""
+    """Log of the average likelihood of the search's scans over the shard's part of the free space;
+    all parts have the same size."""
     particles: int
     left_out_gap: float
-    """Poses that the search has left out were worse than its best by so much at least [nat]."""
+    """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
     log_likelihood_per_beam: float
     places: FoundPlaces
 
 
 class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):
-    """How likely a scan is all over the map. Sent like a track report."""
+    """A scan's likelihood over the whole map. Sent like `TrackReport`."""
 
     job_id: str
     epoch: int
     step: int
     log_likelihood: float
-    """Log of the average likelihood of poses spread evenly over the free space, as of clusters."""
+    """Log of the average likelihood of poses spread evenly over the free space, on the scale of the
+    clusters' likelihoods."""
 
 
 Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport
 
 
-# --- when a coordinator takes over from another -------------------------------------------------
+# --- fail-over to another coordinator -----------------------------------------------------------
 
 
 class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
-    """All that a coordinator would need to carry on, but for particles that workers hold.
+    """The coordinator's state, except for the particles, which the workers have.
 
-    From the coordinator on ``checkpoint``, after each step before its belief, and at least twice
-    a second, as a sign of life. Workers and standby coordinators keep the newest; losing one
-    costs nothing, for the steps since are applied again from the workers' reports.
+    Published on ``checkpoint`` after each step, before its belief, and at least twice a second as
+    a heartbeat. Workers and standby coordinators keep the newest. Losing one costs nothing: later
+    steps are applied again from the workers' reports.
     """
 
     term: int
-    """Start of the coordinator's rule [us of its clock], above all terms before."""
+    """Start of the coordinator's term [us of its clock]; higher than all earlier terms."""
     serial: int
-    """Rises with each change of the state in a term."""
+    """Increases with each change of the state in a term."""
     step: int
     """The last step applied; -1: none."""
     founded: bool
-    """The belief has had clusters. One that has not replaces none that has."""
+    """The belief has had clusters. A checkpoint without them never replaces one with them."""
     state: bytes
     """MessagePack that only a coordinator reads; see `coordinator.checkpoint`."""
     term_proof: bytes = b""
-    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
+    """As in `WorkOrder`."""
     signature: bytes = b""
-    """Of all of the above but the sender; see `coordinator.failover.trust`."""
+    """Signs all fields above except the sender; see `coordinator.failover.trust`."""
 
     @property
     def rank(self) -> tuple[bool, int, int]:
-        """Compares checkpoints: that of the highest rank is the one to carry on from."""
+        """Sort key: a new coordinator recovers from the checkpoint of the highest rank."""
         return (self.founded, self.term, self.serial)
 
 
 class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
-    """A coordinator begins to rule. A query of it on ``worker/{name}/state``, asked again.
+    """A new coordinator takes over: the worker refuses orders of lower terms from then on.
 
-    From then on the worker refuses orders of lower terms.
+    A query on ``worker/{name}/state``, repeated until answered.
     """
 
     term: int
     term_proof: bytes = b""
-    """Who has the coordinators' key can tell by it that a coordinator has had this term."""
+    """As in `WorkOrder`."""
 
 
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
-    """All that a worker can tell a new coordinator. Its answer to a `TakeOver`."""
+    """A worker's answer to a `TakeOver`: what a new coordinator needs to recover the state."""
 
     term: int
-    """The highest term that the worker knows; the one asked for, where it was higher."""
+    """The highest term that the worker knows, including that of the `TakeOver`."""
     incarnation: int
     holds: tuple[Assignment, ...]
-    """Its jobs, each from where another worker could carry on."""
+    """Its jobs, in a form from which another worker could continue them."""
     checkpoint: bytes
-    """The newest that it has heard, as it came; empty: none."""
+    """The newest checkpoint that it received, still encoded; empty: none."""
     reports: tuple[bytes, ...]
-    """Its reports since the oldest of the checkpoints, as they went out; of searches, some
-    before."""
+    """Its encoded reports since the oldest of these checkpoints; earlier ones of searches too."""
     earlier: tuple[bytes, ...] = ()
-    """Checkpoints to carry on from where the newest one is of no use, newest first."""
+    """Older checkpoints, newest first, in case the newest one is unusable."""
     term_proof: bytes = b""
-    """As it came with the term."""
+    """The proof that was received with the term."""

@@ -142,7 +142,7 @@ def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) 
     nose = (x + 60 * math.cos(dropped[2]), y - 60 * math.sin(dropped[2]))
     running.drag_on_map((x, y), nose)
     wait_until(lambda: "given" in system.causes())
-    wait_until(lambda: "was given by a person" in running.text("events"))
+    wait_until(lambda: "was given by a command" in running.text("events"))
     wait_until(lambda: probability_near(running, dropped) > 0.5)
     assert running.text("hint") in ("", "done")
 
@@ -172,7 +172,7 @@ def test_relocalize_asks_first_and_then_searches(running: Page, system: System) 
     running.click("relocalize")
     running.click("confirm-yes")
     wait_until(lambda: "forgotten" in system.causes())
-    wait_until(lambda: "forgotten by command" in running.text("events"))
+    wait_until(lambda: "forgotten by a command" in running.text("events"))
 
 
 MEAN_OF_CLOUD = """

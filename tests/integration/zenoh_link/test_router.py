@@ -51,7 +51,7 @@ def test_a_port_in_use_is_one_line_and_exit_code_2(start_process: StartProcess) 
         )
         assert process.wait() == 2
     assert process.err == (
-        f"router: {endpoint} is in use: a router or another program listens there already; "
+        f"router: {endpoint} is in use: a router or another program already listens there; "
         "share that router by 'clustermcl up --robot NAME --set zenoh.start_router=false', "
         "stop it, or set zenoh.router\n"
     )

@@ -20,18 +20,18 @@ READING = OdometryReading(sender="robot", stamp_ns=1, odom_from_robot=(1.0, 2.0,
 
 
 @pytest.mark.parametrize("message", [READING, scan(3)], ids=["odometry", "scan"])
-def test_a_message_comes_back_as_it_went(message: OdometryReading | Scan) -> None:
+def test_a_decoded_message_equals_the_encoded_one(message: OdometryReading | Scan) -> None:
     assert decode(encode(message), type(message)) == message
 
 
 @pytest.mark.parametrize(
     "report", [tracked("c0", 1, 0.5, (0.0, 0.0, 0.0)), searched("s0.0", 1, {(0.0, 0.0, 0.0): 1.0})]
 )
-def test_a_report_tells_its_kind_by_its_schema(report: Report) -> None:
+def test_the_schema_field_selects_the_class_of_a_report(report: Report) -> None:
     assert decode(encode(report), Report) == report  # type: ignore[arg-type] # a union
 
 
-def test_it_is_a_plain_map_with_the_schema_and_its_version() -> None:
+def test_a_message_is_a_plain_map_with_a_versioned_schema_field() -> None:
     plain = msgpack.unpackb(encode(READING))
     assert plain == {
         "schema": "odometry_reading/1",
@@ -41,12 +41,12 @@ def test_it_is_a_plain_map_with_the_schema_and_its_version() -> None:
     }
 
 
-def test_an_unknown_field_of_a_later_release_is_left_out() -> None:
+def test_an_unknown_field_of_a_later_release_is_ignored() -> None:
     plain = msgpack.unpackb(encode(READING)) | {"temperature_k": 300.0}
     assert decode(msgpack.packb(plain), OdometryReading) == READING
 
 
-def test_a_scan_of_a_bridge_that_does_not_know_the_field_yet_is_of_no_live_robot() -> None:
+def test_a_scan_without_the_field_live_is_not_of_a_live_robot() -> None:
     plain = msgpack.unpackb(encode(scan(3, live=True)))
     assert plain.pop("live") is True
     assert decode(msgpack.packb(plain), Scan) == scan(3, live=False)
@@ -61,27 +61,27 @@ def test_a_scan_of_a_bridge_that_does_not_know_the_field_yet_is_of_no_live_robot
         ({"sender": None}, "sender"),
     ],
 )
-def test_what_is_wrong_is_named(change: dict[str, object], words: str) -> None:
+def test_a_decoding_error_names_the_wrong_field(change: dict[str, object], words: str) -> None:
     plain = msgpack.unpackb(encode(READING)) | change
     with pytest.raises(MalformedMessageError, match=words):
         decode(msgpack.packb(plain), OdometryReading)
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_are_a_message_or_a_malformed_one(data: bytes) -> None:
+def test_random_bytes_raise_nothing_but_a_malformed_message_error(data: bytes) -> None:
     with pytest.raises(MalformedMessageError):
         decode(data, WorkOrder)
 
 
 @given(st.binary(max_size=60), st.integers(0, 400))
-def test_a_damaged_scan_never_does_more_than_say_so(junk: bytes, at: int) -> None:
+def test_a_damaged_scan_raises_nothing_but_a_malformed_message_error(junk: bytes, at: int) -> None:
     good = encode(scan(1))
     damaged = good[:at] + junk + good[at + len(junk) :]
     with contextlib.suppress(MalformedMessageError):
         assert isinstance(decode(damaged, Scan).ranges.array(), np.ndarray)
 
 
-def test_nesting_without_end_is_refused() -> None:
+def test_deeply_nested_data_is_refused() -> None:
     with pytest.raises(MalformedMessageError):
         decode(b"\x91" * 100_000, Scan)
 
@@ -108,6 +108,6 @@ def test_an_array_comes_back_read_only_and_little_endian() -> None:
         searched("s0.0", 2**40, {(1.0, 2.0, 3.0): 0.5}),
     ],
 )
-def test_any_reader_of_messagepack_reads_the_same_map(message: Message) -> None:
+def test_any_messagepack_library_can_read_a_message(message: Message) -> None:
     plain = msgspec.to_builtins(message, builtin_types=(bytes,))
     assert msgpack.packb(plain, use_bin_type=True) == encode(message)

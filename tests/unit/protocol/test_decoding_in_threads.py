@@ -34,7 +34,7 @@ for number in range(60):
 """
 
 
-def test_a_class_that_several_threads_decode_at_once_for_the_first_time_ends_no_process() -> None:
+def test_several_threads_can_decode_a_new_class_at_the_same_time() -> None:
     ran = subprocess.run(
         [sys.executable, "-I", "-X", "faulthandler", "-c", FIRST_DECODED_BY_FOUR_THREADS],
         capture_output=True, text=True, timeout=100.0, check=False,

@@ -9,7 +9,7 @@ from protocol.errors import AlreadyRunningError, SettingsError, UnreachableError
 
 REPOSITORY = Path(__file__).parents[3]
 ABSTRACT = {"ClusterMclError", "ProtocolError"}
-"""Nobody raises these: they only gather others."""
+"""Base classes, never raised themselves."""
 
 
 def classes() -> Iterator[ast.ClassDef]:
@@ -50,12 +50,12 @@ def facts(name: str, known: dict[str, ast.ClassDef]) -> set[str]:
 ERRORS = errors()
 
 
-def test_there_are_errors_to_look_at() -> None:
+def test_the_error_classes_are_found() -> None:
     assert {"SettingsError", "MapFileError", "StalledError", "NotReadyError"} <= ERRORS.keys()
 
 
 @pytest.mark.parametrize("name", sorted(ERRORS.keys() - ABSTRACT))
-def test_an_error_carries_its_facts_and_not_only_a_sentence(name: str) -> None:
+def test_every_error_has_its_facts_as_attributes(name: str) -> None:
     assert facts(name, ERRORS)
 
 
@@ -65,17 +65,17 @@ def test_a_refused_setting_names_its_key_and_where_it_was_set() -> None:
     assert (error.key, error.where) == ("seed", "robot.toml")
 
 
-def test_who_was_not_reached_is_a_fact() -> None:
+def test_an_unreachable_error_has_its_facts_as_attributes() -> None:
     error = UnreachableError(who="pose", problem="nobody answers on 'pose'", waited_s=2.0)
     assert (str(error), error.who, error.waited_s) == ("nobody answers on 'pose'", "pose", 2.0)
     assert error.endpoint is None
 
 
-def test_what_runs_already_is_a_fact() -> None:
+def test_an_already_running_error_has_its_facts_as_attributes() -> None:
     second = AlreadyRunningError(
         what="a coordinator", robot="r1", endpoint="tcp/h:7447", advice="stop it"
     )
-    assert str(second) == "robot 'r1' has a coordinator already at tcp/h:7447: stop it"
+    assert str(second) == "robot 'r1' already has a coordinator at tcp/h:7447: stop it"
     router = AlreadyRunningError(what="a router", endpoint="tcp/h:7447", advice="stop it")
-    assert str(router) == "tcp/h:7447 is in use: a router listens there already; stop it"
+    assert str(router) == "tcp/h:7447 is in use: a router already listens there; stop it"
     assert (second.robot, router.robot) == ("r1", None)

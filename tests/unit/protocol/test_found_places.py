@@ -44,7 +44,7 @@ def column(values: object, dtype: WireType = "float64") -> ArrayBlob:
     return ArrayBlob.of(np.array(values), dtype)
 
 
-def test_what_is_packed_comes_out() -> None:
+def test_packed_places_are_unpacked_unchanged() -> None:
     came = decode(encode(report(SOUND)), SearchReport).places
     assert came == SOUND
     assert len(came) == 3
@@ -55,7 +55,7 @@ def test_what_is_packed_comes_out() -> None:
     assert came.particles.array()[:, 0].tolist() == [1.0, *[5.0] * 5, *[2.0] * 2]
 
 
-def test_a_search_may_have_found_nothing() -> None:
+def test_an_empty_list_of_places_is_valid() -> None:
     nothing = FoundPlaces.of((0.0, 0.0, 0.0), [], [], [], [])
     assert len(decode(encode(report(nothing)), SearchReport).places) == 0
 
@@ -102,10 +102,10 @@ def test_one_bad_number_among_good_ones_is_found(found: FoundPlaces) -> None:
 @hypothesis.given(
     share=NUMBERS, mean=st.tuples(NUMBERS, NUMBERS, NUMBERS), covariance=st.tuples(*[NUMBERS] * 9)
 )
-def test_no_number_passes_in_a_column_that_would_not_alone(
+def test_columns_accept_only_numbers_that_a_single_place_accepts(
     share: float, mean: tuple[float, float, float], covariance: tuple[float, ...]
 ) -> None:
-    """As part of a cluster, which is told place by place."""
+    """The check of the same place as part of a `TrackReport`."""
     sample = cloud_at(MEAN, 3)
     alone = Place(share=share, mean=mean, covariance=covariance, sample=sample)  # type: ignore[arg-type] # nine numbers
     one = FoundPlaces.of((0.0, 0.0, 0.0), [share], [mean], [covariance], [np.ones((2, 3))])

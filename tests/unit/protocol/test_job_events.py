@@ -28,18 +28,18 @@ def said(*events: JobEvent) -> JobEvents:
     ("event", "text"),
     [
         (Ended("c3", "merged", ("c1",), 0.0213), "c3 merged into c1 (0.021)"),
-        (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was pushed out by c7 (1e-05)"),
-        (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 fell apart into c4 and c5 (0.5)"),
-        (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by command (0.5)"),
+        (Ended("c3", "pushed out", ("c7",), 1e-5), "c3 was replaced by c7 (1e-05)"),
+        (Ended("c3", "split", ("c4", "c5"), 0.5), "c3 split into c4 and c5 (0.5)"),
+        (Ended("c3", "forgotten", (), 0.5), "c3 was forgotten by a command (0.5)"),
         (Ended("s1.0", "search over"), "s1.0 is over"),
-        (Began("c9", "restart", 0.02), "c9 was found by a restart (0.02)"),
+        (Began("c9", "restart", 0.02), "c9 was found by a later search (0.02)"),
     ],
 )
-def test_an_event_is_told_in_a_few_words(event: JobEvent, text: str) -> None:
+def test_an_event_is_printed_as_a_short_text(event: JobEvent, text: str) -> None:
     assert event_text(event) == text
 
 
-def test_every_cause_comes_back_from_the_wire_and_has_words() -> None:
+def test_every_cause_survives_encoding_and_has_a_text() -> None:
     began = [Began("c1", cause, 0.5) for cause in get_args(BeganCause)]
     ended = [Ended("c1", cause, ("c2",), 0.5) for cause in get_args(EndedCause)]
     message = said(*began, *ended)
@@ -57,6 +57,6 @@ def test_every_cause_comes_back_from_the_wire_and_has_words() -> None:
         (Ended("c1", "no such cause", (), 0.5), "cause"),  # type: ignore[arg-type] # that is it
     ],
 )
-def test_what_cannot_have_happened_is_refused(event: JobEvent, words: str) -> None:
+def test_an_impossible_event_is_refused(event: JobEvent, words: str) -> None:
     with pytest.raises(MalformedMessageError, match=words):
         decode(encode(said(event)), JobEvents)

@@ -39,12 +39,12 @@ def test_every_key_of_a_worker_is_parsed_as_its_name_and_topic() -> None:
         *("other/w-0/report", "scan/", "bridge/report"),
     ],
 )
-def test_a_key_of_nobody_is_refused_and_not_taken_for_a_report(key: str) -> None:
+def test_an_unknown_key_is_refused(key: str) -> None:
     with pytest.raises(MalformedMessageError, match="not a valid key"):
         keys.parsed(key)
 
 
-def test_the_name_of_a_worker_is_in_no_other_key() -> None:
+def test_only_a_workers_key_has_a_workers_name() -> None:
     with pytest.raises(MalformedMessageError, match="worker's key"):
         keys.worker_name(keys.SCAN)
 

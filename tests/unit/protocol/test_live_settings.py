@@ -29,7 +29,7 @@ def fits(value: object, kind: Any) -> bool:
 
 
 @pytest.mark.parametrize("name", LiveSettings.__struct_fields__)
-def test_each_takes_what_the_setting_of_its_name_takes_if_it_is_a_number_of_this_world(
+def test_a_live_setting_accepts_the_finite_values_that_the_setting_accepts(
     name: str,
 ) -> None:
     for value in NUMBERS[:-1]:
@@ -40,7 +40,7 @@ def test_each_takes_what_the_setting_of_its_name_takes_if_it_is_a_number_of_this
             assert taken == fits(value, setting_of(name)), value
 
 
-def test_what_is_live_stands_in_for_the_setting_and_all_else_stays() -> None:
+def test_live_settings_replace_the_settings_of_the_same_names_only() -> None:
     live = LiveSettings(gate_distance_m=0.5, turn_noise_per_turn=0.3, max_beams=9)
     settings = filter_with(FilterSettings(seed=7), live)
     assert (settings.seed, settings.motion.turn_noise_per_turn, settings.sensor.max_beams) == (

@@ -19,7 +19,7 @@ def test_a_workers_name_is_read_out_of_its_keys(name: str) -> None:
     "name",
     ["", "a b", "a\n", "\x1b[2J", "a.b", "a*", "$*", "@a", "-a", "a-", "a--b", "ä", "x" * 65],
 )
-def test_another_name_in_a_key_is_malformed_and_counted_in_fixed_words(name: str) -> None:
+def test_an_invalid_name_in_a_key_is_malformed_and_counted_under_a_fixed_cause(name: str) -> None:
     assert not is_name(name)
     with pytest.raises(MalformedMessageError) as caught:
         keys.worker_name(keys.worker_alive(name))
@@ -28,6 +28,6 @@ def test_another_name_in_a_key_is_malformed_and_counted_in_fixed_words(name: str
 
 
 @pytest.mark.parametrize("key", ["worker/a", "a/b/c", "worker/a/b/c"])
-def test_another_key_has_no_workers_name(key: str) -> None:
+def test_other_keys_have_no_workers_name(key: str) -> None:
     with pytest.raises(MalformedMessageError, match="not a valid key"):
         keys.worker_name(key)

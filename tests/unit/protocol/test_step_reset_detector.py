@@ -22,31 +22,31 @@ def taken(stamped: Iterable[tuple[int, int]]) -> list[bool]:
     return [numbering.starts_anew(one, NEWEST) for one in scans]
 
 
-def test_newer_scans_of_low_steps_in_a_row_are_a_new_count() -> None:
+def test_several_newer_scans_of_low_steps_indicate_a_new_count() -> None:
     assert taken([(0, 101), (1, 102), (2, 103)]) == [False, False, True]
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 100)), max_size=NEEDED_OF_OLDER - 1))
-def test_scans_that_repeat_or_come_late_are_none(stamped: list[tuple[int, int]]) -> None:
+def test_repeated_or_late_scans_do_not_indicate_a_new_count(stamped: list[tuple[int, int]]) -> None:
     assert not any(taken(stamped))
 
 
-def test_a_scan_with_a_wrong_stamp_is_none_however_often_it_comes() -> None:
+def test_a_repeated_scan_with_a_wrong_stamp_does_not_indicate_a_new_count() -> None:
     assert not any(taken([(50, 500)] * 20))
 
 
-def test_a_late_scan_in_between_begins_the_proof_again() -> None:
+def test_a_late_scan_in_between_resets_the_detector() -> None:
     assert NEEDED == 3
     assert not any(taken([(0, 101), (1, 102), (99, 99), (2, 103), (3, 104)]))
 
 
-def test_a_row_of_scans_with_older_stamps_is_a_new_count_in_the_end() -> None:
+def test_many_scans_with_older_stamps_indicate_a_new_count() -> None:
     """The newest scan may have been a forged one, with a stamp of next year."""
     row = [(step, step) for step in range(NEEDED_OF_OLDER)]
     assert taken(row) == [False] * (NEEDED_OF_OLDER - 1) + [True]
 
 
-def test_scans_after_a_huge_jump_in_a_row_are_a_new_count() -> None:
+def test_several_scans_after_a_huge_jump_indicate_a_new_count() -> None:
     far = 100 + HUGE_JUMP + 1
     assert taken([(far, 101), (far + 1, 102), (far + 2, 103)]) == [False, False, True]
     assert not any(taken([(far - 1, 101), (far, 102), (far + 1, 103)])), "the first goes on"
@@ -55,7 +55,7 @@ def test_scans_after_a_huge_jump_in_a_row_are_a_new_count() -> None:
     assert not is_huge_jump(scan(far), None)
 
 
-def test_scans_between_that_go_on_begin_the_proof_again() -> None:
+def test_a_scan_that_continues_the_count_resets_the_detector() -> None:
     detector = StepResetDetector()
     for n in range(3 * NEEDED):
         stray = msgspec.structs.replace(scan(10**6 + n), stamp_ns=(101 + n) * 10**9)

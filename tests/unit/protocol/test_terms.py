@@ -14,11 +14,11 @@ def take_over(term: int) -> TakeOver:
 
 
 @pytest.mark.parametrize("term", [0, NOW_US, NOW_US + MAX_AHEAD_US])
-def test_terms_of_the_past_and_of_clocks_that_differ_are_believed(term: int) -> None:
+def test_past_terms_and_terms_of_other_clocks_are_accepted(term: int) -> None:
     check_term(take_over(term), NOW_NS)
 
 
-def test_a_machine_without_a_battery_obeys_a_coordinator_of_today() -> None:
+def test_a_machine_whose_clock_starts_in_1970_accepts_a_term_of_today() -> None:
     check_term(take_over(NOW_US), clock_ns=0)
 
 
@@ -30,14 +30,12 @@ def test_a_machine_without_a_battery_obeys_a_coordinator_of_today() -> None:
         OrderAnswer(sender="w", term=2**53 - 1, order=0, incarnation=0, jobs=()),
     ],
 )
-def test_a_term_after_which_there_could_be_no_other_is_refused(message: Message) -> None:
-    with pytest.raises(MalformedMessageError, match="hundred years above the clock") as refused:
+def test_a_term_too_far_ahead_of_the_clock_is_refused(message: Message) -> None:
+    with pytest.raises(MalformedMessageError, match="hundred years ahead of the clock") as refused:
         check_term(message, NOW_NS)  # type: ignore[arg-type] # one that has a term
     assert refused.value.cause == f"malformed {type(message).__name__}: term far ahead"
 
 
-def test_even_above_the_highest_that_is_believed_there_is_one_that_is_believed_a_moment_later() -> (
-    None
-):
+def test_a_term_above_the_highest_accepted_one_is_accepted_a_moment_later() -> None:
     check_term(take_over(NOW_US + MAX_AHEAD_US + 1), NOW_NS + 1_000)
     assert NOW_US + MAX_AHEAD_US + 1 < 2**53

@@ -68,7 +68,7 @@ def test_a_lost_place_is_reported_once_with_its_cause() -> None:
     robot.believes(2, *others, wrong)
     robot.believes(3, *others, wrong)
     robot.believes(4, *others, place(9, 1 / PLACES, COPIES[6]))
-    assert robot.broken() == ["step 2: place 6 is lost: c6 was pushed out by c8 (0.1)"]
+    assert robot.broken() == ["step 2: place 6 is lost: c6 was replaced by c8 (0.1)"]
     assert robot.promise.verdict(at(5)).figures["short"] == 2
 
 
