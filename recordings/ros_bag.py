@@ -6,24 +6,29 @@ on the laser's way up. Where a bag leaves a choice, it is asked for by name and 
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
 from recordings.laser_mount import counter_clockwise, hangs_upside_down
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
-from recordings.transforms import Placements, Transform, TransformTree
+from recordings.rigid import Rigid, rigid_of
+from recordings.transforms import TransformMissingError, TransformTree
 
 ODOM_FRAME = "odom"
 """ROS's name for the frame of odometry (REP 105), and AMCL's default."""
+
+_SAME = 1e-6
+"""A link that moves less [m], and turns less, does not move."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +55,26 @@ class _Fan(_Stamped):
     range_limit_m: float | None
 
 
+@dataclass(frozen=True)
+class _Transform(_Stamped):
+    parent: str
+    child: str
+    parent_from_child: Rigid
+    fixed: bool
+
+    def is_same(self, other: "_Transform") -> bool:
+        """Whether the child is there where the other transform has it."""
+        moved = self.parent_from_child.inverse().of(other.parent_from_child)
+        return max(map(abs, moved[:6])) < _SAME
+
+
 @dataclass
 class _Content:
     """What of a bag is used."""
 
     fans: list[_Fan] = field(default_factory=list)
     poses: list[_Pose] = field(default_factory=list)
-    transforms: list[tuple[_Stamped, Transform]] = field(default_factory=list)
+    transforms: list[_Transform] = field(default_factory=list)
     skipped: list[SkippedLine] = field(default_factory=list)
 
 
@@ -134,9 +152,8 @@ def _content(bag: BagFile, topics: set[str]) -> _Content:
             case _:
                 fixed = message.topic.endswith("tf_static")
                 for one in message.content.transforms:
-                    stamped = _Stamped(*at, _stamp_ns(one.header))
                     try:
-                        content.transforms.append((stamped, _transform(one, fixed=fixed)))
+                        content.transforms.append(_transform(one, *at, fixed=fixed))
                     except ValueError as problem:
                         content.skipped.append(SkippedLine(message.number, str(problem)))
     content.skipped += [SkippedLine(one.number, one.problem) for one in bag.left_out]
@@ -149,10 +166,31 @@ def _entries(
     if not content.fans:
         why = f": {content.skipped[0].problem}" if content.skipped else ""
         raise ValueError(f"no scan in it can be read{why}")
-    tree = TransformTree(transform for _, transform in content.transforms)
+    tree = _tree_of(content)
     base, odometry = _odometry_of(content, tree, odom_topics, settings)
     entries = odometry + _laser_entries(content, tree, base, settings)
     return [entry for _, _, entry in sorted(entries, key=lambda one: one[:2])]
+
+
+def _tree_of(content: _Content) -> TransformTree:
+    """All links; one that is sent again and again but does not move is fixed."""
+    by_link: dict[tuple[str, str], list[_Transform]] = {}
+    for one in content.transforms:
+        by_link.setdefault((one.parent, one.child), []).append(one)
+    tree = TransformTree(cache_ns=None, slack_ns=MAX_EXTRAPOLATION_NS)
+    for sent in by_link.values():
+        fixed = sent[-1].fixed or all(one.is_same(sent[0]) for one in sent)
+        for one in sent[-1:] if fixed else sent:
+            tree.add(one.stamp_ns, one.parent, one.child, one.parent_from_child, fixed=fixed)
+    return tree
+
+
+def _refuse_two_parents(content: _Content, way: Sequence[str]) -> None:
+    for frame in way[:-1]:
+        parents = sorted({one.parent for one in content.transforms if one.child == frame})
+        if len(parents) > 1:
+            named = " and ".join(parents)
+            raise ValueError(f"tf gives the frame {frame!r} {len(parents)} parents: {named}")
 
 
 _Sorted = tuple[int, int, Entry]
@@ -167,6 +205,7 @@ def _odometry_of(
     if settings.odom_topic:
         return _topic_odometry(content, settings)
     way = next((way for way in map(tree.way_up, frames) if len(way) > 1), frames[:1])
+    _refuse_two_parents(content, way)
     odom_frame = settings.odom_frame or ODOM_FRAME
     if odom_frame in way[1:]:
         base = settings.base_frame or way[way.index(odom_frame) - 1]
@@ -201,16 +240,16 @@ def _tf_odometry(
     """The robot's pose at each transform of the uppermost link that moves."""
     way = tree.way_up(base, to=odom_frame)
     if way[-1] != odom_frame or len(way) == 1:
-        raise ValueError(f"no transform from {odom_frame!r} to {base!r}; tf holds {tree}")
-    links = list(pairwise(way))
-    child, parent = next((link for link in reversed(links) if tree.moves(*link)), links[-1])
-    sent = [at for at, one in content.transforms if (one.child, one.parent) == (child, parent)]
-    places = tree.placements(odom_frame, base, np.array([at.stamp_ns for at in sent], np.int64))
-    return [
-        (at.time_ns, 0, OdometryEntry(at.number, at.stamp_ns, pose))
-        for at, pose, known in zip(sent, _planar(places), places.known, strict=True)
-        if known
-    ]
+        raise ValueError(f"no transform from {odom_frame!r} to {base!r}; tf has {tree}")
+    _refuse_two_parents(content, way)
+    child = next((frame for frame in reversed(way[:-1]) if tree.moves(frame)), way[-2])
+    found: list[_Sorted] = []
+    for at in content.transforms:
+        if at.child == child:
+            with suppress(TransformMissingError):  # a link between begins later or ends before
+                pose = tree.lookup(odom_frame, base, at.stamp_ns).planar()
+                found.append((at.time_ns, 0, OdometryEntry(at.number, at.stamp_ns, pose)))
+    return found
 
 
 def _laser_entries(
@@ -221,14 +260,15 @@ def _laser_entries(
     for frame in dict.fromkeys(fan.frame for fan in content.fans):
         fans = [fan for fan in content.fans if fan.frame == frame]
         try:
-            places = _mounts(tree, base, fans, settings)
+            is_known = _is_mount_known(content, tree, base, frame, settings)
         except ValueError as problem:
             problems.append(str(problem))
             content.skipped += [SkippedLine(fan.number, str(problem)) for fan in fans]
             continue
-        for index, fan in enumerate(fans):
+        for fan in fans:
             try:
-                entry = _laser_entry(fan, places, index, base)
+                mount = tree.lookup(base, frame, fan.stamp_ns) if is_known else None
+                entry = _laser_entry(fan, mount)
             except ValueError as problem:
                 problems.append(str(problem))
                 content.skipped.append(SkippedLine(fan.number, str(problem)))
@@ -239,30 +279,28 @@ def _laser_entries(
     return entries
 
 
-def _mounts(
-    tree: TransformTree, base: str, fans: Sequence[_Fan], settings: BridgeSettings
-) -> Placements | None:
-    """Where the laser is on the robot at each scan; None: only the settings say."""
-    frame = fans[0].frame
+def _is_mount_known(
+    content: _Content, tree: TransformTree, base: str, frame: str, settings: BridgeSettings
+) -> bool:
+    """Whether tf says where a laser is on the robot; False: only the settings do."""
     mounted = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
-    if frame != base and not tree.knows(frame):
-        if any(mounted):
-            return None
-        raise ValueError(
-            f"no transform from {base!r} to the laser's frame {frame!r}; tf holds {tree}; say "
-            "where the laser is by bridge.laser_x_m, laser_y_m and laser_heading_rad"
-        )
-    return tree.placements(base, frame, np.array([fan.stamp_ns for fan in fans], np.int64))
+    if frame == base or tree.knows(frame):
+        _refuse_two_parents(content, tree.way_up(frame, to=base))
+        return True
+    if any(mounted):
+        return False
+    raise ValueError(
+        f"no transform from {base!r} to the laser's frame {frame!r}; tf has {tree}; say "
+        "where the laser is by bridge.laser_x_m, laser_y_m and laser_heading_rad"
+    )
 
 
-def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) -> LaserEntry:
+def _laser_entry(fan: _Fan, base_from_laser: Rigid | None) -> LaserEntry:
     mount, upside_down = None, False
-    if places is not None:
-        if not places.known[index]:
-            raise ValueError(f"no transform from {base!r} to {fan.frame!r} at the scan's time")
-        up = float(places.rotations[index].as_matrix()[2, 2])
-        mount = _planar(places)[index]
-        upside_down = hangs_upside_down(fan.frame, up, math.hypot(*mount[:2]))
+    if base_from_laser is not None:
+        mount = base_from_laser.planar()
+        away_m = math.hypot(*mount[:2])
+        upside_down = hangs_upside_down(fan.frame, base_from_laser.up(), away_m)
     start, step, ranges = counter_clockwise(
         fan.angle_min_rad, fan.angle_step_rad, fan.ranges, upside_down=upside_down
     )
@@ -277,13 +315,6 @@ def _laser_entry(fan: _Fan, places: Placements | None, index: int, base: str) ->
         range_limit_m=fan.range_limit_m,
         laser=fan.frame,
     )
-
-
-def _planar(places: Placements) -> list[PoseTuple]:
-    """Places as seen from above."""
-    turned = places.rotations.as_matrix()
-    headings = np.arctan2(turned[:, 1, 0], turned[:, 0, 0])
-    return [tuple(row) for row in np.column_stack([places.translations[:, :2], headings]).tolist()]
 
 
 def _fan(scan: Any, number: int, time_ns: int) -> _Fan:
@@ -316,19 +347,18 @@ def _odometry(message: Any, number: int, time_ns: int) -> _Pose:
     )
 
 
-def _transform(message: Any, *, fixed: bool) -> Transform:
+def _transform(message: Any, number: int, time_ns: int, *, fixed: bool) -> _Transform:
     """One transform of a tf message.
 
     Raises:
         ValueError: its numbers are no transform.
     """
-    shift, turn = message.transform.translation, message.transform.rotation
     parent, child = _frame(message.header.frame_id), _frame(message.child_frame_id)
-    translation, quaternion = (shift.x, shift.y, shift.z), (turn.x, turn.y, turn.z, turn.w)
-    length = math.hypot(*quaternion)
-    if not (all(map(math.isfinite, translation)) and 0.5 < length < 2.0):
-        raise ValueError(f"from {parent!r} to {child!r} tf has {translation} and {quaternion}")
-    return Transform(_stamp_ns(message.header), parent, child, translation, quaternion, fixed)
+    try:
+        there = rigid_of(message.transform.translation, message.transform.rotation)
+    except ValueError as problem:
+        raise ValueError(f"from {parent!r} to {child!r} tf has {problem}") from None
+    return _Transform(number, time_ns, _stamp_ns(message.header), parent, child, there, fixed)
 
 
 def _stamp_ns(header: Any) -> int:

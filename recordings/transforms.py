@@ -1,176 +1,222 @@
-"""ROS's tree of frames: where one frame is in another, at any time of a recording."""
+"""ROS's tree of frames, from `/tf` and `/tf_static`: where one frame is in another.
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+It looks into no future: what has not been told yet has to be waited for, and the answer says for
+which link.
+"""
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from bisect import bisect_left
+from enum import Enum, auto
+from operator import itemgetter
 
-from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
+from recordings.rigid import HERE, Rigid
 
-_SAME = 1e-6
-_MAX_NAMED = 12
+CACHE_NS = 10_000_000_000
+"""So far back a link that moves is remembered, as in tf2 [ns]."""
+LATE_NS = 1_000_000_000
+"""A transform so much older than its link's newest is not kept [ns]."""
+RESTART_AFTER = 20
+"""So many late ones of a link in a row: the clock was set back."""
+_MAX_NAMED = 8
+_MOST_FRAMES = 1000
+
+_stamp = itemgetter(0)
 
 
-@dataclass(frozen=True)
-class Transform:
-    """One link of the tree at one time.
+class Kept(Enum):
+    """What became of a transform."""
 
-    Args:
-        stamp_ns: when.
-        parent: frame.
-        child: frame.
-        translation: of the child in the parent: x, y, z [m].
-        quaternion: its rotation: x, y, z, w.
-        fixed: it holds for all times.
+    YES = auto()
+    NO = auto()
+    """It is late, or one frame too many."""
+    CLOCK_SET_BACK = auto()
+    """The last of many late ones: all that moved before is forgotten, and it is kept."""
+
+
+class TransformMissingError(ValueError):
+    """Frames are not connected, or not at that time.
+
+    Attributes:
+        cause: the same in fixed words.
+        may_come: a later message may bring it.
     """
 
-    stamp_ns: int
-    parent: str
-    child: str
-    translation: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
-    fixed: bool
-
-
-@dataclass(frozen=True)
-class Placements:
-    """Where a frame is in another at n times.
-
-    Args:
-        translations: (n, 3) [m].
-        rotations: n of them.
-        known: (n,) whether transforms of that time are there; a place that is not is a guess.
-    """
-
-    translations: NDArray[np.float64]
-    rotations: Rotation
-    known: NDArray[np.bool_]
-
-    def of(self, inner: "Placements") -> "Placements":
-        """Where a frame is in the outer frame, given where it is in this one."""
-        translations = self.translations + self.rotations.apply(inner.translations)
-        return Placements(translations, self.rotations * inner.rotations, self.known & inner.known)
-
-    def inverse(self) -> "Placements":
-        """Where the outer frame is in this one."""
-        back = self.rotations.inv()
-        return Placements(-back.apply(self.translations), back, self.known)
+    def __init__(self, problem: str, *, cause: str, may_come: bool) -> None:
+        self.cause, self.may_come = cause, may_come
+        super().__init__(problem)
 
 
 class TransformTree:
-    """All frames of a recording.
-
-    Between two transforms, a link is interpolated. A link that moves is known a quarter of a
-    second before its first and after its last transform; one that does not move, always.
+    """All links between frames.
 
     Args:
-        transforms: in the order of the recording.
+        cache_ns: a link that moves is remembered for this long, and a late transform of it is
+            left out; None: of a recording, of which all is kept in whatever order it comes.
+        slack_ns: its first and last transform hold this much longer.
     """
 
-    def __init__(self, transforms: Iterable[Transform]) -> None:
-        by_link: dict[tuple[str, str], list[Transform]] = {}
-        for transform in transforms:
-            by_link.setdefault((transform.child, transform.parent), []).append(transform)
-        self._links = {names: _Link(found) for names, found in by_link.items()}
-        self._parents: dict[str, list[str]] = {}
-        for child, parent in by_link:
-            self._parents.setdefault(child, []).append(parent)
+    def __init__(self, cache_ns: int | None = CACHE_NS, slack_ns: int = 0) -> None:
+        self._cache_ns, self._slack_ns = cache_ns, slack_ns
+        self._links: dict[str, _Link] = {}
 
-    def __str__(self) -> str:
-        links = sorted(f"{parent} -> {child}" for child, parent in self._links)
-        more = ", ..." if len(links) > _MAX_NAMED else ""
-        return (", ".join(links[:_MAX_NAMED]) + more) or "no transform"
+    def add(
+        self, stamp_ns: int, parent: str, child: str, parent_from_child: Rigid, *, fixed: bool
+    ) -> Kept:
+        """Take a transform; a child that is given another parent moves to it."""
+        link = self._links.get(child)
+        if link is None or link.parent != parent or link.fixed != fixed:
+            if link is None and len(self._links) >= _MOST_FRAMES:
+                return Kept.NO
+            link = _Link(parent, fixed=fixed, cache_ns=self._cache_ns)
+            self._links[child] = link
+        if link.add(stamp_ns, parent_from_child):
+            return Kept.YES
+        if link.late_in_a_row < RESTART_AFTER:
+            return Kept.NO
+        self.forget_moving()
+        self.add(stamp_ns, parent, child, parent_from_child, fixed=fixed)
+        return Kept.CLOCK_SET_BACK
+
+    def forget_moving(self) -> None:
+        """Forget all links that move: what comes is of another time."""
+        self._links = {child: link for child, link in self._links.items() if link.fixed}
+
+    def keep_newest(self) -> None:
+        """Forget how links moved so far: between then and now is nothing."""
+        for link in self._links.values():
+            link.keep_newest()
 
     def knows(self, frame: str) -> bool:
         """Whether any transform names the frame."""
-        return any(frame in names for names in self._links)
+        return frame in self._links or any(one.parent == frame for one in self._links.values())
 
-    def moves(self, child: str, parent: str) -> bool:
-        """Whether a link changes."""
-        return not self._links[child, parent].still
+    def moves(self, child: str) -> bool:
+        """Whether a frame moves in its parent."""
+        return not self._links[child].fixed
+
+    def newest_ns(self, outer: str, inner: str) -> int | None:
+        """The newest time that all links between two frames know; None: they are not connected,
+        or do not move.
+        """
+        try:
+            ways = self._ways(outer, inner)
+        except TransformMissingError:
+            return None
+        links = (self._links[frame] for way in ways for frame in way)
+        return min((link.newest_ns for link in links if not link.fixed), default=None)
+
+    def lookup(self, outer: str, inner: str, stamp_ns: int) -> Rigid:
+        """Where `inner` is in `outer` at a time.
+
+        Raises:
+            TransformMissingError: nothing connects them, or not at that time.
+        """
+        outer_way, inner_way = self._ways(outer, inner)
+        of_inner, of_outer = self._up(inner_way, stamp_ns), self._up(outer_way, stamp_ns)
+        return of_outer.inverse().of(of_inner) if outer_way else of_inner
+
+    def _ways(self, outer: str, inner: str) -> tuple[list[str], list[str]]:
+        """The frames from each of two up to, but without, the one above both."""
+        inner_way, outer_way = self.way_up(inner, outer), self.way_up(outer, inner)
+        common = next((frame for frame in inner_way if frame in outer_way), None)
+        if common is None:
+            raise TransformMissingError(
+                f"no transform from {outer!r} to {inner!r}; tf has {self}",
+                cause="frames not connected",
+                may_come=True,
+            )
+        return outer_way[: outer_way.index(common)], inner_way[: inner_way.index(common)]
+
+    def __str__(self) -> str:
+        links = [f"{link.parent} -> {child}" for child, link in sorted(self._links.items())]
+        more = ", ..." if len(links) > _MAX_NAMED else ""
+        return (", ".join(links[:_MAX_NAMED]) + more) or "no transform"
 
     def way_up(self, frame: str, to: str | None = None) -> list[str]:
         """The frame, its parent, its parent's parent and so on, to a frame or the top.
 
         Raises:
-            ValueError: a frame has two parents, or is its own ancestor.
+            TransformMissingError: a frame is its own ancestor.
         """
         way = [frame]
-        while way[-1] != to and (parents := self._parents.get(way[-1])):
-            if len(parents) > 1:
-                named = " and ".join(sorted(parents))
-                raise ValueError(f"tf gives the frame {way[-1]!r} {len(parents)} parents: {named}")
-            way.append(parents[0])
-            if way.count(way[-1]) > 1:
-                raise ValueError(f"tf loops: {' -> '.join(reversed(way))}")
+        while way[-1] != to and (link := self._links.get(way[-1])):
+            if link.parent in way:
+                loop = " -> ".join([link.parent, *reversed(way)])
+                raise TransformMissingError(f"tf loops: {loop}", cause="tf loops", may_come=True)
+            way.append(link.parent)
         return way
 
-    def placements(self, outer: str, inner: str, stamps_ns: NDArray[np.int64]) -> Placements:
-        """Where `inner` is in `outer` at (n,) times.
-
-        Raises:
-            ValueError: nothing connects the two.
-        """
-        if outer == inner:
-            count = len(stamps_ns)
-            here = Rotation.identity(count)
-            return Placements(np.zeros((count, 3)), here, np.ones(count, np.bool_))
-        inner_way = self.way_up(inner, to=outer)
-        outer_way = self.way_up(outer, to=inner)
-        common = next((frame for frame in inner_way if frame in outer_way), None)
-        if common is None:
-            raise ValueError(f"no transform from {outer!r} to {inner!r}; tf holds {self}")
-        of_outer = self._up(outer_way[: outer_way.index(common) + 1], stamps_ns)
-        of_inner = self._up(inner_way[: inner_way.index(common) + 1], stamps_ns)
-        if of_outer is None or of_inner is None:
-            only = of_inner or (of_outer and of_outer.inverse())
-            assert only is not None  # two frames that are not the same
-            return only
-        return of_outer.inverse().of(of_inner)
-
-    def _up(self, way: Sequence[str], stamps_ns: NDArray[np.int64]) -> Placements | None:
-        """Where the first frame of a way up is in the last; None: it is the last."""
-        found: Placements | None = None
-        for child, parent in pairwise(way):
-            link = self._links[child, parent].at(stamps_ns)
-            found = link.of(found) if found else link
+    def _up(self, way: list[str], stamp_ns: int) -> Rigid:
+        """Where the first frame of a way is in the parent of the last."""
+        found = HERE
+        for child in way:
+            link = self._links[child]
+            try:
+                found = link.at(stamp_ns, self._slack_ns).of(found)
+            except TransformMissingError as missing:
+                raise TransformMissingError(
+                    f"tf from {link.parent!r} to {child!r} {missing}",
+                    cause=missing.cause,
+                    may_come=missing.may_come,
+                ) from None
         return found
 
 
 class _Link:
-    """One link at all times."""
+    """A frame in its parent, over time."""
 
-    def __init__(self, transforms: Sequence[Transform]) -> None:
-        if transforms[-1].fixed:
-            transforms = transforms[-1:]
-        stamps = np.array([one.stamp_ns for one in transforms], np.int64)
-        # Of two with one stamp, the later counts.
-        self._stamps, last = np.unique(stamps[::-1], return_index=True)
-        kept = len(stamps) - 1 - last
-        self._translations = np.array([one.translation for one in transforms])[kept]
-        self._rotations = Rotation.from_quat(np.array([one.quaternion for one in transforms])[kept])
-        turned = (self._rotations[0].inv() * self._rotations).magnitude()
-        self.still = bool(
-            np.all(np.abs(self._translations - self._translations[0]) < _SAME)
-            and np.all(turned < _SAME)
-        )
+    def __init__(self, parent: str, *, fixed: bool, cache_ns: int | None) -> None:
+        self.parent, self.fixed, self.late_in_a_row = parent, fixed, 0
+        self._cache_ns = cache_ns
+        self._known: list[tuple[int, Rigid]] = []
 
-    def at(self, stamps_ns: NDArray[np.int64]) -> Placements:
-        """Where the child is in the parent at (n,) times."""
-        if self.still:
-            first = np.zeros(len(stamps_ns), np.intp)
-            known = np.ones(len(stamps_ns), np.bool_)
-            return Placements(self._translations[first], self._rotations[first], known)
-        begin, end = self._stamps[[0, -1]]
-        known = (stamps_ns >= begin - MAX_EXTRAPOLATION_NS) & (
-            stamps_ns <= end + MAX_EXTRAPOLATION_NS
-        )
-        times = (np.clip(stamps_ns, begin, end) - begin) / 1e9
-        nodes = (self._stamps - begin) / 1e9
-        translations = np.column_stack(
-            [np.interp(times, nodes, column) for column in self._translations.T]
-        )
-        return Placements(translations, Slerp(nodes, self._rotations)(times), known)
+    @property
+    def newest_ns(self) -> int:
+        return self._known[-1][0]
+
+    def add(self, stamp_ns: int, parent_from_child: Rigid) -> bool:
+        known = self._known
+        if self.fixed:
+            known[:] = [(stamp_ns, parent_from_child)]
+            return True
+        if self._cache_ns is not None and known and stamp_ns < known[-1][0] - LATE_NS:
+            self.late_in_a_row += 1
+            return False
+        self.late_in_a_row = 0
+        place = bisect_left(known, stamp_ns, key=_stamp)
+        known[place : place + (place < len(known) and known[place][0] == stamp_ns)] = [
+            (stamp_ns, parent_from_child)
+        ]
+        if self._cache_ns is not None and known[0][0] < known[-1][0] - self._cache_ns:
+            del known[: bisect_left(known, known[-1][0] - self._cache_ns, key=_stamp)]
+        return True
+
+    def keep_newest(self) -> None:
+        del self._known[:-1]
+
+    def at(self, stamp_ns: int, slack_ns: int) -> Rigid:
+        known = self._known
+        if self.fixed:
+            return known[0][1]
+        nearest_ns = min(max(stamp_ns, known[0][0]), known[-1][0])
+        if abs(stamp_ns - nearest_ns) <= slack_ns:
+            stamp_ns = nearest_ns
+        after = bisect_left(known, stamp_ns, key=_stamp)
+        if after == len(known):
+            late_s = (stamp_ns - known[-1][0]) / 1e9
+            raise TransformMissingError(
+                f"ends {late_s:.3f} s before that time",
+                cause="transform does not come",
+                may_come=True,
+            )
+        end_ns, end = known[after]
+        if end_ns == stamp_ns:
+            return end
+        if after == 0:
+            early_s = (end_ns - stamp_ns) / 1e9
+            raise TransformMissingError(
+                f"begins {early_s:.3f} s after that time",
+                cause="before the first transform",
+                may_come=False,
+            )
+        start_ns, start = known[after - 1]
+        return start.towards(end, (stamp_ns - start_ns) / (end_ns - start_ns))

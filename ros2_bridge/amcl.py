@@ -10,8 +10,9 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import pose_problem
 from protocol.steps import OdometryReading
 from protocol.work import Particles
+from recordings.rigid import rigid_of
+from recordings.transforms import Kept, TransformMissingError, TransformTree
 from ros2_bridge import topics
-from ros2_bridge.frames import FrameBuffer, Kept, TransformMissingError
 from ros2_bridge.headers import frame_name, nanoseconds, stamp_of, time_problem
 from ros2_bridge.initial_pose import given_pose, initial_pose
 from ros2_bridge.laser_scans import LaserScans
@@ -29,7 +30,6 @@ from ros2_bridge.messages_out import (
 from ros2_bridge.outputs import GiveMap, Output, Publish, Refused, SearchEverywhere
 from ros2_bridge.particles import ClusterParticles
 from ros2_bridge.pose_choice import PoseChoice
-from ros2_bridge.rigid import rigid_of
 from ros2_bridge.topics import Topics
 
 
@@ -50,7 +50,7 @@ class Amcl:
         self.last_pose: PoseTuple | None = None
         """The pose that was published last."""
         self._untold: Belief | None = None
-        self._frames = FrameBuffer()
+        self._frames = TransformTree()
         self._scans = LaserScans(self._frames, settings)
         self._place = MapFromOdom()
         self._choice = PoseChoice(settings.publish)

@@ -10,10 +10,10 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.message import Covariance
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.validity import gaussian_problem
-from ros2_bridge.frames import FrameBuffer, TransformMissingError
+from recordings.rigid import rigid_of
+from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.outputs import GivePose
-from ros2_bridge.rigid import rigid_of
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
 """Nobody knows a pose better; covariances of zero are sent by who leaves them out."""
@@ -22,7 +22,7 @@ _SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
 """Of a pose in parameters, as AMCL takes it."""
 
 
-def given_pose(message: Any, settings: Ros2Settings, frames: FrameBuffer) -> GivePose:
+def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> GivePose:
     """A `geometry_msgs/PoseWithCovarianceStamped` as a pose of now.
 
     What the robot has driven since its stamp is added, as far back as tf is remembered.

@@ -17,12 +17,12 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
 from recordings.laser_mount import counter_clockwise, hangs_upside_down
-from ros2_bridge.frames import FrameBuffer, TransformMissingError
+from recordings.rigid import Rigid
+from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.message_types import POINT_CLOUD
 from ros2_bridge.outputs import Refused
 from ros2_bridge.point_clouds import cloud_reading
-from ros2_bridge.rigid import Rigid
 
 MAX_WAITING = 10
 """Scans of a laser that wait for tf, as in AMCL."""
@@ -44,7 +44,7 @@ class LaserScans:
         settings: frames, how long to wait, the shortest and the longest range.
     """
 
-    def __init__(self, frames: FrameBuffer, settings: Ros2Settings) -> None:
+    def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
         self.settings = settings
         self._frames = frames
         self._waiting: deque[_Waiting] = deque()

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from protocol.answers import Belief
 from protocol.message import Covariance, PoseTuple
+from recordings.rigid import flat
 from ros2_bridge import message_types as types
 from ros2_bridge.headers import LAST_NS
 from ros2_bridge.message_types import new
-from ros2_bridge.rigid import flat
 
 _PLANAR = (0, 1, 5)
 """Rows of ROS's covariance over x, y, z and the turns about them that a plane has."""

@@ -11,8 +11,8 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading
+from recordings.rigid import Rigid
 from ros2_bridge.headers import frame_name, stamp_of
-from ros2_bridge.rigid import Rigid
 
 BEAMS = 720
 RANGE_MAX_M = 100.0

@@ -16,11 +16,11 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading
+from recordings.rigid import HERE, Rigid
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import decode, encode, new, request_of, response_of, type_hash
 from ros2_bridge.messages_out import header, pose_stamped, transform
 from ros2_bridge.node import FromRos, RosNode, RosPublisher
-from ros2_bridge.rigid import HERE, Rigid
 from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
 from ros2_bridge.wire import NodeName, attachment, data_key, dds_type
 from tests.integration.waiting import wait_until

@@ -9,10 +9,10 @@ import pytest
 import zenoh
 
 from protocol.arrays import ArrayBlob
+from recordings.rigid import HERE
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import encode, new, type_hash
 from ros2_bridge.messages_out import transform
-from ros2_bridge.rigid import HERE
 from ros2_bridge.topics import DIAGNOSTICS, ROSOUT, Topic
 from ros2_bridge.wire import attachment, data_key, dds_type
 from tests.integration.ros2.conftest import OpenRobot, StartBridge

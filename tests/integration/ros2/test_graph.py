@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
-from ros2_bridge.rigid import HERE
+from recordings.rigid import HERE
 from ros2_bridge.topics import AMCL_POSE, BOND
 from ros2_bridge.wire import HUMBLE_HASH
 from tests.integration.processes import RunningProcess

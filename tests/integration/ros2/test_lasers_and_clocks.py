@@ -8,10 +8,10 @@ import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.steps import LaserReading
+from recordings.rigid import HERE, Rigid, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
-from ros2_bridge.rigid import HERE, Rigid, flat
 from ros2_bridge.topics import AMCL_POSE, CLOCK, DIAGNOSTICS
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import SCAN, RosRobot, laser_scan

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
+from recordings.rigid import HERE, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
-from ros2_bridge.rigid import HERE, flat
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESES, HYPOTHESIS_DETECTION, PARTICLE_CLOUD, STATE
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import RosRobot

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
+from recordings.rigid import HERE
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
-from ros2_bridge.rigid import HERE
 from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import RosRobot

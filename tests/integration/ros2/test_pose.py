@@ -8,7 +8,7 @@ import pytest
 
 from particle_filter.poses import compose, inverse
 from process_runtime.ros2_settings import Ros2Settings
-from ros2_bridge.rigid import flat
+from recordings.rigid import flat
 from ros2_bridge.topics import AMCL_POSE
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import SCAN, planar

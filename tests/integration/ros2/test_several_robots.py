@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
-from ros2_bridge.rigid import HERE
+from recordings.rigid import HERE
 from ros2_bridge.topics import AMCL_POSE
 from tests.integration.ros2.conftest import OpenRobot, StartBridge
 from tests.integration.ros2.robot import planar

@@ -12,8 +12,8 @@ import pytest
 from clustermcl.client import Client
 from process_runtime.settings import Settings, ZenohSettings
 from protocol.errors import ClusterMclError
+from recordings.rigid import HERE
 from robot_simulator.worlds.catalogue import world
-from ros2_bridge.rigid import HERE
 from tests.integration.ros2.conftest import OpenRobot
 from tests.integration.ros2.test_graph import ENDPOINTS, Graph, OpenSession
 from tests.integration.ros2.test_whole_way import put_map

@@ -34,12 +34,12 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Scan
+from recordings.rigid import flat
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header, pose
-from ros2_bridge.rigid import flat
 from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
 from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.integration.faults.system import SMALL, System, system

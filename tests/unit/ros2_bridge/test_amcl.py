@@ -13,6 +13,7 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading
 from protocol.work import Particles
+from recordings.rigid import Rigid, flat
 from ros2_bridge import message_types as types
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
@@ -20,7 +21,6 @@ from ros2_bridge.laser_scans import MAX_WAITING
 from ros2_bridge.message_types import decode, encode, new
 from ros2_bridge.messages_out import header, pose, pose_stamped, transform
 from ros2_bridge.outputs import GiveMap, GivePose, Output, Publish, Refused, SearchEverywhere
-from ros2_bridge.rigid import Rigid, flat
 from tests.unit.ros2_bridge.beliefs import COVARIANCE, belief
 
 SECOND = 1_000_000_000

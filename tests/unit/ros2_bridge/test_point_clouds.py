@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
+from recordings.rigid import HERE, Rigid
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import decode, encode, new
 from ros2_bridge.messages_out import header
 from ros2_bridge.point_clouds import BEAMS, RANGE_MAX_M, cloud_reading
-from ros2_bridge.rigid import HERE, Rigid
 
 SETTINGS = Ros2Settings(min_height_m=0.1, max_height_m=1.0)
 STEP_RAD = 2.0 * math.pi / BEAMS

@@ -10,15 +10,15 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from particle_filter.poses import compose, inverse
 from protocol.message import PoseTuple
-from ros2_bridge.frames import (
+from recordings.rigid import HERE, Rigid, flat, rigid_of
+from recordings.transforms import (
     CACHE_NS,
     LATE_NS,
     RESTART_AFTER,
-    FrameBuffer,
     Kept,
     TransformMissingError,
+    TransformTree,
 )
-from ros2_bridge.rigid import HERE, Rigid, flat, rigid_of
 
 SECOND = 1_000_000_000
 OVERHEAD = Rigid(0.2, 0.1, 0.3, 1.0, 0.0, 0.0, 0.0)
@@ -35,9 +35,9 @@ def rigids() -> st.SearchStrategy[Rigid]:
     return st.builds(made, st.tuples(numbers, numbers, numbers), turns)
 
 
-def driving() -> FrameBuffer:
+def driving() -> TransformTree:
     """odom -> base moves one metre a second from time 10 s to 12 s; base -> laser is fixed."""
-    frames = FrameBuffer()
+    frames = TransformTree()
     for tick in range(11):
         at = flat((0.2 * tick, 0.0, 0.0))
         frames.add(10 * SECOND + tick * SECOND // 5, "odom", "base", at, fixed=False)
@@ -45,7 +45,7 @@ def driving() -> FrameBuffer:
     return frames
 
 
-def missing(frames: FrameBuffer, outer: str, inner: str, stamp_ns: int) -> TransformMissingError:
+def missing(frames: TransformTree, outer: str, inner: str, stamp_ns: int) -> TransformMissingError:
     with pytest.raises(TransformMissingError) as raised:
         frames.lookup(outer, inner, stamp_ns)
     return raised.value
@@ -84,7 +84,7 @@ def test_frames_that_nothing_connects_are_named() -> None:
 
 
 def test_a_loop_is_named() -> None:
-    frames = FrameBuffer()
+    frames = TransformTree()
     for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
         frames.add(0, parent, child, HERE, fixed=True)
     assert str(missing(frames, "odom", "b", 0)) == "tf loops: b -> c -> a -> b"
@@ -117,6 +117,16 @@ def test_a_late_transform_is_left_out_and_many_mean_that_the_clock_was_set_back(
     assert kept == [Kept.NO] * (RESTART_AFTER - 1) + [Kept.CLOCK_SET_BACK]
     assert frames.newest_ns("odom", "base") == early + RESTART_AFTER - 1
     assert frames.lookup("base", "laser", 0) == OVERHEAD  # what is fixed stays
+
+
+def test_of_a_recording_all_is_kept_in_any_order_and_its_ends_hold_a_little() -> None:
+    frames = TransformTree(cache_ns=None, slack_ns=SECOND // 4)
+    for second in (100, 0, 50):
+        frames.add(second * SECOND, "odom", "base", flat((second, 0.0, 0.0)), fixed=False)
+    assert frames.lookup("odom", "base", 25 * SECOND).x == pytest.approx(25.0)
+    assert frames.lookup("odom", "base", 100 * SECOND + SECOND // 4).x == 100.0
+    assert frames.lookup("odom", "base", -SECOND // 4).x == 0.0
+    assert not missing(frames, "odom", "base", -SECOND // 4 - 1).may_come
 
 
 def test_across_a_jump_nothing_is_interpolated() -> None:
