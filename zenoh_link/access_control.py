@@ -1,9 +1,8 @@
-"""Who may do what at the router: Zenoh's access control, written from one table of roles.
+"""Zenoh's access control for the router, generated from one table of roles.
 
-The router knows a process by the common name of its certificate, ``ROLE`` or ``ROLE.ROBOT``, and
-denies whatever no rule allows. Zenoh checks the key of every message against the rules: who may
-not publish on a key is not heard there, who may not read it never gets it. Denied operations are
-silent.
+The router identifies a process by the common name of its certificate, ``ROLE`` or ``ROLE.ROBOT``.
+Everything is denied unless a rule allows it. Zenoh checks the key of every message that enters or
+leaves the router and drops denied ones without an error.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,7 +16,7 @@ from protocol.names import is_name, name_rule
 ALL_ROBOTS = "*"
 WORKER = "worker"
 WORKER_PROCESSES = 32
-"""That one worker's certificate can announce: X-0 to X-31. `worker.count` is 12."""
+"""Processes that one worker certificate covers: NAME-0 to NAME-31."""
 
 _FLOWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "publishes": (("put",), ("declare_subscriber",)),
@@ -30,30 +29,29 @@ _FLOWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("liveliness_token", "reply"),
     ),
 }
-"""What each right needs of the messages that reach the router, and of those that leave it."""
+"""Right: the message types it needs inbound (ingress) and outbound (egress) at the router."""
 
 
 @dataclass(frozen=True)
 class Rights:
-    """The keys of one role, relative to a robot; all that is not named is denied."""
+    """Key expressions that one role may use, relative to a robot's name."""
 
     publishes: tuple[str, ...] = ()
     reads: tuple[str, ...] = ()
     serves: tuple[str, ...] = ()
-    """Answers queries there."""
     asks: tuple[str, ...] = ()
     announces: tuple[str, ...] = ()
-    """Liveliness tokens of its own."""
+    """Liveliness tokens it declares."""
     watches: tuple[str, ...] = ()
-    """Liveliness tokens of others."""
+    """Liveliness tokens it subscribes to."""
 
 
 def rights_of(role: str, *workers: str) -> Rights:
-    """What a role may do.
+    """Return the rights of a role.
 
     Args:
         role: one of `ROLES`.
-        *workers: of role ``worker``: names of its processes, or patterns of them; none: all.
+        *workers: for role ``worker``: names or patterns of its processes; none means all.
     """
     if role == WORKER:
         names = workers or ("*",)
@@ -100,7 +98,7 @@ _ROLES = {
         ),
         asks=(
             *(keys.worker_order("*"), keys.worker_state("*"), keys.SCAN_HISTORY, keys.MAP),
-            keys.STATUS,  # of the one that acts: for metrics and probes where it stands by
+            keys.STATUS,  # a standby serves metrics and probes from the active coordinator's status
         ),
         announces=(keys.COORDINATOR_ALIVE,),
         watches=(keys.ALL_WORKERS_ALIVE, keys.COORDINATOR_ALIVE),
@@ -129,20 +127,20 @@ ROLES = (*_ROLES, WORKER)
 
 
 def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, Any]:
-    """Zenoh's ``access_control``, deny by default.
+    """Return Zenoh's ``access_control`` section; the default is deny.
 
-    Without robots, a certificate named after its role holds for every robot of the router. With
-    robots, ``ROLE.ROBOT`` holds for that robot alone, and of the plain names only ``viewer`` and
-    ``operator`` are left, for all of the robots.
+    Without `robots`, a certificate named after its role is valid for every robot. With `robots`,
+    ``ROLE.ROBOT`` is valid for that robot alone; only ``viewer`` and ``operator`` are then also
+    valid without a robot's name, for all of `robots`.
 
     Args:
-        robots: names of robots; empty: whatever robots there are.
-        workers: names of worker certificates, ``worker`` or ``worker-NAME``. The one called
-            ``worker-NAME`` may run the workers ``worker-NAME-0`` and so on, `WORKER_PROCESSES` of
-            them, and speaks for no others; ``worker`` for all called ``worker-...``.
+        robots: names of robots; empty: all robots.
+        workers: names of worker certificates, ``worker`` or ``worker-NAME``. ``worker-NAME``
+            covers `WORKER_PROCESSES` processes, ``worker-NAME-0`` and so on; ``worker`` covers
+            all processes called ``worker-...``.
 
     Raises:
-        SettingsError: a name cannot be used, or one worker certificate would cover another's.
+        SettingsError: a name is invalid, or one worker certificate would cover another's processes.
     """
     _check(robots, workers)
     rules: list[dict[str, Any]] = []
@@ -164,7 +162,7 @@ def access_control(robots: Sequence[str], workers: Sequence[str]) -> dict[str, A
 def _certificates(
     robots: Sequence[str], workers: Sequence[str]
 ) -> Iterator[tuple[str, str, Sequence[str]]]:
-    """Common name, role or worker's name, robots it holds for."""
+    """Yield common name, role or worker's name, and the robots it is valid for."""
     names = (*_ROLES, *workers)
     if not robots:
         yield from ((name, name, (ALL_ROBOTS,)) for name in names)
@@ -174,10 +172,10 @@ def _certificates(
 
 
 def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """The rules of one certificate: one for each right and direction."""
+    """Yield the rules of one certificate: one for each right and direction."""
     is_worker = role not in _ROLES
     rights = rights_of(WORKER, *_processes(role)) if is_worker else rights_of(role)
-    # What the others declare reaches it under their patterns, which are wider: worker/*/report.
+    # Other processes declare wider patterns (worker/*/report), which egress rules must match.
     widened = rights_of(WORKER) if is_worker else rights
     for right in fields(Rights):
         own, others = getattr(rights, right.name), getattr(widened, right.name)
@@ -197,7 +195,6 @@ def _rules(name: str, role: str, robots: Sequence[str]) -> Iterator[dict[str, An
 
 
 def _processes(worker: str) -> list[str]:
-    """What the workers of a certificate are called."""
     if worker == WORKER:
         return [f"{WORKER}-$*"]
     return [f"{worker}-{number}" for number in range(WORKER_PROCESSES)]
@@ -206,7 +203,7 @@ def _processes(worker: str) -> list[str]:
 def _check(robots: Sequence[str], workers: Sequence[str]) -> None:
     for name in (*robots, *workers):
         if not is_name(name):
-            problem = f"{name!r} is no name: use {name_rule()}"
+            problem = f"{name!r} is not a valid name: use {name_rule()}"
             raise SettingsError(key="--robot" if name in robots else "--worker", problem=problem)
     for name in workers:
         if name != WORKER and not name.startswith(f"{WORKER}-"):

@@ -1,9 +1,9 @@
-"""How every process meets every other: Zenoh's configuration, for clients and for the router.
+"""Zenoh's configuration for clients, for the ROS bridge's peer session and for the router.
 
-All processes are clients of one router; only the ROS bridge's session to the robot is a peer, as
-ROS nodes are. Endpoints are explicit, and only peers link to each other; shared memory is off (no
-gain for messages of some kilobytes, and left behind after a kill -9); a node that says nothing for
-2 s is gone; links come back within a second.
+All processes are clients of one router; only the ROS bridge's session to the robot is a peer, like
+ROS nodes. Endpoints are explicit. Shared memory is off: it gains nothing for messages of a few
+kilobytes, and its segments remain after a kill -9. A link expires after 2 s of silence and
+reconnects within a second.
 """
 
 import json
@@ -18,19 +18,19 @@ from protocol.errors import SettingsError
 from protocol.sizes import LARGEST_BYTES
 
 CONNECT_TRY_MS = 1000
-"""`zenoh.open` looks for the router so long; signals are handled only between two tries."""
+"""Time-out of one `zenoh.open`; Python handles signals only between two attempts."""
 
 _LEASE_MS = 2000
 _MAX_MESSAGE_BYTES = 2 * LARGEST_BYTES
-"""A larger one is dropped in pieces on its way in, and the link lives on. Zenoh's: a gigabyte."""
+"""A larger message is dropped while its fragments arrive; the link stays up. Zenoh: 1 GB."""
 _WAIT_BEFORE_CLOSE_US = 300_000
 _QUEUED_BATCHES = 16
-"""Zenoh's most. With its usual 2, a sender that gets no processor for a millisecond drops scans."""
+"""Zenoh's maximum. With its default 2, a sender that is off the CPU for 1 ms drops scans."""
 _UNFINISHED_LINKS = 1000
-"""That a router has patience with at a time. Zenoh's 100 are one forgetful client's."""
+"""Pending connections a router accepts. One faulty client uses up Zenoh's default of 100."""
 _HANDSHAKE_TIMEOUT, _HANDSHAKE_TIMEOUT_MS = "tls_handshake_timeout_ms", 600_000
-"""After each handshake that fails or times out, Zenoh lets nobody in for 0.1 s. So those who
-connect and say nothing may stay: with Zenoh's 10 s, 120 of them keep the door shut."""
+"""Zenoh accepts no connection for 0.1 s after a failed or timed-out handshake. With its default
+time-out of 10 s, 120 silent connections would block the listener."""
 GOSSIP = {
     "enabled": True,
     "multihop": False,
@@ -38,16 +38,20 @@ GOSSIP = {
     "autoconnect": {"router": [], "peer": ["router", "peer"]},
     "autoconnect_strategy": {"peer": {"to_router": "always", "to_peer": "greater-zid"}},
 }
-"""As rmw_zenoh has it: the router introduces peers to each other, which then link directly."""
+"""As in rmw_zenoh: the router announces peers to each other, which then connect directly."""
 SOCKET_PATH_MAX_BYTES = 107
-"""Of a Unix socket, on Linux."""
+"""Longest path of a Unix socket on Linux."""
 _HOST_AND_PORT = re.compile(r"(\[[0-9A-Fa-f:.%\w]+\]|[^\s:/?#\[\]]+):(\d{1,5})([?#].*)?")
 
 Configuration = dict[str, Any]
 
 
 def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -> Configuration:
-    """Zenoh's configuration of a process that serves one robot; None: keys are as they are.
+    """Return the configuration of a client.
+
+    Args:
+        settings: endpoint, certificates, time-outs.
+        robot: its name becomes the namespace of all keys; None: no namespace.
 
     Raises:
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
@@ -76,15 +80,15 @@ def client_configuration(settings: ZenohSettings, robot: RobotSettings | None) -
 
 
 def peer_configuration(settings: ZenohSettings) -> Configuration:
-    """Zenoh's configuration of a ROS node on the router's own machine, by rmw_zenoh's settings.
+    """Return the configuration of a ROS node on the router's machine, as rmw_zenoh sets it.
 
-    Peers keep their direct links when the router ends.
+    Peers keep their direct links when the router stops.
 
     Raises:
         SettingsError: as `client_configuration`.
     """
     configuration = client_configuration(settings, None)
-    configuration["connect"]["exit_on_failure"] = True  # `zenoh.open` returns with a link, or not
+    configuration["connect"]["exit_on_failure"] = True  # else `zenoh.open` returns without a link
     return configuration | {
         "mode": "peer",
         "listen": {"endpoints": ["tcp/localhost:0"]},
@@ -93,7 +97,7 @@ def peer_configuration(settings: ZenohSettings) -> Configuration:
 
 
 def router_configuration(settings: ZenohSettings) -> Configuration:
-    """Zenoh's configuration of the router; the official ``zenohd`` takes the same.
+    """Return the configuration of the router; the official ``zenohd`` accepts it too.
 
     Raises:
         SettingsError: the endpoint is malformed, or a certificate's file cannot be used.
@@ -110,12 +114,12 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
         mutual = bool(settings.tls_ca_certificate)
         transport["link"]["tls"] = {"enable_mtls": mutual, **_tls(settings, "listen")}
     transport["unicast"] = {"accept_pending": _UNFINISHED_LINKS}
-    # Direct links of peers would bypass the access control of a router with TLS.
+    # Direct links between peers would bypass the access control of a router with TLS.
     gossip = {"enabled": False} if settings.router.startswith("tls/") else GOSSIP
     return {
         "mode": "router",
         "listen": {"endpoints": [patient(settings.router)]},
-        # Without a delay: there is nobody to scout for, and opening takes 2 ms, not 500.
+        # There is nothing to scout for: without the delay opening takes 2 ms instead of 500.
         "scouting": {
             "delay": 0,
             "multicast": {"enabled": False},
@@ -127,7 +131,7 @@ def router_configuration(settings: ZenohSettings) -> Configuration:
 
 
 def patient(endpoint: str) -> str:
-    """The endpoint of a listener that waits long for those who connect by TLS and say nothing."""
+    """Return the endpoint of a listener with a long TLS handshake time-out."""
     if not endpoint.startswith("tls/") or _HANDSHAKE_TIMEOUT in endpoint:
         return endpoint
     separator = ";" if "#" in endpoint else "#"
@@ -135,15 +139,15 @@ def patient(endpoint: str) -> str:
 
 
 def as_json5(configuration: Configuration) -> str:
-    """Write a configuration as a file for ``zenohd --config``; JSON is JSON5."""
+    """Return the text of a file for ``zenohd --config``; JSON is valid JSON5."""
     return json.dumps(configuration, indent=2) + "\n"
 
 
 def as_zenoh(configuration: Configuration) -> zenoh.Config:
-    """Hand a configuration to the Zenoh library.
+    """Convert a configuration to the Zenoh library's type.
 
     Raises:
-        SettingsError: Zenoh refuses it, for example a robot's name with a star in it.
+        SettingsError: Zenoh rejects it, for example a robot's name with a star in it.
     """
     config = zenoh.Config()
     for key, value in configuration.items():
@@ -157,16 +161,14 @@ def as_zenoh(configuration: Configuration) -> zenoh.Config:
 
 
 def readable(error: zenoh.ZError) -> str:
-    """The part of Zenoh's message that is for people: no places in its source, one line."""
+    """Return Zenoh's message as one line, without its source locations."""
     text = " ".join(str(error).split())
     inner = re.search(r'(?:message|msg): "(.*?)"', text)
     return re.sub(r"\s*at \S+\.rs:\d+\.?", "", inner[1] if inner else text).strip()
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Refuse an endpoint that no process could ever listen on or connect to.
-
-    Zenoh itself goes on trying to connect to a misspelt one until the time is up.
+    """Reject a malformed endpoint, to which Zenoh would try to connect until its time-out.
 
     Raises:
         SettingsError: it is not ``tcp/HOST:PORT``, ``tls/HOST:PORT`` or
@@ -192,7 +194,7 @@ def check_endpoint(endpoint: str) -> None:
 
 
 def transport_configuration() -> Configuration:
-    """What links of clients and of the router have in common."""
+    """Return the transport settings that clients and the router share."""
     return {
         "shared_memory": {"enabled": False},
         "link": {
@@ -202,7 +204,7 @@ def transport_configuration() -> Configuration:
                 "keep_alive": 4,
                 "queue": {
                     "size": {"data_high": _QUEUED_BATCHES},
-                    # A frozen process may hold the others up 0.3 s, not Zenoh's 5 s.
+                    # A frozen process may block the others for 0.3 s, not for Zenoh's default 5 s.
                     "congestion_control": {"block": {"wait_before_close": _WAIT_BEFORE_CLOSE_US}},
                 },
             },
@@ -211,15 +213,15 @@ def transport_configuration() -> Configuration:
 
 
 def _tls(settings: ZenohSettings, direction: str) -> Configuration:
-    """The certificate files that are given; a client with one of its own shows it."""
+    """Return the TLS section; a client that has a certificate uses mutual TLS."""
     own = bool(settings.tls_certificate)
     files = {
         "root_ca_certificate": settings.tls_ca_certificate,
         f"{direction}_certificate": settings.tls_certificate,
         f"{direction}_private_key": settings.tls_private_key,
     }
-    from zenoh_link.tls import check_files  # noqa: PLC0415 - 10 ms for those who need it
+    from zenoh_link.tls import check_files  # noqa: PLC0415 - import takes 10 ms
 
-    check_files(settings)  # Zenoh would only say that it cannot connect
+    check_files(settings)  # Zenoh would only report that it cannot connect
     mutual = {"enable_mtls": True} if direction == "connect" and own else {}
     return {name: path for name, path in files.items() if path} | mutual

@@ -1,4 +1,4 @@
-"""Each process says once a second how it is."""
+"""Publishes the health of a process once a second."""
 
 import os
 import time
@@ -19,13 +19,13 @@ _STATM = Path("/proc/self/statm")
 
 
 class HealthReporter:
-    """Gathers what a process counts, and publishes it.
+    """Collects a process's counters and publishes them.
 
     Args:
-        name: of the process.
+        name: name of the process.
         role: ``bridge``, ``worker`` or ``coordinator``.
-        causes: what it drops or refuses.
-        inbox: which drops what it has no room for.
+        causes: counts of dropped or refused input.
+        inbox: its own drops are added.
     """
 
     def __init__(self, name: str, role: str, causes: CauseCounter, inbox: Inbox[Any]) -> None:
@@ -35,11 +35,9 @@ class HealthReporter:
         self._published_s = -EVERY_S
 
     def happened(self, what: str, times: int = 1) -> None:
-        """Count what the process did."""
         self._activity.happened(what, time.monotonic(), times)
 
     def health(self) -> Health:
-        """How the process is now."""
         now_s = time.monotonic()
         return Health(
             sender=self._name,
@@ -54,12 +52,12 @@ class HealthReporter:
         )
 
     def dropped(self) -> dict[str, int]:
-        """What was dropped or refused, by cause."""
+        """Return counts of dropped or refused input by cause."""
         lost: Mapping[str, int] = self._inbox.dropped()
         return {**self._causes.total, **{f"dropped {what}": count for what, count in lost.items()}}
 
     def publish_if_due(self, publisher: Publisher) -> None:
-        """Publish, if the last time is a second ago."""
+        """Publish if the last publication is at least `EVERY_S` old."""
         now_s = time.monotonic()
         if now_s - self._published_s >= EVERY_S:
             self._published_s = now_s
@@ -67,7 +65,7 @@ class HealthReporter:
 
 
 def memory_bytes() -> int:
-    """Resident memory of this process; 0 where the system does not say."""
+    """Return this process's resident memory; 0 where ``/proc`` is not available."""
     try:
         pages = int(_STATM.read_text().split()[1])
     except (OSError, ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""The inbox: Zenoh's callbacks put, the process's one loop takes."""
+"""A bounded queue from Zenoh's callbacks to the one loop of a process."""
 
 import threading
 import time
@@ -9,18 +9,18 @@ from typing import Generic, TypeVar
 EventT = TypeVar("EventT")
 
 MAX_KIND_BYTES = 128 * 1024 * 1024
-"""Of the payloads that wait, for each kind of state and for events: counts bound honest traffic,
-this bounds the memory that large messages of a stranger's can take."""
+"""Most bytes of queued payloads, for each kind of state and for events. Counts bound normal
+traffic; this bounds the memory that large messages from unknown senders can take."""
 
 
 class Inbox(Generic[EventT]):
-    """Bounded queue from many threads to one, in the order of arrival; a put never waits.
+    """Bounded queue from many threads to one, in the order of arrival; a put never blocks.
 
-    A callback that waits stalls, 256 messages later, every subscription and query of its
-    session. So a full inbox gives way: of the *states* (scans, odometry) the oldest of the
-    same kind is dropped, for the next repairs it. *Events* (assignments, liveliness, queries)
-    are never dropped for a state; past their own bound the newest is refused, and the caller
-    can say so to whoever asks. What has a `payload` also counts by its bytes.
+    A callback that blocks stalls, 256 messages later, every subscription and query of its
+    session. *States* (scans, odometry): a full inbox drops the oldest of the same kind, because
+    the next one replaces it. *Events* (assignments, liveliness, queries) have their own bound:
+    past it the newest is refused, and the callback can reply with an error. Messages with a
+    `payload` are also bounded by their bytes.
     """
 
     def __init__(
@@ -33,9 +33,9 @@ class Inbox(Generic[EventT]):
         """Set the bounds.
 
         Args:
-            keep_newest: kinds of states, and how many of each are kept.
-            max_events: events that may wait; more means that the loop hangs.
-            max_kind_bytes: bytes of payloads that may wait of each kind, and of events.
+            keep_newest: kinds of states, and the most queued of each.
+            max_events: most events queued; more means that the loop hangs.
+            max_kind_bytes: most bytes of payloads queued, for each kind and for events.
 
         Raises:
             ValueError: a bound is less than one.
@@ -51,12 +51,11 @@ class Inbox(Generic[EventT]):
         self._dropped: Counter[str] = Counter()
         self._lock = threading.Lock()
         self._news = threading.Lock()
-        """Held while the loop has seen all there is. A bare lock: a `Condition` makes and takes
-        some more for every message."""
+        """Locked while the queue is empty. A bare lock: a `Condition` allocates one per message."""
         self._news.acquire()
 
     def put(self, event: EventT) -> bool:
-        """Append an event; return False if it was refused, the inbox being full or closed."""
+        """Append an event; return False if the inbox is full or closed."""
         with self._lock:
             if self._closed:
                 return False
@@ -68,19 +67,20 @@ class Inbox(Generic[EventT]):
             return True
 
     def put_own(self, event: EventT) -> None:
-        """Append what this process sends to itself: its own questions bound how much that is.
+        """Append an event from this process itself, even past `max_events`.
 
-        Others' events may fill the inbox; a timer that were refused then would never come again.
+        A timer refused because other processes fill the inbox would never fire again. The number
+        of own events is bounded by the process's own requests.
         """
         with self._lock:
             if not self._closed:
                 self._append(self._events, event)
 
     def put_newest(self, kind: str, state: EventT) -> None:
-        """Append a state; the oldest of its kind gives way when there are too many.
+        """Append a state and drop the oldest of its kind if there are too many.
 
         Raises:
-            KeyError: the inbox was not made for this kind.
+            KeyError: `keep_newest` does not contain this kind.
         """
         with self._lock:
             waiting = self._states[kind]
@@ -90,21 +90,20 @@ class Inbox(Generic[EventT]):
                 waiting.queue and waiting.bytes + _size(state) > self._max_bytes
             ):
                 waiting.popleft()
-                if self._bounds[kind] > 1:  # else only the newest was ever wanted
+                if self._bounds[kind] > 1:  # with a bound of 1 replacing is not a loss
                     self._dropped[kind] += 1
             self._append(waiting, state)
 
     def count_refused(self, kind: str) -> None:
-        """Count what was refused before it got here, as being too large."""
+        """Count a message that the callback refused because of its size."""
         with self._lock:
             self._dropped[f"{kind} too large"] += 1
 
     def get(self, timeout_s: float) -> EventT | None:
-        """Take what arrived first, waiting at most so long; None if nothing came.
+        """Remove and return the oldest message; None if none arrives within `timeout_s` [s].
 
-        What was put before the inbox was closed is still handed out. Python runs signal
-        handlers during the wait but does not end it: loops that look at a `StopFlag` wait
-        0.1 s at a time.
+        After `close`, messages put before it are still returned. Python runs signal handlers
+        during the wait without ending it, so loops that check a `StopFlag` use a 0.1 s time-out.
         """
         until_s = time.monotonic() + timeout_s
         while True:
@@ -120,13 +119,13 @@ class Inbox(Generic[EventT]):
                 return None
 
     def close(self) -> None:
-        """Accept no more and wake the loop; may be called again."""
+        """Accept no more messages and wake the loop; may be called again."""
         with self._lock:
             self._closed = True
             self._tell()
 
     def dropped(self) -> dict[str, int]:
-        """How many were lost here: by kind of state, refused events as ``event``."""
+        """Return counts of lost messages by kind of state; refused events count as ``event``."""
         with self._lock:
             return dict(self._dropped)
 
@@ -136,18 +135,18 @@ class Inbox(Generic[EventT]):
         self._tell()
 
     def _tell(self) -> None:
-        """Wake the loop; called under the lock."""
+        """Wake the loop; the caller holds the lock."""
         if self._news.locked():
             self._news.release()
 
     def _oldest(self) -> "_Waiting[EventT] | None":
-        """The queue whose head arrived first; None if all are empty."""
+        """Return the queue whose head arrived first; None if all are empty."""
         filled = [waiting for waiting in (self._events, *self._states.values()) if waiting.queue]
         return min(filled, key=lambda waiting: waiting.queue[0][0], default=None)
 
 
 class _Waiting(Generic[EventT]):
-    """A queue of numbered events that knows how many bytes wait in it."""
+    """A queue of numbered events and the bytes of their payloads."""
 
     def __init__(self) -> None:
         self.queue: deque[tuple[int, EventT]] = deque()

@@ -1,4 +1,4 @@
-"""Figures for Prometheus on a local port, all of them read from the status message."""
+"""Prometheus metrics on a local port, computed from the status message."""
 
 import logging
 import threading
@@ -16,7 +16,7 @@ from zenoh_link.wire import ask
 
 ASK_WITHIN_S = 1.0
 RETRY_S = 2.0
-"""Another coordinator of this machine may hold the port; it is free when that one has died."""
+"""Interval of attempts while another coordinator on this machine holds the port."""
 
 _log = logging.getLogger(__name__)
 
@@ -25,13 +25,12 @@ _log = logging.getLogger(__name__)
 def metrics_served(settings: MetricsSettings, session: zenoh.Session) -> Iterator[None]:
     """Serve ``/metrics`` within the block, if a port is set.
 
-    Each scrape asks for the status like any client, so nothing is counted twice and nothing is
-    shared with the coordinator's loop; a loop that hangs shows as ``clustermcl_up 0``.
-
-    A port that cannot be listened on is said and tried again: localizing goes on without.
+    Each scrape queries the status like any client and shares no state with the coordinator's
+    loop; a loop that hangs shows as ``clustermcl_up 0``. While the port is in use the server
+    logs it once and retries; localization continues.
 
     Raises:
-        SettingsError: the port is set, but the library for it is not installed.
+        SettingsError: the port is set, but prometheus-client is not installed.
     """
     if settings.port == 0:
         yield
@@ -63,7 +62,7 @@ def _status(session: zenoh.Session) -> Status | None:
 def _serve(
     settings: MetricsSettings, status: Callable[[], Status | None], stop: threading.Event
 ) -> None:
-    # Only who sets a port needs the library.
+    # An optional dependency.
     from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415 - see above
 
     from zenoh_link.metrics_of_status import StatusCollector  # noqa: PLC0415 - see above
@@ -75,7 +74,7 @@ def _serve(
     while not stop.is_set():
         try:
             server, _ = start_http_server(settings.port, settings.host, registry)
-        except (OSError, UnicodeError) as error:  # a host may be no host at all
+        except (OSError, UnicodeError) as error:  # UnicodeError: not a host name
             if not said:
                 _log.error("no metrics at %s: %s; tried again", where, error)
             said = True

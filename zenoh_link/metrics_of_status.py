@@ -1,4 +1,4 @@
-"""The status message as metrics of Prometheus: names, units, help texts."""
+"""The status message as Prometheus metrics: names, units, help texts."""
 
 from collections.abc import Callable, Iterable, Iterator
 from typing import get_args
@@ -19,17 +19,16 @@ _PROCESS = ("process", "role")
 
 
 class StatusCollector(Collector):
-    """Asks for the status at each scrape.
+    """Queries the status at each scrape.
 
     Args:
-        status: the newest; None where nobody answers.
+        status: returns the newest status; None if no coordinator answers.
     """
 
     def __init__(self, status: Callable[[], Status | None]) -> None:
         self._status = status
 
     def collect(self) -> Iterator[Metric]:
-        """All metrics."""
         status = self._status()
         yield _gauge("up", "Whether the coordinator answers.", float(status is not None))
         if status is not None:
@@ -37,23 +36,23 @@ class StatusCollector(Collector):
             yield from _of_processes(status.processes)
 
     def describe(self) -> Iterable[Metric]:
-        """Nothing: to describe would be to ask before anybody can answer."""
+        """Return nothing: the default calls `collect` before a coordinator can answer."""
         return ()
 
 
 def _of_localization(status: Status) -> Iterator[Metric]:
     info = {"version": status.version, "map_digest": status.map_digest}
-    yield InfoMetricFamily("clustermcl", "Version of the coordinator, and the map.", info)
-    yield _states("state", "What is known of the robot's place.", status.state, get_args(State))
+    yield InfoMetricFamily("clustermcl", "Version of the coordinator and digest of its map.", info)
+    yield _states("state", "State of the localization.", status.state, get_args(State))
     freshness = get_args(Freshness)
-    yield _states("pose_freshness", "Whether the pose is new.", status.freshness, freshness)
+    yield _states("pose_freshness", "Freshness of the pose.", status.freshness, freshness)
     if status.age_s >= 0.0:
         yield _gauge("pose_age_seconds", "Age of the data behind the pose.", status.age_s)
     if status.scan_age_s >= 0.0:
-        yield _gauge("scan_age_seconds", "Age of the last scan weighed.", status.scan_age_s)
+        yield _gauge("scan_age_seconds", "Age of the last weighed scan.", status.scan_age_s)
     yield _gauge("step", "Number of the newest step.", status.step)
     yield _counter("steps_applied", "Steps that changed the belief.", status.steps_applied)
-    yield _counter("steps_lost", "Steps that never came or had no report.", status.steps_lost)
+    yield _counter("steps_lost", "Steps without a scan or a report.", status.steps_lost)
     yield _counter("reports_missing", "Reports that came too late.", status.reports_missing)
     yield _gauge("clusters", "Places that are tracked.", status.clusters)
     yield _gauge("searching", "Whether a global search is under way.", float(status.searching))
@@ -69,12 +68,12 @@ def _of_processes(processes: tuple[Health, ...]) -> Iterator[Metric]:
     info = InfoMetricFamily(
         "clustermcl_process", "Version of a process.", labels=[*_PROCESS, "version"]
     )
-    heard = _family("heard_age_seconds", "Since a process said how it is.")
-    uptime = _family("uptime_seconds", "Since a process began.")
+    heard = _family("heard_age_seconds", "Time since a process published its health.")
+    uptime = _family("uptime_seconds", "Time since a process started.")
     memory = _family("memory_bytes", "Resident memory of a process.")
-    idle = _family("idle_seconds", "Since a process did something last.", "what")
+    idle = _family("idle_seconds", "Time since a process last did this.", "what")
     done = CounterMetricFamily(
-        "clustermcl_process_done", "What a process has done.", labels=[*_PROCESS, "what"]
+        "clustermcl_process_done", "What a process has done, by kind.", labels=[*_PROCESS, "what"]
     )
     dropped = CounterMetricFamily(
         "clustermcl_dropped", "What was dropped or refused, by cause.", labels=[*_PROCESS, "cause"]

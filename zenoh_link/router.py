@@ -1,8 +1,8 @@
-"""The router of one machine: a Zenoh session in router mode, in a process of its own.
+"""The router of one machine: a process with a Zenoh session in router mode.
 
 ``python -I -m zenoh_link.router --settings FILE``. Forwarding is native code, so Python costs
-nothing but memory. Where several machines meet, the official ``zenohd`` does the same job with
-``deploy/router.json5``; plugins (storage, REST) exist only there.
+only memory. For several machines the official ``zenohd`` with ``deploy/router.json5`` does the
+same; only ``zenohd`` has plugins (storage, REST).
 """
 
 import argparse
@@ -23,12 +23,12 @@ _log = logging.getLogger(__name__)
 
 LOOK_EVERY_S = 5.0
 _PATIENCE = 0.8
-"""Of the time between two looks."""
+"""Time-out of a probe, as a fraction of the interval."""
 _IN_USE = ("Address already in use", "Unable to acquire lock")
 
 
 def run_router(invocation: Invocation) -> None:
-    """Route until the process is told to stop, or nobody gets in any more.
+    """Route until the process is stopped or the router no longer accepts clients.
 
     Raises:
         InputFileError: the ``--config`` file is missing or not a Zenoh configuration.
@@ -48,12 +48,11 @@ def run_router(invocation: Invocation) -> None:
             trim_heap()
             probe.probe()
             if probe.is_locked_up:
-                _log.error("nobody gets in any more: Zenoh has locked up; ending, to be restarted")
-                os._exit(EXIT_BUG)  # to close the session would wait for ever
+                _log.error("no client can connect: Zenoh has locked up; exiting for a restart")
+                os._exit(EXIT_BUG)  # closing the session would block
 
 
 def main() -> None:
-    """Run the router process."""
     process_main(
         "router", run_router, describe="Router of one machine.", add_arguments=_add_arguments
     )
@@ -64,15 +63,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--config",
         type=Path,
         metavar="FILE",
-        help="Zenoh configuration (JSON5) used as it is, instead of the settings' endpoint",
+        help="Zenoh configuration (JSON5), used unchanged instead of the settings' endpoint",
     )
     parser.add_argument(
         "--look-every",
         type=_seconds,
         default=LOOK_EVERY_S,
         metavar="S",
-        help="look so often whether clients still get in; the router ends after three failed looks "
-        f"(default: {LOOK_EVERY_S:g})",
+        help="interval of probing whether clients can connect; the router exits after three "
+        f"failures in a row (default: {LOOK_EVERY_S:g} s)",
     )
 
 
@@ -84,10 +83,10 @@ def _seconds(words: str) -> float:
 
 
 def listen(config: zenoh.Config, endpoints: str) -> zenoh.Session:
-    """Listen at the endpoints of a configuration and forward between all who connect.
+    """Open the router's session.
 
     Raises:
-        AlreadyRunningError: something listens there already.
+        AlreadyRunningError: another process listens there.
         SettingsError: an endpoint is malformed, or not an address of this machine.
     """
     try:

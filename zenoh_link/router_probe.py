@@ -1,8 +1,8 @@
-"""Whether a router still lets anybody in: it looks as a client would, for Zenoh's may lock up.
+"""Probes whether a router still accepts clients: Zenoh's router can lock up.
 
-A router that locks up lives on, and forwards nothing and lets nobody in until it is started again
-(eclipse-zenoh/zenoh issues 1876, 2697 and 2780; seen once in an hour of chaos, after it was frozen
-for four seconds). Nothing outside a router tells that from one that is not there.
+A locked-up router keeps running, but forwards nothing and accepts no connection until it is
+restarted (eclipse-zenoh/zenoh issues 1876, 2697 and 2780; observed once in an hour of fault
+injection, after the process was frozen for 4 s). Clients cannot distinguish it from an absent one.
 """
 
 import json
@@ -16,19 +16,19 @@ from zenoh_link.configuration import Configuration, as_zenoh, transport_configur
 _log = logging.getLogger(__name__)
 
 MAX_FAILURES = 3
-"""Looks in a row that fail: a machine may be very busy."""
+"""Probes in a row that must fail: one may fail on a busy machine."""
 MIN_PROBES = 12
-"""Before it may be found shut: who fills the door with silent connections shall not be able to
-have a router started again and again, for those who are in are served meanwhile."""
+"""Probes before a lock-up may be reported. Otherwise an attacker who blocks the listener with
+silent connections could have the router restarted repeatedly, although it serves its clients."""
 _ANYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
 class RouterProbe:
-    """Looks time and again; only what once went well can fail.
+    """Connects as a client at intervals; failures count only after a first success.
 
     Args:
         router: the router's configuration.
-        patience_s: a look that takes longer has failed.
+        patience_s: time-out of one probe [s].
     """
 
     def __init__(self, router: zenoh.Config, patience_s: float) -> None:
@@ -39,14 +39,14 @@ class RouterProbe:
 
     @property
     def is_locked_up(self) -> bool:
-        """Whether the last looks failed, after enough others."""
+        """Whether the last `MAX_FAILURES` probes failed, after at least `MIN_PROBES`."""
         return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
 
     def probe(self) -> threading.Thread:
-        """Note how the last look went and begin the next one, unless it still looks.
+        """Record the last probe's result and start the next one, unless it still runs.
 
         Returns:
-            The one that looks now.
+            The thread of the running probe.
         """
         self._looks += 1
         if self._looking is not None:
@@ -61,18 +61,18 @@ class RouterProbe:
         try:
             zenoh.open(as_zenoh(self._client)).close()  # type: ignore[no-untyped-call] # the stub's
         except zenoh.ZError as error:
-            _log.debug("no way in: %s", error)
+            _log.debug("a client cannot connect: %s", error)
         else:
             self._is_open = self._was_open = True
-            _log.debug("clients get in")
+            _log.debug("clients can connect")
 
 
 def client_of(router: zenoh.Config, patience_s: float) -> Configuration:
-    """The configuration of a client of a router on the same machine, with the router's certificate.
+    """Return the configuration of a client on the router's machine, with the router's certificate.
 
     Args:
-        router: its configuration.
-        patience_s: how long to look for it.
+        router: the router's configuration.
+        patience_s: time-out of connecting [s].
     """
     endpoints = json.loads(router.get_json("listen/endpoints"))
     if isinstance(endpoints, dict):  # by mode

@@ -1,8 +1,8 @@
-"""The router's configuration for more than one machine: mutual TLS and access control.
+"""The router's configuration for several machines: mutual TLS and access control.
 
-``python -I -m zenoh_link.secure_router --worker worker-a --worker worker-b > FILE`` writes it
-for `zenohd --config FILE` and for `zenoh_link.router --config FILE` alike. The file
-``deploy/router-secure.json5`` is what it writes without arguments.
+``python -I -m zenoh_link.secure_router --worker worker-a --worker worker-b > FILE`` writes a file
+for `zenohd --config FILE` or `zenoh_link.router --config FILE`. ``deploy/router-secure.json5`` is
+its output without arguments.
 """
 
 import argparse
@@ -33,17 +33,17 @@ _WIDTH = 100
 def secure_router_configuration(
     endpoint: str, certificates: str, robots: Sequence[str], workers: Sequence[str]
 ) -> Configuration:
-    """Zenoh's configuration of a router that lets in only whom its authority has signed.
+    """Return the configuration of a router that accepts only certificates of its authority.
 
     Args:
         endpoint: where it listens, ``tls/HOST:PORT``.
-        certificates: folder, on the router's machine, with ``authority.pem``, ``router.pem`` and
-            ``router.key``; not looked at.
+        certificates: folder on the router's machine with ``authority.pem``, ``router.pem`` and
+            ``router.key``; it is not opened here.
         robots: names of robots, as in `access_control`.
         workers: names of worker certificates, as in `access_control`.
 
     Raises:
-        SettingsError: the endpoint or a name cannot be used.
+        SettingsError: the endpoint or a name is invalid.
     """
     check_endpoint(endpoint)
     if not endpoint.startswith("tls/"):
@@ -52,7 +52,7 @@ def secure_router_configuration(
     folder = PurePosixPath(certificates)
     configuration = router_configuration(ZenohSettings())
     configuration["listen"] = {"endpoints": [patient(endpoint)]}
-    configuration["scouting"]["gossip"] = {"enabled": False}  # links of peers know no rules
+    configuration["scouting"]["gossip"] = {"enabled": False}  # peer links bypass access control
     configuration["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {
@@ -68,7 +68,7 @@ def secure_router_configuration(
 
 
 def as_commented_json5(configuration: Configuration, arguments: Sequence[str]) -> str:
-    """The configuration as a file that says where it comes from."""
+    """Return the file's text, with the command that wrote it as a comment."""
     command = " ".join(("python -I -m zenoh_link.secure_router", *arguments))
     return (
         "// Mutual TLS and access control, deny by default. Written by\n"
@@ -79,7 +79,7 @@ def as_commented_json5(configuration: Configuration, arguments: Sequence[str]) -
 
 
 def _laid_out(value: Any, indent: int = 0) -> str:
-    """JSON with a line for whatever fits into one."""
+    """Return JSON with each value on one line where it fits."""
     line = json.dumps(value)
     if len(line) + indent < _WIDTH or not isinstance(value, dict | list):
         return line
@@ -93,7 +93,7 @@ def _laid_out(value: Any, indent: int = 0) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Write the file to standard output; the exit code."""
+    """Write the file to standard output; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     given = _parser().parse_args(words)
 
@@ -120,21 +120,21 @@ def _parser() -> argparse.ArgumentParser:
         "--certificates",
         default=DEFAULT_CERTIFICATES,
         metavar="FOLDER",
-        help="of authority.pem, router.pem and router.key (default: %(default)s)",
+        help="folder of authority.pem, router.pem and router.key (default: %(default)s)",
     )
     parser.add_argument(
         "--robot",
         action="append",
         default=[],
         metavar="NAME",
-        help="certificates hold for one robot each, as bridge.NAME; may be repeated",
+        help="certificates are valid for one robot each, as bridge.NAME; may be repeated",
     )
     parser.add_argument(
         "--worker",
         action="append",
         default=[],
         metavar="NAME",
-        help=f"a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated "
+        help=f"name of a worker certificate, {WORKER} or {WORKER}-NAME; may be repeated "
         f"(default: {WORKER})",
     )
     return parser

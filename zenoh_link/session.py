@@ -1,4 +1,4 @@
-"""Opening Zenoh: wait for the router without becoming deaf to Ctrl-C, close on the way out."""
+"""Opens the Zenoh session: waits for the router, stays interruptible, closes on exit."""
 
 import logging
 import time
@@ -33,22 +33,22 @@ def open_session(
     *,
     peer: bool = False,
 ) -> Iterator[zenoh.Session]:
-    """Open this process's session as a client of the router; keys stand below the robot's name.
+    """Open this process's session, as a client of the router unless `peer`.
 
-    Once open, a session survives the loss of its router: it looks for it again and declares
-    everything anew. It must be closed, or the interpreter hangs at its exit: hence the context.
-    Fork before, never after: a forked child cannot open a session of its own.
+    An open session survives the loss of its router: it reconnects and declares everything again.
+    A session that is not closed hangs the interpreter at exit, hence the context manager. Fork
+    before opening a session: a child forked later cannot open its own.
 
     Args:
         settings: the router's endpoint, certificates, time-outs.
-        robot: whose keys these are; None: keys are not put below a name.
-        stop: looked at while there is no router.
-        wait_s: how long to look for a router [s]; None looks for ever, as services do.
-        peer: link directly to other peers of the router, as ROS nodes do; `robot` is None then.
+        robot: its name prefixes all keys; None: no prefix.
+        stop: checked while there is no router.
+        wait_s: time-out for a router [s]; None: no time-out, as for services.
+        peer: connect directly to other peers, as ROS nodes do; `robot` must be None.
 
     Raises:
         UnreachableError: no router answered in `wait_s`.
-        SettingsError: the endpoint or the robot's name cannot be used.
+        SettingsError: the endpoint or the robot's name is invalid.
         StoppedError: `stop` was set before there was a router.
     """
     configuration = peer_configuration(settings) if peer else client_configuration(settings, robot)
@@ -87,10 +87,10 @@ def _connect(
 
 
 def _refusal(settings: ZenohSettings) -> str | None:
-    """Why the router keeps us out; a ZError tells of an absent one just the same."""
+    """Return why the router refuses us; Zenoh raises the same ZError for an absent router."""
     if not settings.router.startswith("tls/"):
         return None
-    from zenoh_link.tls import why_refused  # noqa: PLC0415 - 10 ms for those who need it
+    from zenoh_link.tls import why_refused  # noqa: PLC0415 - import takes 10 ms
 
     refused = why_refused(settings)
     return f"{settings.router}: {refused}" if refused else None

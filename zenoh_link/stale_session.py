@@ -1,4 +1,4 @@
-"""A link that came back and through which nothing comes."""
+"""Detects a session that receives nothing after its link came back."""
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
@@ -7,17 +7,17 @@ from zenoh_link.session import open_session
 from zenoh_link.wire import Link, Token, is_alive
 
 STALE_NS = 10_000_000_000
-"""Everybody who is not alone hears something in this time."""
+"""A session with peers receives something within this time [ns]."""
 STALE = "the link came back and nothing comes through it: opening another"
 _LOOK_S = 1.0
 
 
 class StaleSessionDetector:
-    """Suspects a link through which nothing has come since it came back.
+    """Suspects a session that has received nothing since its link came back.
 
-    A session declares everything anew when its link comes back. Once in an hour of chaos that
-    failed: what the process put went out, and nothing came in for four minutes, until the link
-    was lost again. Only another session helps, and shows whether anybody is there to be heard.
+    A session repeats its declarations when its link comes back. Once in an hour of fault injection
+    that failed: the process could publish, but received nothing for four minutes, until the link
+    was lost again. A second session shows whether peers exist; if so, it replaces the first.
     """
 
     def __init__(self) -> None:
@@ -26,13 +26,14 @@ class StaleSessionDetector:
 
     @property
     def is_armed(self) -> bool:
-        """Whether the link came back, and nothing has come through it since."""
+        """Whether the link came back and nothing was received since."""
         return self._back_ns is not None
 
     def on_event(self, event: object, now_ns: int) -> None:
-        """Something has happened: the link came or went, or something came through it.
+        """Take any event of the loop.
 
-        Its first coming is no coming back; a token vanishes for it when the link is lost, too.
+        The first `Link(up=True)` is not a return. A token's disappearance proves nothing: Zenoh
+        also reports it when the link is lost.
         """
         match event:
             case Link(up=True):
@@ -46,7 +47,7 @@ class StaleSessionDetector:
                 self._back_ns = None
 
     def is_suspect(self, now_ns: int) -> bool:
-        """Whether to look who is there; True again only after as long."""
+        """Return whether to look for peers now; True again only `STALE_NS` later."""
         if self._back_ns is None or now_ns - self._back_ns < STALE_NS:
             return False
         self._back_ns = now_ns
@@ -54,7 +55,7 @@ class StaleSessionDetector:
 
 
 def is_there(settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, key: str) -> bool:
-    """Whether a session of its own sees a liveliness token; False where none can be opened."""
+    """Return whether a second session sees a liveliness token; False if none can be opened."""
     try:
         with open_session(settings, robot, stop, wait_s=_LOOK_S) as session:
             return is_alive(session, key, _LOOK_S)

@@ -1,4 +1,4 @@
-"""How many threads Zenoh receives with: only an environment variable can tell it."""
+"""Sets Zenoh's number of receiving threads, which only an environment variable can set."""
 
 import os
 import threading
@@ -8,14 +8,14 @@ from contextlib import contextmanager
 VARIABLE = "ZENOH_RUNTIME"
 
 ONE_LINK = "(rx: (worker_threads: 1))"
-"""A client has one link, and a second thread would be woken for nothing by each message."""
+"""A client has one link; each message would wake a second thread for nothing."""
 
 MANY_LINKS = "(rx: (worker_threads: 16))"
-"""Of a router or a peer: more than a machine has links.
+"""For a router or a peer: more threads than a machine has links.
 
-When a link dies silently (a cable, a switch, a radio), its lease runs out and a receiving thread
-closes it; close(2) then waits up to 10 s for bytes that nobody will acknowledge. Zenoh has two
-such threads by itself: two dead links, and nobody is served meanwhile.
+When a link dies silently (cable, switch, radio), its lease expires and a receiving thread closes
+it; close(2) then blocks up to 10 s for unacknowledged bytes. With Zenoh's default of two threads,
+two dead links block all others.
 """
 
 _one_at_a_time = threading.Lock()
@@ -24,11 +24,11 @@ _read = False
 
 @contextmanager
 def receiving_threads(runtime: str) -> Iterator[None]:
-    """Open a session in here; the first one of a process decides for all.
+    """Open a session within this context; the first session of a process decides for all.
 
-    Zenoh reads the variable when the first session of a process is opened. It is taken away again,
-    for children inherit it: a router that a client starts would have one thread. What a person has
-    set stays as it is.
+    Zenoh reads the variable when the first session is opened. It is removed again because child
+    processes inherit it: a router started by a client would have one thread. A value that the
+    environment already has is kept.
 
     Args:
         runtime: `ONE_LINK` or `MANY_LINKS`.

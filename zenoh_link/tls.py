@@ -1,6 +1,6 @@
-"""Certificates: what is wrong with the files, and why a router refuses them.
+"""Diagnoses certificates: what is wrong with the files, and why a router refuses them.
 
-Zenoh only says that it cannot connect. Python's own TLS, given the same files, says why.
+Zenoh only reports that it cannot connect; Python's TLS, given the same files, reports the reason.
 """
 
 import re
@@ -15,25 +15,25 @@ from protocol.errors import SettingsError
 _PROBE_S = 1.0
 _ALERT_S = 0.3
 
-_STRANGER = "another authority than the router's has signed it"
+_UNKNOWN_AUTHORITY = "it is not signed by the router's authority"
 
 _REFUSALS = {
-    "TLSV1_ALERT_UNKNOWN_CA": _STRANGER,
-    "TLSV1_ALERT_DECRYPT_ERROR": _STRANGER,
-    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the router asks for a certificate: set "
+    "TLSV1_ALERT_UNKNOWN_CA": _UNKNOWN_AUTHORITY,
+    "TLSV1_ALERT_DECRYPT_ERROR": _UNKNOWN_AUTHORITY,
+    "TLSV13_ALERT_CERTIFICATE_REQUIRED": "the router requires a certificate: set "
     "zenoh.tls_certificate and zenoh.tls_private_key",
     "SSLV3_ALERT_CERTIFICATE_EXPIRED": "it has expired",
     "SSLV3_ALERT_UNSUPPORTED_CERTIFICATE": "it is not a client's certificate",
     "SSLV3_ALERT_BAD_CERTIFICATE": "the router cannot read it",
 }
-"""What the router's TLS alerts mean, by the names that OpenSSL has for them."""
+"""OpenSSL's name of a TLS alert: what it means for the client's certificate."""
 
 
 def check_files(settings: ZenohSettings) -> None:
-    """Refuse certificate files that no connection could be made with.
+    """Reject unusable certificate files.
 
     Raises:
-        SettingsError: one cannot be read, is not PEM, or key and certificate do not fit.
+        SettingsError: one cannot be read, is not PEM, or key and certificate do not match.
     """
     for name in ("tls_ca_certificate", "tls_certificate", "tls_private_key"):
         file = getattr(settings, name)
@@ -48,13 +48,13 @@ def check_files(settings: ZenohSettings) -> None:
 
 
 def why_refused(settings: ZenohSettings) -> str | None:
-    """Try the TLS handshake that Zenoh makes, to tell a person why it fails.
+    """Repeat Zenoh's TLS handshake to find out why it fails.
 
     Args:
         settings: of a client whose endpoint is ``tls/HOST:PORT`` and whose files were checked.
 
     Returns:
-        What is wrong with the certificates; None if nothing is, or nobody listens there.
+        What is wrong with the certificates; None if they are valid or no server listens there.
     """
     host, _, port = settings.router.removeprefix("tls/").rpartition(":")
     host, port = host.strip("[]"), re.sub(r"[?#].*", "", port)
@@ -63,10 +63,10 @@ def why_refused(settings: ZenohSettings) -> str | None:
             socket.create_connection((host, int(port)), _PROBE_S) as raw,
             _context(settings).wrap_socket(raw, server_hostname=host) as connection,
         ):
-            connection.settimeout(_ALERT_S)  # in TLS 1.3 the refusal comes after the handshake
+            connection.settimeout(_ALERT_S)  # in TLS 1.3 the refusal follows the handshake
             connection.recv(1)
     except ssl.SSLCertVerificationError as error:
-        return f"the router's certificate is not to be trusted: {error.verify_message}"
+        return f"the router's certificate is not trusted: {error.verify_message}"
     except ssl.SSLError as error:
         meaning = _REFUSALS.get(error.reason or "", f"TLS fails with {error.reason}")
         return f"the router refuses {_named(settings)}: {meaning}"
@@ -100,7 +100,6 @@ def _check_readable(name: str, file: str) -> None:
 
 
 def _context(settings: ZenohSettings) -> ssl.SSLContext:
-    """The same files for Python's TLS."""
     authority = settings.tls_ca_certificate
     try:
         context = ssl.create_default_context(cafile=authority or None)
@@ -114,9 +113,9 @@ def _context(settings: ZenohSettings) -> ssl.SSLContext:
         try:
             context.load_cert_chain(certificate, key, password="")  # never asks at the terminal
         except ssl.SSLError as error:
-            problem = f"do not fit together: {error.reason or 'not readable'}"
+            problem = f"do not match: {error.reason or 'not readable'}"
             if error.reason == "KEY_VALUES_MISMATCH":
-                problem = "do not fit together: the key is another certificate's"
+                problem = "do not match: the key belongs to another certificate"
             raise SettingsError(
                 key="zenoh.tls_private_key",
                 problem=f"zenoh.tls_certificate = {certificate!r} and "

@@ -1,7 +1,7 @@
-"""Messages over a Zenoh session: publish, ask, and put what arrives into an inbox.
+"""Messages over a Zenoh session: publish, query, and put received messages into an inbox.
 
-Callbacks only put: a callback that computes or waits stalls every other subscription and query
-of its session. Decoding happens in the loop that takes from the inbox.
+Callbacks only put: a callback that computes or blocks stalls every other subscription and query
+of its session. The loop that reads the inbox decodes.
 """
 
 import time
@@ -25,41 +25,41 @@ M = TypeVar("M")
 
 
 AS_THEY_COME = zenoh.ConsolidationMode.NONE
-"""Answers; else the first one is held back until all who serve have answered."""
+"""Consolidation of replies; with the default, the first waits until all queryables replied."""
 
 
 @dataclass(frozen=True)
 class Received:
-    """A message that was published, still undecoded."""
+    """A published message, not yet decoded."""
 
     key: str
     payload: bytes
     at_ns: int = 0
-    """When it arrived, by the monotonic clock; 0 for an answer."""
+    """Time of arrival on the monotonic clock [ns]; 0 for a reply."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """A query that waits for its answer."""
+    """A query that has not been answered."""
 
     key: str
     payload: bytes
     query: zenoh.Query
 
     def answer(self, message: Message) -> None:
-        """Answer and close the query."""
+        """Reply and close the query."""
         with self.query:
             self.query.reply(self.query.key_expr, encode(message), encoding=ENCODING)
 
     def refuse(self, problem: str) -> None:
-        """Answer with an error and close the query."""
+        """Reply with an error and close the query."""
         with self.query:
             self.query.reply_err(problem.encode(), encoding="text/plain")
 
 
 @dataclass(frozen=True)
 class Token:
-    """A liveliness token appeared or vanished."""
+    """A liveliness token appeared or disappeared."""
 
     key: str
     alive: bool
@@ -67,9 +67,9 @@ class Token:
 
 @dataclass(frozen=True)
 class Link:
-    """This process's own link to the router came up or was lost.
+    """This process's link to the router came up or was lost.
 
-    Zenoh reports all tokens as vanished just *before* it reports its own link as lost.
+    Zenoh reports all tokens as gone just *before* it reports its own link as lost.
     """
 
     up: bool
@@ -80,28 +80,28 @@ Events: TypeAlias = Inbox[Event]
 
 
 class EventSink(Protocol):
-    """What callbacks put into: an inbox, whatever else its loop takes from it."""
+    """The part of an inbox that callbacks use, whatever other events its loop reads."""
 
     def put(self, event: Event) -> bool:
-        """Append; False: there is no room."""
+        """Append an event; return False if the inbox is full."""
 
     def put_own(self, event: Event) -> None:
-        """Append what this process sends to itself."""
+        """Append an event from this process itself."""
 
     def put_newest(self, kind: str, state: Event) -> None:
-        """Append a state; the oldest of its kind gives way when there are too many."""
+        """Append a state and drop the oldest of its kind if there are too many."""
 
     def count_refused(self, kind: str) -> None:
-        """Count what was too large."""
+        """Count a message that was too large."""
 
 
 class Publisher:
     """Publishes messages on one key.
 
     Args:
-        session: the process's own.
-        key: where.
-        may_wait: wait for a slow link, as large messages must; else drop the message.
+        session: the process's session.
+        key: key expression to publish on.
+        may_wait: block on a slow link, as large messages must; else drop the message.
     """
 
     def __init__(self, session: zenoh.Session, key: str, *, may_wait: bool = False) -> None:
@@ -115,7 +115,6 @@ class Publisher:
         )
 
     def put(self, message: Message) -> None:
-        """Publish."""
         mark("encode", message)
         data = encode(message)
         mark("put", message)
@@ -126,14 +125,14 @@ class Publisher:
 def subscribe(
     session: zenoh.Session, key: str, inbox: EventSink, kind: str, *, own: bool = True
 ) -> None:
-    """Put what is published on `key` into the inbox, as states of a kind.
+    """Put messages published on `key` into the inbox, as states of one kind.
 
     Args:
-        session: the process's own.
-        key: or an expression that stands for several.
+        session: the process's session.
+        key: key expression.
         inbox: woken by each message.
-        kind: as the inbox was made for.
-        own: also what this very session publishes.
+        kind: one of the inbox's kinds of states.
+        own: also receive what this session publishes.
     """
 
     def on_sample(sample: zenoh.Sample) -> None:
@@ -149,16 +148,14 @@ def subscribe(
 
 
 class Unread:
-    """The newest messages on a key, for who looks now and then: they wake nobody.
-
-    Waking a thread costs more than most messages take to read.
+    """The newest messages on a key, polled: waking a thread costs more than reading most of them.
 
     Args:
-        session: the process's own.
-        key: of the messages.
-        inbox: counts what is too large.
-        kind: what to count it as.
-        count: so many are kept; the oldest gives way.
+        session: the process's session.
+        key: key expression.
+        inbox: counts messages that are too large.
+        kind: name of that count.
+        count: most messages kept; the oldest is dropped.
     """
 
     def __init__(
@@ -168,7 +165,7 @@ class Unread:
         self._inbox, self._kind = inbox, kind
 
     def drain(self) -> Iterator[bytes]:
-        """The payloads that arrived since the last look, oldest first."""
+        """Yield the payloads received since the last call, oldest first."""
         while (sample := self._subscriber.try_recv()) is not None:
             if len(sample.payload) > max_bytes_on(str(sample.key_expr)):
                 self._inbox.count_refused(self._kind)
@@ -177,9 +174,10 @@ class Unread:
 
 
 def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
-    """Put queries on `key` into the inbox; one that finds it full is refused at once.
+    """Put queries on `key` into the inbox; refuse them at once while it is full.
 
-    Never declared complete: of several that are, a router asks one, and that one may hear nothing.
+    The queryable is not declared complete: of several complete ones a router queries only one,
+    which may have a stale session.
     """
 
     def on_query(query: zenoh.Query) -> None:
@@ -198,7 +196,7 @@ def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
 
 
 def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
-    """Put liveliness tokens on `key` into the inbox, those there already first."""
+    """Put changes of liveliness tokens on `key` into the inbox, existing tokens first."""
 
     def on_token(sample: zenoh.Sample) -> None:
         inbox.put(Token(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
@@ -207,7 +205,7 @@ def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
 
 
 def watch_link(session: zenoh.Session, inbox: EventSink) -> None:
-    """Put what happens to this session's own link into the inbox, that it is up first."""
+    """Put changes of this session's link into the inbox, its present state first."""
 
     def on_transport(event: zenoh.TransportEvent) -> None:
         inbox.put_own(Link(event.kind == zenoh.SampleKind.PUT))
@@ -216,12 +214,11 @@ def watch_link(session: zenoh.Session, inbox: EventSink) -> None:
 
 
 def is_alive(session: zenoh.Session, key: str, timeout_s: float) -> bool:
-    """Whether a liveliness token is there."""
     return bool(alive(session, key, timeout_s))
 
 
 def alive(session: zenoh.Session, key: str, timeout_s: float) -> list[str]:
-    """The liveliness tokens that are there."""
+    """Return the sorted keys of the liveliness tokens that match `key`."""
     replies = session.liveliness().get(key, timeout=timeout_s)
     return sorted(str(reply.ok.key_expr) for reply in replies if reply.ok is not None)
 
@@ -234,16 +231,16 @@ def ask(
     timeout_s: float,
     message: Message | None = None,
 ) -> M:
-    """Ask whoever serves `key` and take the first answer.
+    """Query `key` and return the first answer.
 
     Raises:
-        RefusedError: nobody answered in time but with a refusal.
-        UnreachableError: nobody answered in time at all.
-        MalformedMessageError: the answer is not the message it should be.
+        RefusedError: only error replies came within `timeout_s`.
+        UnreachableError: no reply came within `timeout_s`.
+        MalformedMessageError: the answer cannot be decoded as `answer`.
     """
     payload = encode(message) if message is not None else None
     error: type[UnreachableError] = UnreachableError
-    problem = f"nobody answers on {key!r}"
+    problem = f"no process answers on {key!r}"
     for reply in session.get(key, payload=payload, consolidation=AS_THEY_COME, timeout=timeout_s):
         if reply.ok is not None:
             return decode(reply.ok.payload.to_bytes(), answer)
@@ -262,15 +259,15 @@ def ask_later(
     timeout_s: float,
     message: Message | None = None,
 ) -> None:
-    """Ask without waiting. One of the two is called, on a thread of Zenoh's: put, and return.
+    """Query without blocking; one of the two callbacks runs on a thread of Zenoh's.
 
     Args:
-        session: the process's own.
-        selector: of what is asked.
-        on_answer: takes the first answer, undecoded.
-        on_failure: takes the words of who refused, or was too late; empty: nobody was there.
-        timeout_s: how long somebody may take to answer.
-        message: what is asked.
+        session: the process's session.
+        selector: key or selector to query.
+        on_answer: takes the first answer, not decoded.
+        on_failure: takes the text of the last error reply; empty: no reply came.
+        timeout_s: time-out of the query [s].
+        message: payload of the query.
     """
     answered, refused = False, ""
 

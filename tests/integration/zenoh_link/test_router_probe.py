@@ -1,4 +1,4 @@
-"""A router that lets nobody in any more ends, to be started again."""
+"""A router that accepts no client any more exits, to be restarted."""
 
 import socket
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ EVERY_S = 0.5
 def narrow_router(
     zenoh_settings: ZenohSettings, tmp_path: Path, start_process: StartProcess
 ) -> RunningProcess:
-    """One that has patience with a single link that is not open yet: easily blocked for good."""
+    """A router that allows one pending connection: easily blocked for good."""
     configuration = router_configuration(zenoh_settings)
     configuration["transport"]["unicast"] = {"accept_pending": 1, "accept_timeout": 600_000}
     file = tmp_path / "router.json5"
@@ -40,10 +40,10 @@ def silence() -> Iterator[ExitStack]:
         yield silence
 
 
-def test_a_router_that_lets_nobody_in_any_more_ends(
+def test_a_router_that_accepts_no_client_any_more_exits(
     narrow_router: RunningProcess, zenoh_settings: ZenohSettings, silence: ExitStack
 ) -> None:
-    narrow_router.wait_for("clients get in")
+    narrow_router.wait_for("clients can connect")
 
     def block() -> bool:
         one = silence.enter_context(socket.socket(socket.AF_UNIX))
@@ -53,13 +53,13 @@ def test_a_router_that_lets_nobody_in_any_more_ends(
 
     wait_until(block)
     assert narrow_router.wait() == 1
-    assert "nobody gets in any more" in narrow_router.err
+    assert "no client can connect" in narrow_router.err
 
 
-def test_only_who_was_let_in_before_is_shut_out(
+def test_failures_count_only_after_a_first_success(
     narrow_router: RunningProcess, zenoh_settings: ZenohSettings
 ) -> None:
-    """One that cannot visit, for it has not the right certificate, knows nothing."""
+    """A probe that never connects, for example without a valid certificate, proves nothing."""
     assert narrow_router.is_running()
     router = as_zenoh(router_configuration(zenoh_settings))
     good, never = RouterProbe(router, patience_s=10.0), RouterProbe(router, patience_s=0.1)
@@ -71,7 +71,7 @@ def test_only_who_was_let_in_before_is_shut_out(
 
 
 @pytest.mark.parametrize("listens", ["[]", "{ router: [], peer: ['tcp/127.0.0.1:0'] }"])
-def test_a_router_that_listens_nowhere_never_looks_well(listens: str, tmp_path: Path) -> None:
+def test_a_router_without_endpoints_is_never_reported(listens: str, tmp_path: Path) -> None:
     file = tmp_path / "router.json5"
     file.write_text(f"{{ mode: 'router', listen: {{ endpoints: {listens} }} }}")
     probe = RouterProbe(zenoh.Config.from_file(str(file)), patience_s=0.1)
@@ -81,9 +81,7 @@ def test_a_router_that_listens_nowhere_never_looks_well(listens: str, tmp_path: 
 
 
 @pytest.mark.parametrize("every", ["0", "-1", "nan", "often"])
-def test_a_time_between_looks_that_is_none_is_refused(
-    every: str, start_process: StartProcess
-) -> None:
+def test_an_invalid_probe_interval_is_refused(every: str, start_process: StartProcess) -> None:
     process = start_process(python_module("zenoh_link.router", "--look-every", every))
     assert process.wait() == 2
     assert "--look-every" in process.err
@@ -99,7 +97,7 @@ def test_a_time_between_looks_that_is_none_is_refused(
         ("unixsock-stream//tmp/a", "unixsock-stream//tmp/a"),
     ],
 )
-def test_it_looks_where_the_router_listens(listens: str, looks: str) -> None:
+def test_the_probe_connects_where_the_router_listens(listens: str, looks: str) -> None:
     configuration = router_configuration(ZenohSettings(router="tcp/localhost:1"))
     configuration["listen"]["endpoints"] = [listens]
     client = client_of(as_zenoh(configuration), 1.0)

@@ -47,7 +47,7 @@ def test_a_router_with_certificates_in_its_settings_asks_for_them(
         with open_session(viewer, RobotSettings(), StopFlag(), wait_s=20.0) as session:
             wait_until(session.info.routers_zid)
         with (
-            pytest.raises(UnreachableError, match="asks for a certificate"),
+            pytest.raises(UnreachableError, match="requires a certificate"),
             open_session(without_certificate(viewer), RobotSettings(), StopFlag(), wait_s=0.2),
         ):
             pass
@@ -89,7 +89,7 @@ def test_certificates_go_to_tls_endpoints_by_their_role(viewer: ZenohSettings) -
         ),
         (
             lambda folder: {"tls_private_key": f"{folder}/operator.key"},
-            r"viewer\.pem' and .*operator\.key' do not fit together: the key is another",
+            r"viewer\.pem' and .*operator\.key' do not match: the key belongs to another",
         ),
         (
             lambda _: {"tls_private_key": ""},
