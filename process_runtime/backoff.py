@@ -1,13 +1,13 @@
-"""How soon a process that died is started again."""
+"""The delay before a dead process is restarted."""
 
 
 class Backoff:
-    """Restart at once, then wait longer each time, until one has lived long enough.
+    """Exponential back-off, reset by a process that has run for `settled_s`.
 
     Args:
-        first_s: the wait after the first death [s].
-        longest_s: no wait is longer [s].
-        settled_s: who lived so long starts from `first_s` again [s].
+        first_s: the first delay [s].
+        longest_s: the longest delay [s].
+        settled_s: a process that ran at least this time resets the delay to `first_s` [s].
     """
 
     def __init__(
@@ -17,11 +17,7 @@ class Backoff:
         self._next_s = first_s
 
     def after_death(self, lived_s: float) -> float:
-        """Return how long to wait before the next start [s].
-
-        Args:
-            lived_s: how long the process had run [s].
-        """
+        """Return the delay before the next start [s], for a process that ran `lived_s`."""
         if lived_s >= self._settled_s:
             self._next_s = self._first_s
         wait_s = self._next_s

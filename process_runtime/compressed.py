@@ -9,23 +9,21 @@ from typing import BinaryIO, cast
 from protocol.errors import InputFileError
 
 MAX_FILE_BYTES = 2**29
-"""A longer file, once decompressed, is refused: it is a mistake or an attack, not an input.
-
-The largest public recordings have a fifth of it; a kilobyte of gzip can announce a terabyte.
-"""
+"""Longest input after decompression, five times the largest public recording: a few kilobytes of
+gzip can expand to terabytes."""
 
 BROKEN_STREAM_ERRORS = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
-"""What reading a cut or damaged compressed file raises."""
+"""Exceptions from reading a truncated or damaged compressed file."""
 
 _GZIP_MAGIC, _XZ_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00"
 
 
 def open_decompressed(path: Path) -> BinaryIO:
-    """Open a file that may be compressed; what is read from it is not.
+    """Open a file that may be compressed, for reading its decompressed bytes.
 
     Raises:
-        OSError: the file cannot be opened. A broken stream shows only while reading, as one of
-            `BROKEN_STREAM_ERRORS`.
+        OSError: the file cannot be opened. A damaged stream raises one of
+            `BROKEN_STREAM_ERRORS` while it is read.
     """
     with path.open("rb") as plain:
         start = plain.read(len(_XZ_MAGIC))
@@ -37,14 +35,14 @@ def open_decompressed(path: Path) -> BinaryIO:
 
 
 def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
-    """All bytes of a file, decompressed.
+    """Read a whole file, decompressed.
 
     Args:
         path: the file.
         error: what to raise, so that a map is reported as a map and a recording as one.
 
     Raises:
-        InputFileError: as `error`: the file is missing, unreadable, cut, damaged or too long.
+        InputFileError: as `error`: the file is missing, unreadable, truncated, damaged or too long.
     """
     try:
         with open_decompressed(path) as stream:
@@ -59,19 +57,18 @@ def read_decompressed(path: Path, error: type[InputFileError]) -> bytes:
 
 
 def too_long_problem() -> str:
-    """A sentence for a file with more than `MAX_FILE_BYTES`."""
     return f"longer than {MAX_FILE_BYTES // 2**20} MiB unpacked, more than any input here"
 
 
 def broken_stream_problem(broken: BaseException) -> str:
-    """A sentence for one of `BROKEN_STREAM_ERRORS`."""
+    """Return the message for one of `BROKEN_STREAM_ERRORS`."""
     if isinstance(broken, EOFError):
         return "the compressed file is cut off; copy or download it again"
     return f"the compressed file is damaged ({broken}); copy or download it again"
 
 
 def os_problem(failed: OSError) -> str:
-    """A sentence for a file that cannot be read."""
+    """Return the message for a file that cannot be read."""
     if isinstance(failed, FileNotFoundError):
         return "no such file; check the path"
     if isinstance(failed, IsADirectoryError):

@@ -1,8 +1,8 @@
-"""Where the time of a step goes: stamps that every process writes down by itself.
+"""Traces the latency of steps: each process writes time stamps to its own file.
 
-Off unless `log.trace_folder` names a folder. Then each process appends lines to a file of its
-own there: step, event, sender of the message, time in nanoseconds. All processes of a machine
-share one monotonic clock, so the files can be put together (`benchmarks/latency.py`).
+Off unless `log.trace_folder` names a folder. A line holds step, event, sender of the message and
+time [ns]. All processes of a machine share one monotonic clock, so that `benchmarks/latency.py`
+can merge the files.
 """
 
 import os
@@ -16,7 +16,7 @@ _KEPT_LINES = 64
 
 
 class _TraceFile:
-    """A file that is appended to, some lines at a time, in whole lines."""
+    """A file to which whole lines are appended in batches."""
 
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
@@ -33,12 +33,12 @@ _file: _TraceFile | None = None
 
 
 def start_trace(folder: str, process: str) -> None:
-    """Write stamps from now on, if a folder is named; as with the log, one for the process.
+    """Start this process's trace; an empty folder stops it.
 
     Raises:
-        InputFileError: the folder cannot be made or written to.
+        InputFileError: the folder cannot be created or written to.
     """
-    global _file  # noqa: PLW0603 - a process has one trace, as it has one log
+    global _file  # noqa: PLW0603 - one trace per process, like the log
     if not folder:
         _file = None
         return
@@ -51,7 +51,7 @@ def start_trace(folder: str, process: str) -> None:
 
 
 def mark(event: str, message: Message, at_ns: int | None = None) -> None:
-    """Write down that something has just happened to a message of a step, or when it did."""
+    """Record an event of a message that belongs to a step; `at_ns` defaults to now."""
     if _file is None:
         return
     step = getattr(message, "step", None)

@@ -1,4 +1,4 @@
-"""The outermost loop of every process: arguments, settings, log, signals, errors, exit code."""
+"""The main function of every process: arguments, settings, log, signals, errors, exit code."""
 
 import argparse
 import faulthandler
@@ -22,7 +22,7 @@ from protocol.errors import ClusterMclError
 from protocol.names import LONGEST_NAME, ROOM_FOR_NUMBER, is_name, name_rule
 
 EXIT_OK, EXIT_BUG, EXIT_ERROR = 0, 1, 2
-"""Ended or asked to stop; a bug, with a traceback; an error that a person can mend."""
+"""Success or stopped; a bug, logged with its traceback; an error that the user can fix."""
 
 _EXIT_WITHIN_S = 2.0
 
@@ -31,20 +31,20 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Invocation:
-    """What a process was started with."""
+    """Name, settings, arguments and stop flag of a started process."""
 
     process: str
-    """Its name, in the log and as the sender of its messages."""
+    """Name in the log and as the sender of messages."""
     settings: Settings
     arguments: argparse.Namespace
     stop: StopFlag
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says a mistake in one line."""
+    """Prints an error as one line."""
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message} (see --help)", file=sys.stderr)  # noqa: T201 - before the log
+        print(f"{self.prog}: {message} (see --help)", file=sys.stderr)  # noqa: T201 - no log yet
         sys.exit(EXIT_ERROR)
 
 
@@ -55,25 +55,24 @@ def process_main(
     describe: str,
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None,
 ) -> NoReturn:
-    """Run a process to its end and exit, even if something is left that hangs at the exit.
+    """Run a process and exit, even if something hangs at exit.
 
-    `body` imports what is heavy, and opens its session in a context that closes it again.
-    SIGINT and SIGTERM set its stop flag; it then returns, or a wait raises `StoppedError`.
+    SIGINT and SIGTERM set the stop flag; `body` then returns, or a wait raises `StoppedError`.
 
     Args:
         name: default of ``--name``.
-        body: the process's work.
+        body: the process's work. It imports heavy modules and closes its own session.
         describe: one line for ``--help``.
         add_arguments: adds the process's own arguments.
     """
     die_with_parent_if_asked()
     share_arenas()
-    faulthandler.enable()  # says where it hangs when systemd ends it by SIGABRT
+    faulthandler.enable()  # prints the stack when systemd's watchdog sends SIGABRT
     stop = stop_on_signals()
     stop.on_look = sign_of_life()
     code = run_process(name, body, stop, describe=describe, add_arguments=add_arguments)
-    stop.on_look = lambda: None  # who ended in an error must not say now that it is ready
-    if not stop.is_set():  # otherwise the signal has started the same watch
+    stop.on_look = lambda: None  # a failed process must not report READY now
+    if not stop.is_set():  # else the signal handler has set the same timer
         faulthandler.dump_traceback_later(_EXIT_WITHIN_S, exit=True)
     sys.exit(code)
 
@@ -87,7 +86,7 @@ def run_process(
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None,
     argv: Sequence[str] | None = None,
 ) -> int:
-    """Run a process to its end; as `process_main`, but return the exit code."""
+    """Do as `process_main`, but return the exit code."""
     arguments = _parse(name, describe, add_arguments, argv)
     configure_logging(arguments.name, "info")
 
@@ -101,12 +100,12 @@ def run_process(
 
 
 def outermost(process: str, action: Callable[[], None]) -> int:
-    """Run to the end and turn the way it ended into an exit code; the only broad `except`.
+    """Run `action` and return the exit code; this is the only broad `except`.
 
     Args:
-        process: name in front of an error's one line on standard error.
-        action: the work; an error of a person's or peer's making is said in one line,
-            anything else is a bug and logged with its traceback.
+        process: prefix of the error's line on standard error.
+        action: the work. A `ClusterMclError` is printed as one line; any other exception is a
+            bug and logged with its traceback.
     """
     try:
         action()
@@ -114,9 +113,9 @@ def outermost(process: str, action: Callable[[], None]) -> int:
         return EXIT_OK
     except ClusterMclError as error:
         line = " ".join(str(error).split())
-        print(f"{process}: {line}", file=sys.stderr)  # noqa: T201 - for people, without time stamp
+        print(f"{process}: {line}", file=sys.stderr)  # noqa: T201 - without time stamp
         return EXIT_ERROR
-    except Exception:  # noqa: BLE001 - the one place where everything ends up
+    except Exception:  # noqa: BLE001 - the outermost handler
         _log.exception("a bug ended the process")
         return EXIT_BUG
     return EXIT_OK
@@ -135,7 +134,7 @@ def _parse(
         action="append",
         default=[],
         metavar="SECTION.KEY=VALUE",
-        help="one setting, over the file's; may be repeated",
+        help="override one setting of the file; may be repeated",
     )
     parser.add_argument(
         "--name", type=_name, default=name, help=f"name of this process (default: {name})"
@@ -151,5 +150,5 @@ def _parse(
 def _name(text: str) -> str:
     longest = LONGEST_NAME - ROOM_FOR_NUMBER
     if not is_name(text, longest):
-        raise argparse.ArgumentTypeError(f"{text!r} is no name: use {name_rule(longest)}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a valid name: use {name_rule(longest)}")
     return text

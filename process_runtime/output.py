@@ -1,4 +1,4 @@
-"""Standard output that cannot be written: the disk that it goes to is full, or errs."""
+"""Reports failures of standard output, such as a full disk, as errors."""
 
 import errno
 import os
@@ -13,7 +13,7 @@ _DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
 
 
 class OutputLostError(ClusterMclError):
-    """What a command printed could not be written."""
+    """A command's output could not be written."""
 
     def __init__(self, *, problem: str) -> None:
         self.problem = problem
@@ -21,10 +21,10 @@ class OutputLostError(ClusterMclError):
 
 
 def standard_output() -> TextIO:
-    """Where a command writes what it was asked for.
+    """Return standard output.
 
     Raises:
-        OutputLostError: whoever started it has closed it.
+        OutputLostError: the parent process has closed it.
     """
     if sys.stdout is None:
         raise OutputLostError(problem="standard output is closed")
@@ -33,17 +33,17 @@ def standard_output() -> TextIO:
 
 @contextmanager
 def written_output() -> Iterator[None]:
-    """Print in here: all of it is written when the context is left, or an error says so.
+    """Flush everything printed within this context, or raise.
 
     Raises:
-        OutputLostError: the disk is full or errs. The reader of a pipe who has seen enough is
-            a BrokenPipeError, as ever.
+        OutputLostError: the disk is full or failed.
+        BrokenPipeError: the reader of a pipe has closed it.
     """
     try:
         try:
             yield
         finally:
-            if sys.stdout is not None:  # it is None where who started us has closed it
+            if sys.stdout is not None:  # None if the parent process has closed it
                 sys.stdout.flush()
     except OSError as error:
         if error.errno not in _DISK_ERRORS:
@@ -54,7 +54,7 @@ def written_output() -> Iterator[None]:
 
 
 def _discard_the_rest() -> None:
-    """What waits in the buffer would fail once more at the interpreter's exit."""
+    """Drop the buffer, which would fail again at the interpreter's exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)

@@ -1,4 +1,4 @@
-"""Files that a command writes in the end: looked at before its work begins, which may be long."""
+"""Output files of commands, checked before the work starts, which may take long."""
 
 import os
 import tempfile
@@ -16,10 +16,10 @@ class OutputError(ClusterMclError):
 
 
 def check_output_file(path: Path) -> None:
-    """See whether a file can be written; nothing is left there, and what is there stays.
+    """Check that a file can be written, without changing it.
 
     Raises:
-        OutputError: it cannot: its folder does not exist, it is a folder itself, or forbidden.
+        OutputError: it is a folder, its folder does not exist, or permission is denied.
     """
     if path.is_dir():
         raise OutputError(path=path, problem="it is a folder")
@@ -33,14 +33,14 @@ def check_output_file(path: Path) -> None:
 
 
 def check_output_folder(path: Path) -> None:
-    """See whether files can be written into a folder, or the folder be made; nothing is left.
+    """Check that a folder can be created or written to, without changing it.
 
     Raises:
-        OutputError: they cannot.
+        OutputError: it cannot.
     """
     there = next(each for each in (path, *path.absolute().parents) if each.exists())
     if not there.is_dir():
-        raise OutputError(path=path, problem=f"{there} is no folder")
+        raise OutputError(path=path, problem=f"{there} is not a folder")
     _try_folder(there, path)
 
 
@@ -57,7 +57,7 @@ def write_output_file(path: Path, text: str) -> None:
 
 
 def _try_folder(folder: Path, asked: Path) -> None:
-    """Write a file that has no name, or loses it at once."""
+    """Create and delete an anonymous temporary file."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass

@@ -1,4 +1,4 @@
-"""Children that do not outlive their parent, not even one that is killed with SIGKILL."""
+"""Ends child processes with their parent, even one killed with SIGKILL."""
 
 import ctypes
 import os
@@ -6,21 +6,19 @@ import signal
 import sys
 
 PARENT_VARIABLE = "CLUSTERMCL_PARENT_PID"
-"""Environment variable by which a parent tells a child to die with it."""
+"""Environment variable with the process id that `die_with_parent_if_asked` uses."""
 
 _PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent(parent_pid: int) -> None:
-    """Have the kernel kill this process when the thread that started it ends.
+    """Have the kernel send SIGKILL to this process when the thread that started it ends.
 
-    The signal is SIGKILL: whoever is busy in compiled code or hangs goes too. A parent that
-    died before the kernel was told is noticed by its changed process id.
-
-    Only Linux offers this; elsewhere a killed parent leaves its children running.
+    SIGKILL also ends a process that is in compiled code or hangs. Linux only; elsewhere the
+    children of a killed parent keep running.
 
     Args:
-        parent_pid: process that shall be the parent; this process ends if it is not.
+        parent_pid: the expected parent; if it has died already, this process exits.
     """
     if sys.platform != "linux":
         return
@@ -32,7 +30,7 @@ def die_with_parent(parent_pid: int) -> None:
 
 
 def die_with_parent_if_asked() -> None:
-    """Do so if the environment names a parent; this process's own children do not inherit it."""
+    """Call `die_with_parent` if the environment names a parent, and remove the variable."""
     parent_pid = os.environ.pop(PARENT_VARIABLE, None)
     if parent_pid is not None:
         die_with_parent(int(parent_pid))

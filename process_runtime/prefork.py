@@ -1,7 +1,7 @@
-"""Many like processes from one: heavy modules are imported once, and their memory is shared.
+"""Forks identical child processes that share the memory of heavy modules.
 
-A worker of its own takes a second and 150 MB to import numba; twelve of them on two cores take
-ten. Here the parent imports, compiles and maps once, and forks children that start at once.
+Importing numba takes a process one second and 150 MB; twelve processes on two cores take ten
+seconds. Here the parent imports and compiles once, and its children start at once.
 """
 
 import gc
@@ -30,14 +30,14 @@ _SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _TERMINATE_WITHIN_S = 1.2
 _POLL_S = 0.05
 HUNG_AFTER_S = 120.0
-"""A worker may wait 30 s for a large map, and then compute its likelihood field."""
+"""A worker may wait 30 s for a large map and then compute its likelihood field."""
 
 
 def use_one_thread_for_arithmetic() -> None:
-    """Keep OpenBLAS and OpenMP from starting threads; call before numpy is imported first.
+    """Keep OpenBLAS and OpenMP from starting threads; call before the first import of numpy.
 
-    A fork copies only the thread that calls it: a lock that another one holds at that moment
-    stays locked in the child. And twelve workers on two cores need no threads besides.
+    A fork copies only the calling thread: a lock held by another thread stays locked in the
+    child. Twelve workers on two cores need no further threads.
     """
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ[variable] = "1"
@@ -51,28 +51,27 @@ def run_forked(
     name: str,
     hung_after_s: float = HUNG_AFTER_S,
 ) -> None:
-    """Fork children and keep `count` of them alive until `stop` is set, then end them.
+    """Keep `count` forked children alive until `stop` is set, then end them.
 
-    A child that ends, however, is replaced by another with the same index, soon at first,
-    then after longer and longer waits. So is one that hangs, and does not look at its stop flag.
-    Children die with this process, even by kill -9.
+    A child that ends, or hangs and no longer checks its stop flag, is replaced after a back-off
+    by one with the same index. Children die with this process, even by kill -9.
 
     Args:
         count: number of children.
-        child_main: the work of one child: its index from 0, its own stop flag. It opens its
-            own Zenoh session; the parent must never have had one.
+        child_main: the work of one child, given its index from 0 and its own stop flag. It opens
+            its own Zenoh session; the parent must never have opened one.
         stop: stop flag of this process.
         name: name of this process; children are called ``name-index`` in the log.
-        hung_after_s: how long a child may not look at its stop flag [s].
+        hung_after_s: a child that does not check its stop flag for this time is killed [s].
 
-    Raises:
-        RuntimeError: this process has threads, so that a fork is not safe.
+        Raises:
+            RuntimeError: this process has threads, so a fork is not safe.
     """
     if stop.is_set():
-        return  # its watch is a thread, see `stop_on_signals`
+        return  # the exit timer is a thread, see `stop_on_signals`
     _check_single_threaded()
     gc.collect()
-    gc.freeze()  # the collector would touch, and so copy, every page shared with the children
+    gc.freeze()  # else the collector writes to, and so copies, every shared page
     looked_s = memoryview(mmap.mmap(-1, 8 * count)).cast("d")  # shared with the children
     slots = [_Slot(index, f"{name}-{index}", looked_s, hung_after_s) for index in range(count)]
     try:
@@ -85,12 +84,12 @@ def run_forked(
 
 @dataclass
 class _Slot:
-    """One child, and its successors."""
+    """One child index: the present process and when to start the next."""
 
     index: int
     name: str
     looked_s: "memoryview[float]"
-    """When each child has looked at its stop flag, by `time.monotonic` [s]."""
+    """When each child last checked its stop flag, by `time.monotonic` [s]."""
     hung_after_s: float
     detector: HangDetector = field(init=False)
     pid: int | None = None
@@ -102,7 +101,7 @@ class _Slot:
         if self.pid is not None and (code := self.reap(os.WNOHANG)) is not None:
             wait_s = self.backoff.after_death(now_s - self.started_at_s)
             self.start_at_s = now_s + wait_s
-            _log.warning("%s ended with code %d; next in %.1f s", self.name, code, wait_s)
+            _log.warning("%s ended with code %d; restarting in %.1f s", self.name, code, wait_s)
         if self.pid is None and now_s >= self.start_at_s:
             self.started_at_s = self.looked_s[self.index] = now_s
             self.detector = HangDetector(self.hung_after_s)
@@ -110,12 +109,12 @@ class _Slot:
         elif self.pid is not None:
             self.detector.heard(self.looked_s[self.index])
             if self.detector.hangs(now_s):
-                _log.warning("%s hangs for %g s: it is killed", self.name, self.hung_after_s)
+                _log.warning("%s hung for %g s: killed", self.name, self.hung_after_s)
                 self.looked_s[self.index] = now_s
                 self.send(signal.SIGKILL)
 
     def look(self) -> None:
-        """In the child: give a sign of life."""
+        """Give a sign of life; called in the child."""
         self.looked_s[self.index] = time.monotonic()
 
     def reap(self, options: int) -> int | None:
@@ -130,15 +129,15 @@ class _Slot:
 
     def send(self, number: signal.Signals) -> None:
         if self.pid is not None:
-            os.kill(self.pid, number)  # not reaped yet, so the id is still its own
+            os.kill(self.pid, number)  # not reaped yet, so the id is not reused
 
 
 def _fork(slot: _Slot, child_main: Callable[[int, StopFlag], None]) -> int:
-    """Return the child's process id; in the child, do its work and never return."""
+    """Return the child's process id; in the child, run `child_main` and exit."""
     parent_pid = os.getpid()
     sys.stdout.flush()
     sys.stderr.flush()
-    # A signal between the fork and the child's own handlers waits until these are there.
+    # Block signals until the child has installed its own handlers.
     signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
     pid = os.fork()
     if pid == 0:
@@ -166,7 +165,7 @@ def _run_child(
 
 
 def _be_called(name: str) -> None:
-    """Have `ps` and `top` show which child it is; they share one command line."""
+    """Set the name that `ps` and `top` show; all children share one command line."""
     comm = Path("/proc/self/comm")
     if comm.exists():
         comm.write_text(name, "utf-8")  # the kernel keeps 15 bytes

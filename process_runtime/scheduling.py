@@ -1,4 +1,4 @@
-"""How the operating system shares cores among processes that wake up at the same moment."""
+"""Sets the scheduling policy of a worker."""
 
 import logging
 import os
@@ -7,15 +7,14 @@ _log = logging.getLogger(__name__)
 
 
 def work_without_preempting() -> None:
-    """Let this thread compute when its turn comes, but throw nobody off a core when it wakes.
+    """Give this thread the policy SCHED_BATCH, so that it preempts no other thread when it wakes.
 
-    A scan wakes all workers of a machine at once. By the ordinary policy each that wakes
-    interrupts another, whose data then leave the cache; in batches each does its step in one
-    go. Threads that exist already, as those of Zenoh, keep their policy.
+    A scan wakes all workers of a machine at once. With the default policy each interrupts
+    another, whose data then leaves the cache. Threads that exist already keep their policy.
     """
     if not hasattr(os, "SCHED_BATCH"):
         return  # only Linux has it
     try:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     except OSError as error:
-        _log.debug("scheduled as usual: %s", error)
+        _log.debug("default scheduling policy kept: %s", error)

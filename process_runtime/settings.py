@@ -1,4 +1,4 @@
-"""All settings of the system, one frozen structure a part, with defaults, units and meanings."""
+"""All settings of the system, one structure per section, with defaults, units and meanings."""
 
 from typing import Annotated, Literal
 
@@ -9,7 +9,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.names import LONGEST_NAME, NAME_PATTERN
 
 ROBOT_VARIABLE, ROUTER_VARIABLE = "CLUSTERMCL_ROBOT", "CLUSTERMCL_ROUTER"
-"""Environment variables in which commands and `Client` find `robot.name` and `zenoh.router`."""
+"""Environment variables for `robot.name` and `zenoh.router` of commands and `Client`."""
 
 
 class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -18,7 +18,7 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     name: Annotated[
         str,
         described(
-            "robot's name; keeps the keys of several robots apart on one router",
+            "robot's name; separates the keys of several robots on one router",
             pattern=NAME_PATTERN,
             max_length=LONGEST_NAME,
         ),
@@ -26,21 +26,19 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How processes meet. Every process is a client of one router."""
+    """How processes connect: every process is a client of one router."""
 
     router: Annotated[
         str, described("endpoint of the router: where it listens and where clients connect")
     ] = "tcp/127.0.0.1:7447"
     start_router: Annotated[
         bool,
-        described("`clustermcl up` starts that router; else one is there, such as rmw_zenohd"),
+        described("`clustermcl up` starts that router; false: one is running, such as rmw_zenohd"),
     ] = True
     connect_timeout_s: Annotated[
-        float, described("how long a command looks for the router", "s", gt=0)
+        float, described("time-out of a command for connecting to the router", "s", gt=0)
     ] = 2.0
-    query_timeout_s: Annotated[
-        float, described("how long a query waits for its answer", "s", gt=0)
-    ] = 1.0
+    query_timeout_s: Annotated[float, described("time-out of a query", "s", gt=0)] = 1.0
     tls_ca_certificate: Annotated[
         str, described("for tls/: file of the authority that signed the certificates")
     ] = ""
@@ -51,13 +49,13 @@ class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """From readings to steps."""
+    """Map, source of readings, and when a scan becomes a step."""
 
     map: Annotated[
         str,
         described(
             "map file: map_server YAML or wean.dat, may be .gz or .xz; zenoh, or empty with "
-            "ros2.enabled: the robot publishes it"
+            "ros2.enabled: the map that the robot publishes"
         ),
     ] = ""
     source: Annotated[
@@ -67,31 +65,29 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     rate: Annotated[
         float,
         described(
-            "speed of a recording: 1 real time, 2 twice as fast, 0 as the workers follow", ge=0
+            "speed of a recording: 1 real time, 2 twice as fast, 0 lockstep with the workers", ge=0
         ),
     ] = 1.0
     gate_distance_m: Annotated[
-        float, described("a scan becomes a step after so much driving", "m", ge=0)
+        float, described("a scan becomes a step after driving this distance", "m", ge=0)
     ] = 0.2
-    gate_turn_rad: Annotated[float, described("or after so much turning", "rad", ge=0)] = 0.2
+    gate_turn_rad: Annotated[float, described("or after turning by this angle", "rad", ge=0)] = 0.2
     laser_x_m: Annotated[
-        float, described("laser ahead of the robot's centre, where the source does not say", "m")
+        float, described("laser ahead of the robot's centre, if the source has no mount", "m")
     ] = 0.0
     laser_y_m: Annotated[
-        float, described("laser left of the robot's centre, where the source does not say", "m")
+        float, described("laser left of the robot's centre, if the source has no mount", "m")
     ] = 0.0
     laser_heading_rad: Annotated[
-        float, described("laser's heading, where the source does not say", "rad")
+        float, described("laser's heading, if the source has no mount", "rad")
     ] = 0.0
-    scan_topic: Annotated[
-        str, described("of a ROS bag: the laser's topic; empty: the only one there is")
-    ] = ""
+    scan_topic: Annotated[str, described("laser's topic in a ROS bag; empty: the only one")] = ""
     odom_topic: Annotated[
-        str, described("of a ROS bag: the topic of odometry; empty: odometry is tf's, if it has it")
+        str, described("odometry's topic in a ROS bag; empty: tf, if the bag has it")
     ] = ""
-    odom_frame: Annotated[str, described("of a ROS bag: tf's frame of odometry; empty: odom")] = ""
+    odom_frame: Annotated[str, described("tf frame of odometry in a ROS bag; empty: odom")] = ""
     base_frame: Annotated[
-        str, described("of a ROS bag: the robot's frame; empty: the one below that of odometry")
+        str, described("tf frame of the robot in a ROS bag; empty: the child of odometry's")
     ] = ""
     history_steps: Annotated[
         int, described("steps kept for workers that join late", "steps", gt=0)
@@ -99,69 +95,68 @@ class BridgeSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """When the coordinator stops waiting, and who carries on after it."""
+    """Deadlines, fail-over and stored state of the coordinator."""
 
     step_deadline_s: Annotated[
-        float, described("a step is applied at the latest so long after its scan", "s", gt=0)
+        float, described("longest time from a scan to applying its step", "s", gt=0)
     ] = 0.5
     paced_deadline_s: Annotated[
-        float, described("the same when the bridge waits for the workers", "s", gt=0)
+        float, described("the same in lockstep with the workers", "s", gt=0)
     ] = 20.0
     search_deadline_s: Annotated[
         float,
         described(
-            "a step that all clusters have reported waits so long after its scan for a search; "
-            "what that tells later counts with the next step",
+            "time after its scan that a step with reports from all clusters waits for a search; "
+            "a later result counts with the next step",
             "s",
             ge=0,
         ),
     ] = 0.0
     stale_after_s: Annotated[
-        float, described("a pose whose newest data is older is called stale", "s", gt=0)
+        float, described("a pose whose newest data is older is stale", "s", gt=0)
     ] = 1.0
     blind_after_gates: Annotated[
         float,
         described(
-            "a pose is called blind when the robot has driven so many times the bridge's gate "
-            "since the last step",
+            "a pose is blind when the robot has driven this many gates since the last step",
             "gates",
             gt=1,
         ),
     ] = 5.0
     snapshot_every_steps: Annotated[
-        int, described("a worker hands its state out every so many steps", "steps", gt=0)
+        int, described("interval of a worker's state snapshots", "steps", gt=0)
     ] = 10
     standby: Annotated[
-        bool, described("wait while the robot has a coordinator, and take over when it dies")
+        bool, described("wait while the robot has a coordinator, and take over when it fails")
     ] = False
     take_over_after_s: Annotated[
-        float, described("a coordinator that gives no sign of life for so long is dead", "s", gt=0)
+        float, described("time without a sign of life after which a coordinator is dead", "s", gt=0)
     ] = 2.0
     state_folder: Annotated[
         str,
         described(
-            "keeps the last pose of a live robot; empty: the user's state folder; off: nowhere"
+            "folder for the last pose of a live robot; empty: the user's state folder; off: none"
         ),
     ] = ""
     save_pose_every_s: Annotated[
-        float, described("the last pose is written at most so often; 0: never", "s", ge=0)
+        float, described("shortest time between two writes of the last pose; 0: never", "s", ge=0)
     ] = 5.0
     last_pose_probability: Annotated[
         float,
-        described("given to the last pose when a first search ends; 0: none", ge=0, le=0.5),
+        described("probability of the last pose after the first search; 0: none", ge=0, le=0.5),
     ] = 0.1
     keep_pose_on_new_map: Annotated[
         bool,
         described(
-            "a new map is of the same place: poses in the old one are where to begin in it; else "
-            "the robot is searched for everywhere"
+            "a new map shows the same place: start in it from the poses in the old one; false: "
+            "search the whole new map"
         ),
     ] = False
     key_file: Annotated[
         str,
         described(
-            "file with the key that the robot's coordinators alone have: they sign what workers "
-            "keep for them, and believe nothing else; empty: nothing is signed"
+            "file with the secret key of the robot's coordinators: they sign the state that "
+            "workers store for them and accept only signed state; empty: nothing is signed"
         ),
     ] = ""
 
@@ -171,18 +166,18 @@ class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
     count: Annotated[int, described("worker processes", "", gt=0)] = 12
     cache_folder: Annotated[
-        str, described("where likelihood fields are kept; empty: the user's cache folder")
+        str, described("folder for likelihood fields; empty: the user's cache folder")
     ] = ""
 
 
 class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is logged, on standard error."""
+    """The log on standard error, and traces."""
 
     level: Annotated[
         Literal["debug", "info", "warning", "error"], described("least severe message shown")
     ] = "info"
     trace_folder: Annotated[
-        str, described("where each process writes when it did what in a step; empty: nowhere")
+        str, described("folder for latency traces of the processes; empty: none")
     ] = ""
 
 
@@ -192,22 +187,20 @@ class RecorderSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     folder: Annotated[
         str,
         described(
-            "what the coordinator is told is recorded there, in a folder a robot; empty: nowhere, "
-            "but with `clustermcl up` the user's state folder; off: nowhere"
+            "folder for the coordinator's input, one subfolder per robot; empty: none, but with "
+            "`clustermcl up` the user's state folder; off: none"
         ),
     ] = ""
     max_mb: Annotated[
-        float, described("of a robot's recording; the oldest files give way", "MB", ge=1)
+        float, described("size of a robot's recording; the oldest files are deleted", "MB", ge=1)
     ] = 50.0
 
 
 class MetricsSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Figures for Prometheus, served by the coordinator."""
+    """Prometheus metrics, served by the coordinator."""
 
-    port: Annotated[int, described("port where /metrics is served; 0: nowhere", ge=0, le=65535)] = 0
-    host: Annotated[str, described("address of this machine on which that port is opened")] = (
-        "127.0.0.1"
-    )
+    port: Annotated[int, described("port of /metrics; 0: not served", ge=0, le=65535)] = 0
+    host: Annotated[str, described("address of this machine to listen on")] = "127.0.0.1"
 
 
 class Settings(FilterSettings, frozen=True, kw_only=True, forbid_unknown_fields=True):

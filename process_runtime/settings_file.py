@@ -1,4 +1,4 @@
-"""Settings from a TOML file and from ``section.key=value`` of a command line."""
+"""Reads settings from a TOML file and from ``section.key=value`` on a command line."""
 
 import difflib
 import math
@@ -22,19 +22,19 @@ _NAV2_ALIASES = {
     "motion.alpha4": "motion.drive_noise_per_turn",
     "motion.alpha5": "motion.strafe_noise_per_metre",
 }
-"""nav2's names. Its alphas multiply squares, so they are variances; ours are their roots."""
+"""nav2's names. Its alphas multiply squares: they are variances, ours are their square roots."""
 
 _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
 
 _COMMAND_LINE = "--set"
 
 MAX_FILE_BYTES = 2**18
-"""All settings with their descriptions are a sixteenth of it."""
+"""Sixteen times a file with all settings and their descriptions."""
 MAX_LINE_CHARACTERS = 1_000
-"""The time that tomllib takes for a dotted key grows with the square of its length."""
+"""The time of tomllib grows with the square of a dotted key's length."""
 
 _LARGEST = 2**63 - 1
-"""Settings travel in messages, whose whole numbers have 64 bits."""
+"""Settings are sent in messages, whose integers have 64 bits."""
 
 
 def load_settings(
@@ -44,15 +44,15 @@ def load_settings(
     beneath: Mapping[str, Any] = MappingProxyType({}),
     beneath_from: str = "",
 ) -> Settings:
-    """Read the settings: defaults, over them the file's, over them the assignments in order.
+    """Read the settings: the file overrides defaults, assignments override the file.
 
-    nav2's ``alpha1`` to ``alpha5`` are accepted in the section ``motion``, in nav2's meaning.
+    The section ``motion`` also accepts nav2's ``alpha1`` to ``alpha5``, in nav2's meaning.
 
     Args:
         path: TOML file, or None.
         assignments: ``section.key=value``, the value as in TOML; text needs no quotes.
-        beneath: values by dotted name that take the place of defaults.
-        beneath_from: where those come from.
+        beneath: values by dotted name that replace defaults.
+        beneath_from: their origin, for errors.
 
     Raises:
         InputFileError: the file cannot be read or is not TOML.
@@ -73,16 +73,16 @@ def load_settings(
 
 
 def with_setting(settings: Settings, name: str, value: object, where: str) -> Settings:
-    """The same settings with another value of one.
+    """Return the settings with one value replaced.
 
     Args:
-        settings: as they were.
-        name: dotted.
-        value: the new one.
-        where: who wants it, for the error.
+        settings: the present settings.
+        name: dotted name.
+        value: the new value.
+        where: its origin, for the error.
 
     Raises:
-        SettingsError: it is unknown, of the wrong type or out of its range.
+        SettingsError: the setting is unknown, of the wrong type or out of its range.
     """
     _check_known(name, where)
     if name not in TABLE:
@@ -97,10 +97,10 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
 
 
 def content_of(path: Path) -> bytes:
-    """What a file of settings holds.
+    """Read a settings file.
 
     Raises:
-        InputFileError: it cannot be read, or is too large for one.
+        InputFileError: it cannot be read, or is larger than `MAX_FILE_BYTES`.
     """
     try:
         with path.open("rb") as file:
@@ -113,7 +113,7 @@ def content_of(path: Path) -> bytes:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """All leaves of the file by dotted name."""
+    """Return all values of the file by dotted name."""
     content = content_of(path)
     try:
         text = content.decode()
@@ -157,7 +157,7 @@ def _parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
 
 
 def _parse_value(setting: str, text: str) -> object:
-    """A TOML value; what is not one, or none that fits a text setting, is the bare text."""
+    """Parse a TOML value; return the text itself if it is none, or if the setting is a text."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):  # a TOMLDecodeError is a ValueError
@@ -168,7 +168,7 @@ def _parse_value(setting: str, text: str) -> object:
 
 
 def _without_aliases(values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The same values by our names and in our units."""
+    """Return the values by our names and in our units."""
     renamed: dict[str, Any] = {}
     for name, value in values.items():
         setting = _canonical(name)
@@ -211,7 +211,7 @@ def _hint(name: str, known: Sequence[str]) -> str:
 
 
 def _check(setting: SettingInfo, value: object, where: str, name: str | None = None) -> None:
-    """Let msgspec judge the value; say what was wrong with the setting's name and the value."""
+    """Check a value with msgspec; the error has the setting's name, the value and its type."""
     fits = not isinstance(value, int | float) or abs(value) <= _LARGEST  # NaN does not
     try:
         msgspec.convert(value, setting.checked_type)

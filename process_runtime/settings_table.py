@@ -1,4 +1,4 @@
-"""All settings by dotted name: type, bounds, default, unit and meaning; and all as TOML."""
+"""Table of all settings by dotted name: type, bounds, default, unit, meaning; and as TOML."""
 
 import json
 import textwrap
@@ -80,13 +80,12 @@ def settings_as_toml(settings: Settings, names: Container[str] | None = None) ->
 
 
 def value_of(settings: Settings, name: str) -> bool | int | float | str:
-    """A setting by its dotted name."""
     value: bool | int | float | str = attrgetter(name)(settings)
     return value
 
 
 def _table() -> Iterator[SettingInfo]:
-    """Top-level settings first: in TOML they must stand before the first section."""
+    """Yield top-level settings first: in TOML they must precede the first section."""
     fields = msgspec.structs.fields(Settings)
     sections = [field for field in fields if isinstance(field.default, msgspec.Struct)]
     for field in fields:
@@ -121,7 +120,7 @@ def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
 
 
 def _toml(value: bool | int | float | str) -> str:
-    """A TOML value; JSON's text is TOML's, but for the delete character."""
+    """Return a TOML value; a JSON string is a TOML string except for the delete character."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return json.dumps(value) if isinstance(value, bool) else repr(value)

@@ -1,16 +1,16 @@
-"""Where readings come from, as `bridge.source` names it: parsed once, a type from then on."""
+"""The kinds of sources that `bridge.source` can name."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
 
 _LIVE = "zenoh"
 SIMULATED = "sim:"
-"""Before the name of a world, or the path of a map."""
+"""Prefix of the name of a world, or of the path of a map."""
 
 
 @dataclass(frozen=True)
 class Live:
-    """A robot publishes its readings over Zenoh, with stamps of a clock that runs like any."""
+    """A robot that publishes its readings over Zenoh, in real time."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class Simulated:
 
 
 def is_published(map_file: str, source: str, *, ros2: bool) -> bool:
-    """Whether a robot that publishes its readings also publishes the map.
+    """Return whether the robot publishes the map too.
 
     Args:
-        map_file: ``zenoh``, or empty with ROS: the map comes from ROS's topic.
-        source: of the readings.
-        ros2: the bridge to ROS is enabled.
+        map_file: `bridge.map`: ``zenoh``, or empty with ROS.
+        source: `bridge.source`.
+        ros2: whether the bridge to ROS is enabled.
     """
     return source == _LIVE and (map_file == _LIVE or (ros2 and not map_file))
 
@@ -49,7 +49,7 @@ SourceChoice: TypeAlias = Live | Recorded | Simulated
 
 
 def parsed_source(text: str) -> SourceChoice:
-    """What ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path stands for."""
+    """Parse ``zenoh``, ``sim:WORLD``, ``sim:MAP.yaml`` or a recording's path."""
     if text == _LIVE:
         return Live()
     if text.startswith(SIMULATED):

@@ -1,4 +1,4 @@
-"""When to stop: one flag a process, set by SIGINT and SIGTERM or by the program itself."""
+"""The stop flag of a process, set by SIGINT, SIGTERM or the program itself."""
 
 import faulthandler
 import signal
@@ -10,39 +10,38 @@ _POLL_S = 0.05
 
 
 class StoppedError(Exception):
-    """The process was asked to stop while it waited for something; not a failure."""
+    """The process was asked to stop while it waited; not a failure."""
 
 
 class StopFlag:
-    """Set once, never unset; every loop of a process looks at it.
+    """Set once, never cleared; every loop of a process checks it.
 
-    Setting it only appends to a list. `threading.Event.set` takes a lock, and a second
-    signal that arrives while the first one's handler holds it would wait for ever.
+    Setting it only appends to a list: `threading.Event.set` takes a lock, and a second signal
+    during the first one's handler would deadlock on it.
     """
 
     def __init__(self) -> None:
         self._requests: list[int] = []
         self.on_look: Callable[[], None] = lambda: None
-        """Called by each look at the flag: a loop that goes on looks at it in every turn."""
+        """Called at each check, so in every turn of a running loop: the sign of life."""
 
     def set(self, reason: int = 0) -> None:
-        """Ask for the stop; from any thread or signal handler, as often as one likes."""
+        """Request the stop; safe in any thread and signal handler, and more than once."""
         self._requests.append(reason)
 
     def is_set(self) -> bool:
-        """Tell whether the process shall stop."""
         self.on_look()
         return bool(self._requests)
 
     @property
     def reason(self) -> int:
-        """The signal that asked first; 0 while nobody has, or when the program itself did."""
+        """The first signal received; 0 if none, or if the program itself requested the stop."""
         return self._requests[0] if self._requests else 0
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until the flag is set, at most so long; return whether it is set.
+        """Wait at most `timeout_s` [s] for the flag; return whether it is set.
 
-        A handler runs in the main thread between two naps, so it is seen within 0.05 s.
+        Signal handlers run between two naps, so a signal takes effect within 0.05 s.
         """
         deadline_s = time.monotonic() + timeout_s
         while not self._requests:
@@ -55,24 +54,24 @@ class StopFlag:
 
     @staticmethod
     def take_time() -> None:
-        """Have nobody watch any more whether the process ends soon: what hangs is closed."""
+        """Cancel the exit timer of `stop_on_signals`: everything that can hang is closed."""
         faulthandler.cancel_dump_traceback_later()
 
     def check(self) -> None:
-        """Raise `StoppedError` when the flag is set: leaves nested waiting in one go."""
+        """Raise `StoppedError` if the flag is set."""
         self.on_look()
         if self._requests:
             raise StoppedError
 
 
 def stop_on_signals(*, exit_after_s: float = 1.9) -> StopFlag:
-    """Make the flag of this process: SIGINT and SIGTERM set it, a second one does no harm.
+    """Create the flag of this process, which SIGINT and SIGTERM set.
 
-    So does SIGHUP, a terminal that closes, unless it is ignored, as under ``nohup``.
+    So does SIGHUP (a closed terminal), unless it is ignored as under ``nohup``.
 
-    A process that has not ended `exit_after_s` after the first signal, because something
-    hangs while closing, writes where it hangs to standard error and exits with 1. The watch
-    is a thread of faulthandler's, which needs neither the interpreter's lock nor its help.
+    A process that has not ended `exit_after_s` after the first signal prints its stacks to
+    standard error and exits with 1. The timer is a thread of faulthandler, which does not need
+    the interpreter's lock.
     """
     stop = StopFlag()
 

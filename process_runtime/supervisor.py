@@ -1,4 +1,4 @@
-"""Starts the processes of this machine, restarts those that die, and ends them all."""
+"""Starts the processes of this machine, restarts dead ones, and ends them all."""
 
 import logging
 import os
@@ -21,13 +21,13 @@ _log = logging.getLogger(__name__)
 _TERMINATE_WITHIN_S = 1.5
 _GIVEN_UP_BEFORE_S = 10.0
 HUNG_AFTER_S = 15.0
-"""No turn of any process's loop takes a second."""
+"""A turn of a process's loop takes less than a second."""
 _LAST_WORDS_BYTES = 4096
 _STANDARD_ERROR = 2
 
 
 def python_module(module: str, *arguments: str) -> list[str]:
-    """Command that runs one of our modules; ``-I`` keeps strangers of the same name out."""
+    """Return the command of one of our modules; ``-I`` ignores modules in the current folder."""
     return [sys.executable, "-I", "-m", module, *arguments]
 
 
@@ -39,9 +39,9 @@ class ChildSpec:
     command: Sequence[str]
     """Program and arguments; see `python_module`."""
     log: Path | None = None
-    """File its output is appended to; None: this process's standard error."""
+    """File for its output (appended); None: this process's standard error."""
     restart: Literal["always", "on-failure"] = "always"
-    """Whether an end with exit code 0 counts: a recording ends, a router does not."""
+    """Whether exit code 0 is final: a recording ends, a router does not."""
 
 
 @dataclass(frozen=True)
@@ -50,30 +50,29 @@ class ChildExit:
 
     name: str
     code: int
-    """Exit code; -9 for SIGKILL and so on, as `subprocess` has it."""
+    """Exit code; negative for a signal, such as -9 for SIGKILL."""
     restart_in_s: float | None
-    """None: it stays down, because it is done or has refused to start."""
+    """None: it is not restarted, because it has finished or refused to start."""
     last_words: str
-    """Last line of its log file, which is the error when the code is 2; else empty."""
+    """Last line of its log file, the error if the code is 2; empty without a log file."""
 
 
 class Supervisor:
-    """Children that run, are restarted, and never outlive this process.
+    """Child processes that are restarted and never outlive this process.
 
-    The kernel ends a child when the *thread* that started it ends: call `start` and `poll`
-    from one thread that lives as long as the children shall. A child that refuses its
-    settings (exit code 2, soon after its start) is not restarted: it would refuse them again.
-    One that has given signs of life, and gives none any more, is killed and restarted.
+    The kernel ends a child when the *thread* that started it ends: call `start` and `poll` from
+    one long-lived thread. A child that rejects its settings (exit code 2 soon after its start)
+    is not restarted. One that stops giving signs of life is killed and restarted.
     """
 
     def __init__(
         self, children: Sequence[ChildSpec], *, hung_after_s: float = HUNG_AFTER_S
     ) -> None:
-        """Know the children; `start` starts them.
+        """Create the supervisor; `start` starts the children.
 
         Args:
-            children: what to keep alive.
-            hung_after_s: how long one may give no sign of life [s].
+            children: the processes to keep alive.
+            hung_after_s: a child without a sign of life for this time is killed [s].
 
         Raises:
             ValueError: two have the same name.
@@ -84,12 +83,11 @@ class Supervisor:
         self._children = [_Child(spec, hung_after_s) for spec in children]
 
     def start(self) -> None:
-        """Start all; each tells the kernel to end it when this process dies."""
         for child in self._children:
             child.start()
 
     def add(self, spec: ChildSpec) -> None:
-        """Start one more child, which needed the others to be there first.
+        """Start one more child, after those that it depends on.
 
         Raises:
             ValueError: there is one of the same name.
@@ -101,7 +99,7 @@ class Supervisor:
         child.start()
 
     def poll(self, now_s: float) -> list[ChildExit]:
-        """Restart whose time has come; return who has ended since the last call.
+        """Restart children that are due; return those that ended since the last call.
 
         Args:
             now_s: `time.monotonic` [s].
@@ -115,7 +113,7 @@ class Supervisor:
         return ended
 
     def pids(self) -> dict[str, int]:
-        """Process ids of the children that run, by name."""
+        """Return the process ids of the running children by name."""
         return {
             child.spec.name: child.process.pid
             for child in self._children
@@ -123,7 +121,7 @@ class Supervisor:
         }
 
     def stop(self) -> None:
-        """End all within 2 s: SIGTERM, and SIGKILL for those still there after 1.5 s."""
+        """End all children within 2 s: SIGTERM, then SIGKILL after 1.5 s."""
         running = [child.process for child in self._children if child.process is not None]
         for process in running:
             process.terminate()
@@ -138,7 +136,7 @@ class Supervisor:
 
 
 class _Child:
-    """One process at a time, and when to start the next."""
+    """One child: the present process and when to start the next."""
 
     def __init__(self, spec: ChildSpec, hung_after_s: float) -> None:
         self.spec, self._hung_after_s = spec, hung_after_s
@@ -156,11 +154,11 @@ class _Child:
             self._start_at_s = None
             self._started_at_s = time.monotonic()
             self._listener = Listener(self._hung_after_s)
-            # A process group of its own: Ctrl-C reaches this process, which ends the others.
+            # Its own process group: Ctrl-C reaches only this process, which ends the others.
             self.process = subprocess.Popen(
                 self.spec.command,
                 stdin=subprocess.DEVNULL,
-                # Standard output belongs to this process alone: it may be one JSON object.
+                # This process's standard output may be one JSON object.
                 stdout=log or _STANDARD_ERROR,
                 stderr=log or _STANDARD_ERROR,
                 env={
@@ -178,12 +176,12 @@ class _Child:
     def kill_if_hung(self, now_s: float) -> None:
         if self.process is None or self._listener is None or not self._listener.is_hung(now_s):
             return
-        _log.warning("%s hangs for %g s: it is killed", self.spec.name, self._hung_after_s)
+        _log.warning("%s hung for %g s: killed", self.spec.name, self._hung_after_s)
         self._hear_no_more()
         self.process.kill()
 
     def exited(self, now_s: float) -> ChildExit | None:
-        """Say once that the process has ended, and decide when it starts again."""
+        """Return the exit once, and schedule the restart."""
         if self.process is None or (code := self.process.poll()) is None:
             return None
         self.process = None
@@ -196,7 +194,7 @@ class _Child:
         return ChildExit(self.spec.name, code, wait_s, self._last_words())
 
     def forget(self) -> None:
-        """Reap the process and plan no other."""
+        """Reap the process and cancel its restart."""
         if self.process is not None:
             self.process.wait()
         self.process, self._start_at_s = None, None

@@ -1,4 +1,4 @@
-"""YAML files of a few lines that stand for more than any memory holds, refused."""
+"""Rejects YAML aliases, with which a few lines can expand beyond any memory."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from protocol.errors import InputFileError
 
 
 def refuse_aliases(content: bytes, path: Path, error: type[InputFileError]) -> None:
-    """Refuse aliases: no map needs one, and ROS itself reads none in parameter files.
+    """Reject aliases: no map needs one, and ROS parameter files cannot have them.
 
     Raises:
         InputFileError: as `error`, with the line.

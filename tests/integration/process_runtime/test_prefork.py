@@ -109,5 +109,5 @@ def test_a_child_that_hangs_is_killed_and_replaced(
     hung = ask(session, 1)
     os.kill(int(hung[0]), signal.SIGSTOP)
     wait_until(lambda: ask(session, 1) not in ([], hung))
-    assert "forking-1 hangs for 1.5 s: it is killed" in process.err
+    assert "forking-1 hung for 1.5 s: killed" in process.err
     assert process.err.count("is killed") == 1

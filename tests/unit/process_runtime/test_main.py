@@ -85,8 +85,8 @@ def test_a_name_that_no_key_or_file_could_bear_is_refused(
     with pytest.raises(SystemExit) as caught:
         run(lambda _: None, f"--name={name}")
     assert caught.value.code == 2
-    said = "is no name: use letters, digits, _ and single - between them, at most 56 (see --help)"
-    assert capsys.readouterr().err.endswith(f"{said}\n")
+    rule = "use letters, digits, _ and single - between them, at most 56"
+    assert capsys.readouterr().err.endswith(f"is not a valid name: {rule} (see --help)\n")
 
 
 def test_every_process_says_its_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -55,7 +55,9 @@ def test_a_folder_that_can_be_made_is_not_made_yet(
 
 
 def test_a_folder_under_a_file_cannot_be_made() -> None:
-    with pytest.raises(OutputError, match="/dev/null/x: cannot be written: /dev/null is no folder"):
+    with pytest.raises(
+        OutputError, match="/dev/null/x: cannot be written: /dev/null is not a folder"
+    ):
         check_output_folder(Path("/dev/null/x"))
 
 
