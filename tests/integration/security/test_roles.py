@@ -44,7 +44,7 @@ PUBLISHED = {  # key: who may publish it, who reads it
 }
 
 SERVED = {  # key: who serves it, who may ask for it
-    keys.MAP: ("bridge", {"worker-a", "worker-b", "recorder", "viewer", "operator"}),
+    keys.MAP: ("bridge", {"coordinator", "worker-a", "worker-b", "recorder", "viewer", "operator"}),
     keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator", "recorder"}),
     keys.KIDNAP: ("bridge", {"operator"}),
     keys.UPDATE: ("bridge", {"operator"}),
