@@ -1,4 +1,4 @@
-"""The map as everybody uses it: a grid of free, occupied and unknown cells, and where it lies."""
+"""The occupancy grid map: free, occupied and unknown cells, and the grid's pose."""
 
 import hashlib
 import math
@@ -12,15 +12,15 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.message import PoseTuple
 
 MAX_CELLS = 2**28
-"""A map of 16,384 x 16,384 cells, 819 m wide with cells of 5 cm. Files and messages that tell of
-more are refused before anything is allocated."""
+"""16,384 x 16,384 cells, 819 m wide at 5 cm. Larger files and messages are refused before
+memory is allocated."""
 
 _DIGEST_VERSION = b"clustermcl map 1\n"
 
 
 @dataclass(frozen=True, eq=False)
 class GridMap:
-    """An occupancy grid that nobody can change.
+    """An immutable occupancy grid.
 
     Args:
         cells: (rows, cols) int8: 0 free, 1 occupied, -1 unknown; row 0 has the lowest y.
@@ -28,8 +28,7 @@ class GridMap:
         map_from_grid: pose of the low corner of cell [0, 0] in the map frame (ROS: `origin`).
 
     Raises:
-        ValueError: the array is not such a grid, holds no free cell, or the geometry is not
-            finite.
+        ValueError: the array is not such a grid or has no free cell, or the geometry is not finite.
     """
 
     cells: Cells
@@ -51,7 +50,7 @@ class GridMap:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of geometry and cells, in hex: equal where poses mean the same place."""
+        """SHA-256 of geometry and cells, in hex; equal if poses mean the same place."""
         rows, cols = self.cells.shape
         geometry = (self.cell_m, *(value + 0.0 for value in self.map_from_grid))  # no -0.0
         summed = hashlib.sha256(_DIGEST_VERSION + struct.pack("<QQdddd", rows, cols, *geometry))
@@ -60,7 +59,7 @@ class GridMap:
 
     @cached_property
     def free_area_m2(self) -> float:
-        """Area of all free cells [m²]."""
+        """Area of the free cells [m²]."""
         return int(np.count_nonzero(self.cells == FREE)) * self.cell_m**2
 
     @property

@@ -1,4 +1,4 @@
-"""Large maps are cut to what is known of them: unknown space around it tells nobody anything."""
+"""Crops large maps to their known cells: the unknown border holds no information."""
 
 from math import ceil
 
@@ -11,17 +11,17 @@ from particle_filter.poses import compose
 from protocol.message import PoseTuple
 
 LARGE_CELLS = 2**23
-"""Maps of more are cut. Smaller ones stay as their files have them, and so do their digests."""
+"""Larger maps are cropped. Smaller ones, and so their digests, stay unchanged."""
 RIM_M = 5.0
-"""Is left around what is known: farther from walls than a likelihood field looks."""
+"""Margin around the known cells, wider than the range of a likelihood field [m]."""
 _STRIP_ROWS = 512
 
 
 def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap:
-    """A map of these cells; of a large one the part that is known, with a rim around it.
+    """Return a map of these cells, cropped to the known part and a margin if it is large.
 
-    Poses in the map mean the same places as before. A site plan of 16,384 x 16,384 cells with one
-    building costs what the building costs.
+    Poses keep their meaning. A site plan of 16,384 x 16,384 cells with one building costs as much
+    as a map of the building.
 
     Raises:
         ValueError: as `GridMap`.
@@ -30,7 +30,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
         return GridMap(cells, cell_m, map_from_grid)
     known_rows, known_cols = _known(cells)
     if not known_rows.any() or not cell_m > 0.0:
-        return GridMap(cells, cell_m, map_from_grid)  # which says what is wrong
+        return GridMap(cells, cell_m, map_from_grid)  # raises the error
     rim = ceil(RIM_M / cell_m)
     rows, cols = _range(known_rows, rim), _range(known_cols, rim)
     part = cells[rows, cols].copy()
@@ -41,7 +41,7 @@ def known_part(cells: Cells, cell_m: float, map_from_grid: PoseTuple) -> GridMap
 
 
 def _known(cells: Cells) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which rows and which columns hold a cell that is known."""
+    """Return which rows and which columns have a known cell."""
     rows, cols = np.zeros(cells.shape[0], bool), np.zeros(cells.shape[1], bool)
     for first in range(0, len(cells), _STRIP_ROWS):
         known = cells[first : first + _STRIP_ROWS] != UNKNOWN

@@ -1,4 +1,4 @@
-"""A map on the wire: as robots publish it, and as the bridge packs it for whoever asks."""
+"""The map on the wire: published by robots, and served in compressed form by the bridge."""
 
 import zlib
 
@@ -12,7 +12,7 @@ from protocol.steps import MapMessage, MapReading
 
 
 def to_message(grid_map: GridMap, sender: str) -> MapMessage:
-    """Pack a map; most are so empty that zlib makes 1 % of them."""
+    """Compress a map; zlib reduces most maps to 1 %."""
     rows, cols = grid_map.cells.shape
     return MapMessage(
         sender=sender,
@@ -26,17 +26,17 @@ def to_message(grid_map: GridMap, sender: str) -> MapMessage:
 
 
 def from_message(message: MapMessage) -> GridMap:
-    """Unpack a map.
+    """Decompress a map.
 
     Raises:
-        MalformedMessageError: the bytes are no map, or not the one that the digest names.
+        MalformedMessageError: the bytes are not a map, or do not match the digest.
     """
     size = message.rows * message.cols
     if message.rows < 1 or message.cols < 1 or size > MAX_CELLS:
         raise _malformed(f"{message.rows} x {message.cols} cells")
     try:
         unpacker = zlib.decompressobj()
-        cells = unpacker.decompress(message.zlib_cells, size + 1)  # no more, whatever was packed
+        cells = unpacker.decompress(message.zlib_cells, size + 1)  # bounds a decompression bomb
         if len(cells) != size or not unpacker.eof:
             raise _malformed(f"its bytes do not fill {message.rows} x {message.cols} cells")
         grid = np.frombuffer(cells, np.int8).reshape(message.rows, message.cols)
@@ -49,10 +49,10 @@ def from_message(message: MapMessage) -> GridMap:
 
 
 def from_reading(reading: MapReading) -> GridMap:
-    """The map that a robot publishes.
+    """Convert the map that a robot publishes.
 
     Raises:
-        MalformedMessageError: it is none, or has no free cell.
+        MalformedMessageError: it is not a map, or has no free cell.
     """
     occupancy = reading.occupancy.array()
     if occupancy.dtype != np.int8 or occupancy.ndim != 2:
@@ -64,7 +64,7 @@ def from_reading(reading: MapReading) -> GridMap:
 
 
 def cells_of(occupancy: Cells) -> Cells:
-    """Occupancy as ROS has it, read as AMCL does: 0 is free, 100 occupied, all else unknown."""
+    """Convert ROS occupancy as AMCL does: 0 is free, 100 occupied, everything else unknown."""
     cells = np.full(occupancy.shape, UNKNOWN, np.int8)
     cells[occupancy == 0] = FREE
     cells[occupancy == 100] = OCCUPIED

@@ -12,11 +12,11 @@ _FREE_GREY, _UNKNOWN_GREY, _OCCUPIED_GREY = 254, 205, 0
 
 
 def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
-    """Write ``name.yaml`` and ``name.pgm`` into a folder; returns the path of the first."""
+    """Write ``name.yaml`` and ``name.pgm`` into a folder; return the path of the YAML file."""
     grey = np.full(grid_map.cells.shape, _UNKNOWN_GREY, np.uint8)
     grey[grid_map.cells == FREE] = _FREE_GREY
     grey[grid_map.cells == OCCUPIED] = _OCCUPIED_GREY
-    Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # an image begins at the top
+    Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # the first row of an image is the top
     x, y, heading = grid_map.map_from_grid
     path = folder / f"{name}.yaml"
     path.write_text(

@@ -1,4 +1,4 @@
-"""Maps of ROS as messages.
+"""Converts ROS map messages.
 
 Cells are read as AMCL does: 0 is free, 100 occupied, everything else unknown.
 """
@@ -14,10 +14,10 @@ from grid_maps.map_message import cells_of
 
 
 def grid_map_of(message: Any) -> GridMap:
-    """A `nav_msgs/OccupancyGrid` as a map.
+    """Convert a `nav_msgs/OccupancyGrid`.
 
     Raises:
-        ValueError: it is none, or has no free cell.
+        ValueError: it is not a map, or has no free cell.
     """
     info, values = message.info, np.asarray(message.data, np.int8)
     if not 0 < info.width * info.height == len(values) <= MAX_CELLS:
@@ -26,6 +26,6 @@ def grid_map_of(message: Any) -> GridMap:
     position, turn = info.origin.position, info.origin.orientation
     heading = 2.0 * math.atan2(turn.z, turn.w)
     origin = (position.x, position.y, math.remainder(heading, math.tau))
-    # As a number with few digits, as map files have it: 0.05 and not 0.05000000074505806.
+    # The shortest decimal, as in map files: 0.05 and not 0.05000000074505806.
     cell_m = float(str(np.float32(info.resolution)))
     return known_part(cells.reshape(info.height, info.width), cell_m, origin)

@@ -3,12 +3,12 @@
 A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
 probability 1 - shade (`negate`: shade).
 
-* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown; where the
-  image has an alpha channel, it is one more channel of the mean.
-* *scale*: the same without alpha in the mean, and what is not opaque is unknown. map_server hands
-  out shares of 100 between the thresholds; for localizing these cells are unknown.
-* *raw*: the pixel is the percentage of being occupied, 101 to 255 is unknown; `negate` and alpha
-  are ignored. 0 is free and 100 occupied, as AMCL has it; between them the thresholds decide.
+* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown. An alpha
+  channel counts as one more channel of the mean.
+* *scale*: the same without alpha in the mean; pixels that are not opaque are unknown. Cells between
+  the thresholds, which map_server publishes as a percentage, are unknown here.
+* *raw*: the pixel is the occupancy in percent; 101 to 255 is unknown; `negate` and alpha are
+  ignored. The thresholds decide between free and occupied.
 """
 
 import io
@@ -30,7 +30,7 @@ _BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, Overflo
 
 
 def is_image(content: bytes) -> bool:
-    """Whether the bytes are those of an image that a map may name."""
+    """Return whether the bytes start like an image file that a map may use."""
     return content.startswith(_IMAGE_MAGICS)
 
 
@@ -38,7 +38,7 @@ def parse_ros_image(content: bytes, path: Path, header: RosMapHeader) -> GridMap
     """Read the image that belongs to a header.
 
     Raises:
-        MapFileError: the image is cut, damaged, too large, or shows no free space.
+        MapFileError: the image is truncated, damaged, too large, or has no free space.
     """
     image = _open(content, path)
     try:
@@ -56,9 +56,9 @@ def parse_ros_image(content: bytes, path: Path, header: RosMapHeader) -> GridMap
 
 
 def _open(content: bytes, path: Path) -> Image.Image:
-    """The image, not yet unpacked, if it is one and of a size we accept."""
+    """Open the image without decoding it, and check its size."""
     pillow_limit = Image.MAX_IMAGE_PIXELS
-    Image.MAX_IMAGE_PIXELS = None  # ours is checked below; a warning of Pillow's helps nobody
+    Image.MAX_IMAGE_PIXELS = None  # ours is checked below; suppress the warning of Pillow
     try:
         image = Image.open(io.BytesIO(content))
     except UnidentifiedImageError as error:
@@ -103,7 +103,7 @@ def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
 
 
 def _channel_mode(image: Image.Image) -> str:
-    """How to look at the pixels: grey of 8 or 16 bits, or colours, each with alpha or without."""
+    """Return the Pillow mode to decode to: L, LA, I, RGB or RGBA."""
     if image.mode.startswith("I"):
         return "I"
     if image.mode == "F":
@@ -115,7 +115,7 @@ def _channel_mode(image: Image.Image) -> str:
 
 
 def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
-    """(rows, cols, channels) of numbers, wide enough to be summed where there are several."""
+    """Return (rows, cols, channels) values, of an integer type wide enough for their sum."""
     if mode not in ("I", strip.mode):
         strip = strip.convert(mode)
     pixels = np.asarray(strip)
@@ -129,7 +129,7 @@ def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
 def _channel_sum(
     pixels: NDArray[np.integer], mode: str, *, with_alpha: bool
 ) -> NDArray[np.integer]:
-    """(rows, cols) sums over red, green, blue and perhaps alpha; grey is three equal colours."""
+    """Return (rows, cols) sums over red, green, blue and perhaps alpha; grey counts three times."""
     if mode in ("L", "I"):
         return pixels[..., 0]
     if mode == "LA":
@@ -140,7 +140,7 @@ def _channel_sum(
 
 
 def _cell_of_channel_sum(mode: str, header: RosMapHeader) -> Cells:
-    """(largest sum + 1,) what each sum of channels says of a cell."""
+    """Return a lookup table from a channel sum to a cell's state, (largest sum + 1,)."""
     if mode == "I":
         white = 65_535
     elif mode == "L":

@@ -1,4 +1,4 @@
-"""Maps of ROS: the YAML file that map_server and nav2 read. The image it names: `ros_image`."""
+"""The YAML file of a ROS map, as map_server and nav2 read it; for its image see `ros_image`."""
 
 import math
 from collections.abc import Hashable
@@ -19,16 +19,16 @@ Mode = Literal["trinary", "scale", "raw"]
 
 @dataclass(frozen=True)
 class RosMapHeader:
-    """What the YAML file says, with the names it uses.
+    """The YAML file's content, under its own names.
 
     Args:
         image: the image file.
         resolution: side of a cell [m].
         origin: pose of the image's lower left corner in the map frame.
-        negate: light is occupied, dark is free.
+        negate: whether light is occupied and dark is free.
         occupied_thresh: occupied above this probability.
         free_thresh: free below this probability.
-        mode: how a pixel becomes a probability.
+        mode: conversion of a pixel to a probability.
     """
 
     image: Path
@@ -41,11 +41,11 @@ class RosMapHeader:
 
 
 def parse_ros_header(content: bytes, path: Path) -> RosMapHeader:
-    """Read the YAML file: the same keys are required as by map_server; others are ignored.
+    """Read the YAML file. It requires the same keys as map_server and ignores others.
 
     Raises:
-        MapFileError: with the line: not YAML, not a mapping, a key missing, of the wrong type
-            or out of its range.
+        MapFileError: with the line: not YAML, not a mapping, or a key is missing, of the wrong
+            type or out of range.
     """
     fields = _Fields(content, path)
     header = RosMapHeader(
@@ -75,7 +75,7 @@ class _Fields:
         self._values, self._lines = _mapping(content, path)
 
     def wrong(self, key: str, problem: str) -> MapFileError:
-        """The error for a key that has a bad value."""
+        """Return the error for a key with an invalid value."""
         found = f"{key}: {self._values[key]!r}"
         return MapFileError(self._path, f"{found} {problem}", line=self._lines.get(key))
 
@@ -114,13 +114,13 @@ class _Fields:
 
     def _required(self, key: str) -> Any:
         if key not in self._values:
-            problem = f"key {key!r} is missing; a map_server file has it"
+            problem = f"key {key!r} is missing; map_server requires it"
             raise MapFileError(self._path, problem)
         return self._values[key]
 
 
 def _mapping(content: bytes, path: Path) -> tuple[dict[Hashable, Any], dict[str, int]]:
-    """The values by key, and the line of each key."""
+    """Return the values and the lines by key."""
     if len(content) > MAX_HEADER_BYTES:
         raise MapFileError(path, f"{len(content)} bytes: a map_server file has some hundred")
     try:
@@ -141,7 +141,7 @@ def _mapping(content: bytes, path: Path) -> tuple[dict[Hashable, Any], dict[str,
 
 
 def _number(value: object) -> float | None:
-    """A finite number; YAML 1.1 calls 5e-2 a text, ROS does not."""
+    """Return a finite number, or None; YAML 1.1 reads 5e-2 as text, ROS as a number."""
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
     try:

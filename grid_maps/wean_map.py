@@ -2,8 +2,8 @@
 
 A header of `robot_specifications->NAME VALUE` lines (lengths in centimetres), then
 `global_map[0]: NX NY`, then one line of NY numbers for each x: **the first index is x, the second
-y**. A number is -1 for unknown, else the probability that the cell is **free**, whatever copies
-of the course's text say.
+y**. A number is -1 for unknown, else the probability that the cell is **free**; some copies of the
+course's text state the opposite.
 """
 
 from pathlib import Path
@@ -17,9 +17,9 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
 
 FREE_ABOVE = 0.8
-"""More probably free is free. Between 0.5 and here lie grey lobes outside of the walls."""
+"""Free above this probability. Grey areas outside the walls have 0.5 up to this value."""
 OCCUPIED_BELOW = 0.35
-"""Less probably free is occupied."""
+"""Occupied below this probability of being free."""
 
 _RESOLUTION = "robot_specifications->resolution"
 _GRID_START = "global_map[0]:"
@@ -27,16 +27,16 @@ _MAX_SIDE = 32_768
 
 
 def is_wean_map(content: bytes) -> bool:
-    """Whether the file says in its first lines that it is of this format."""
+    """Return whether the file's first lines have this format."""
     start = content[:4096]
     return b"robot_specifications->" in start or _GRID_START.encode() in start
 
 
 def parse_wean_map(content: bytes, path: Path) -> GridMap:
-    """Read a map; its frame begins at the low corner of the grid.
+    """Read a map; the origin of its frame is the low corner of the grid.
 
     Raises:
-        MapFileError: the text is not such a map, is cut off, or holds no free space.
+        MapFileError: the text is not such a map, is truncated, or has no free space.
     """
     lines = content.decode("ascii", errors="replace").splitlines()
     cell_m, sides, first = _header(lines, path)
@@ -50,7 +50,7 @@ def parse_wean_map(content: bytes, path: Path) -> GridMap:
 
 
 def _header(lines: list[str], path: Path) -> tuple[float, tuple[int, int], int]:
-    """Cell size [m], cells in x and y, and the index of the first line of the grid."""
+    """Return cell size [m], cells in x and y, and the index of the grid's first line."""
     cell_m: float | None = None
     for index, line in enumerate(lines):
         words = line.split()
@@ -85,7 +85,7 @@ def _sides(words: list[str], path: Path, line: int) -> tuple[int, int]:
 
 
 def _grid(lines: list[str], first: int, sides: tuple[int, int], path: Path) -> NDArray[np.float64]:
-    """(x_cells, y_cells) of what the file says."""
+    """Return the file's (x_cells, y_cells) numbers."""
     x_cells, y_cells = sides
     if len(lines) < first + x_cells:
         problem = f"cut off: {len(lines) - first} of {x_cells} lines of numbers"

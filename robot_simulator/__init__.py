@@ -1,1 +1,1 @@
-"""A robot that is not there: worlds, a wanderer, a lidar; publishes through `sensor_bridge`."""
+"""A simulated robot: worlds, motion, odometry, lidar; publishes through `sensor_bridge`."""

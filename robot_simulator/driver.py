@@ -1,7 +1,7 @@
-"""A simulated robot that publishes its readings over Zenoh, as a real robot's driver does.
+"""A simulated robot that publishes its readings over Zenoh, like a real robot's driver.
 
-``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The bridge that
-reads it can die and return while the robot drives on.
+``python -I -m robot_simulator.driver --settings FILE --world WORLD --rate-hz 10``. The robot keeps
+driving when the bridge that reads it dies and is restarted.
 """
 
 import argparse
@@ -24,37 +24,39 @@ from zenoh_link.wire import Publisher
 
 TRUTH_KEY = "simulator/truth"
 KIDNAP_KEY = "simulator/kidnap"
-"""Any message there moves the robot to another place."""
+"""Any message on this key kidnaps the robot."""
 SIMULATED_HZ = 10.0
-"""Scans a second of simulated time; at another rate the robot's time passes faster or slower."""
+"""Scans a second of simulated time; another `--rate-hz` speeds up or slows down that time."""
 _FROZEN_NS = 200_000_000
-"""A driver that is later than this was frozen."""
+"""A delay longer than this means that the driver was frozen."""
 
 
 class TrueMotion(Message, frozen=True, kw_only=True, tag="simulator_truth/1"):
-    """The robot's true pose when it took a scan. On ``simulator/truth``, once a scan."""
+    """Ground truth at the time of a scan, on ``simulator/truth``, once a scan."""
 
     stamp_ns: int
     map_from_robot: PoseTuple
     kidnapped: int = 0
-    """How often the robot was moved to another place until then."""
+    """Number of kidnappings until then."""
 
 
 def main() -> None:
-    """Run the robot."""
     process_main("robot", run_robot, describe="Simulated robot.", add_arguments=_add_arguments)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--world", default="hall", help="simulated world (default: hall)")
-    parser.add_argument("--rate-hz", type=float, default=SIMULATED_HZ, help="scans a second")
+    parser.add_argument(
+        "--rate-hz", type=float, default=SIMULATED_HZ, help="scans a second (default: %(default)g)"
+    )
 
 
 def run_robot(invocation: Invocation) -> None:
-    """Drive and publish until the stop flag is set."""
     settings, arguments = invocation.settings, invocation.arguments
     world = simulated_world(Simulated(arguments.world))
-    simulation = Simulation(world, settings.seed, remembered_s=1.0)  # each tick has its truth
+    simulation = Simulation(
+        world, settings.seed, remembered_s=1.0
+    )  # ticks carry their own ground truth
     with open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=None) as session:
         _drive(session, simulation, 1.0 / arguments.rate_hz, invocation.stop)
 
@@ -90,7 +92,7 @@ def _drive(session: zenoh.Session, simulation: Simulation, period_s: float, stop
 
 
 class _Clock:
-    """Simulated time to the time of day; time in which the robot was frozen has not passed.
+    """Converts simulated time to the time of day, without the time in which the driver was frozen.
 
     Args:
         seconds_each: real seconds for one second of simulated time.
@@ -101,7 +103,7 @@ class _Clock:
         self._zero_ns = time.time_ns()
 
     def stamp_ns(self, simulated_ns: int) -> int:
-        """The time of day at which something is due that happens at a simulated time."""
+        """Return the time of day of a simulated time [ns]."""
         due_ns = self._zero_ns + int(simulated_ns * self._seconds_each)
         late_ns = time.time_ns() - due_ns
         if late_ns > _FROZEN_NS:

@@ -1,4 +1,4 @@
-"""Where a robot fits, and how it gets from one place to another."""
+"""Free space of a world: clearance, and random collision-free paths."""
 
 from math import ceil, floor, hypot
 
@@ -16,10 +16,10 @@ from robot_simulator.roadmap import EDGE_CLEARANCE_M, connected_roadmap
 
 
 class FreeSpace:
-    """The ground of a world on which a robot can drive: the largest connected part of it.
+    """The largest connected part of the free space in which a robot can drive.
 
     Args:
-        ground: the map of what is really there.
+        ground: the world's true map.
 
     Raises:
         NoRoomError: the robot fits nowhere.
@@ -29,14 +29,16 @@ class FreeSpace:
         self._cell_m = ground.cell_m
         self._map_from_grid: Pose = np.array(ground.map_from_grid)
         self._to_cells = to_cells(self._map_from_grid, ground.cell_m)
-        blocked = np.pad(ground.cells != FREE, 1, constant_values=True)  # so is what lies off it
+        blocked = np.pad(
+            ground.cells != FREE, 1, constant_values=True
+        )  # cells off the map count as blocked
         self._clearance: NDArray[np.float32] = (
             obstacle_distance(blocked)[1:-1, 1:-1] - np.float32(0.5)
         ) * np.float32(ground.cell_m)
         self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m)
 
     def clearance_m(self, x: float, y: float) -> float:
-        """Distance from a point of the map to the nearest obstacle, within half a cell [m]."""
+        """Return the distance from a point to the nearest obstacle, accurate to half a cell [m]."""
         row, col = self._cell_at(x, y)
         rows, cols = self._clearance.shape
         if not (0 <= row < rows and 0 <= col < cols):
@@ -44,7 +46,7 @@ class FreeSpace:
         return float(self._clearance[row, col])
 
     def has_room_between(self, x: float, y: float, to_x: float, to_y: float) -> bool:
-        """Whether the robot can drive straight from one point to another."""
+        """Return whether the straight line between two points is free."""
         steps = max(1, ceil(hypot(to_x - x, to_y - y) / self._cell_m))
         return all(
             self.clearance_m(x + (to_x - x) * i / steps, y + (to_y - y) * i / steps)
@@ -53,30 +55,29 @@ class FreeSpace:
         )
 
     def roomiest_near(self, x: float, y: float) -> tuple[float, float]:
-        """The place a short way off that is farthest from obstacles."""
+        """Return the point 0.15 m away that has the largest clearance."""
         bearings = np.arange(16) * np.pi / 8
         around = [(x + 0.15 * float(np.cos(b)), y + 0.15 * float(np.sin(b))) for b in bearings]
         return max(around, key=lambda place: self.clearance_m(*place))
 
     def where_it_fits(self, pose: PoseTuple, radius_m: float) -> PoseTuple:
-        """The pose itself where a robot fits, else the nearest place that it can drive from."""
+        """Return the pose itself if the robot fits there, else the nearest roadmap node."""
         if self.clearance_m(pose[0], pose[1]) >= radius_m:
             return pose
         x, y = self._points(np.array([self._nearest_node(pose[0], pose[1])]))[0]
         return float(x), float(y), pose[2]
 
     def random_pose(self, rng: np.random.Generator) -> PoseTuple:
-        """A pose from where the robot can drive everywhere else."""
+        """Return a random roadmap node with a random heading."""
         x, y = self._points(rng.integers(len(self._nodes), size=1))[0]
         return float(x), float(y), float(rng.uniform(-np.pi, np.pi))
 
     def random_path(
         self, x: float, y: float, farthest_m: float, rng: np.random.Generator
     ) -> Points:
-        """The way to a random goal, (n, 2) points some 0.2 m apart [m].
+        """Return a path to a random goal, (n, 2) points about 0.2 m apart [m].
 
-        Keeps to the middle where there is room: narrow ground counts longer than it is. From a
-        place too near to an obstacle the way starts at the nearest one that is not.
+        Edge costs make the path prefer wide passages. It starts at the nearest roadmap node.
         """
         start = self._nearest_node(x, y)
         costs, before = dijkstra(
@@ -91,7 +92,7 @@ class FreeSpace:
         return self._smoothed(self._points(np.array(path[::-1])))
 
     def _points(self, nodes: NDArray[np.int64]) -> Points:
-        """(n, 2) nodes in the map [m]."""
+        """Return (n, 2) node positions in the map [m]."""
         in_grid = (self._nodes[nodes][:, ::-1] + 0.5) * self._cell_m
         poses: Poses = np.column_stack([in_grid, np.zeros(len(in_grid))])
         return np.asarray(compose(self._map_from_grid, poses)[:, :2])
@@ -101,7 +102,7 @@ class FreeSpace:
         return int(np.argmin((offsets**2).sum(axis=1)))
 
     def _smoothed(self, path: Points) -> Points:
-        """The mean of five neighbours each, where the robot can drive from one to the next."""
+        """Return the moving average over five points, except where it would not be free."""
         padded = np.pad(path, ((2, 2), (0, 0)), mode="edge")
         means = np.stack([padded[i : i + len(path)] for i in range(5)]).mean(axis=0)
         for i, (x, y) in enumerate(path):
@@ -112,6 +113,6 @@ class FreeSpace:
         return np.asarray(means)
 
     def _cell_at(self, x: float, y: float) -> tuple[int, int]:
-        """Row and column; they may lie off the map."""
+        """Return row and column, which may lie off the map."""
         c, s, x0, y0 = self._to_cells
         return floor(s * x + c * y + y0), floor(c * x - s * y + x0)

@@ -1,4 +1,4 @@
-"""A laser scanner: rays into the world, with noise and beams that do not return."""
+"""A simulated laser scanner with range noise and lost returns."""
 
 from dataclasses import dataclass, field
 
@@ -14,15 +14,15 @@ from protocol.message import PoseTuple
 
 @dataclass(frozen=True, kw_only=True)
 class LidarModel:
-    """How good the scanner is.
+    """Parameters of the scanner.
 
     Args:
-        beams: of one scan.
-        field_of_view_rad: from the first beam, on the right, to the last, on the left.
-        range_max_m: how far it sees.
+        beams: beams in a scan.
+        field_of_view_rad: angle from the first beam (right) to the last (left).
+        range_max_m: maximum range.
         range_noise_m: standard deviation of a range.
-        drop_out_share: of the beams that hit something but do not return.
-        robot_from_laser: where it sits on the robot.
+        drop_out_share: share of the hits that do not return.
+        robot_from_laser: mount on the robot.
     """
 
     beams: int = 181
@@ -36,7 +36,6 @@ class LidarModel:
 
     @property
     def angle_step_rad(self) -> float:
-        """From one beam to the next."""
         return self.field_of_view_rad / (self.beams - 1)
 
     def __post_init__(self) -> None:
@@ -50,9 +49,9 @@ class Lidar:
     """Scans a world.
 
     Args:
-        model: how good it is.
-        ground: what is really there.
-        rng: draws noise and drop-outs.
+        model: the scanner's parameters.
+        ground: the world's true map.
+        rng: source of noise and drop-outs.
     """
 
     def __init__(self, model: LidarModel, ground: GridMap, rng: np.random.Generator) -> None:
@@ -65,12 +64,12 @@ class Lidar:
     def scan(
         self, map_from_robot: PoseTuple, people: Points, radius_m: float
     ) -> NDArray[np.float64]:
-        """One scan.
+        """Simulate a scan.
 
         Args:
-            map_from_robot: (3,) where it is taken.
-            people: (P, 2) discs that stand in the way [m].
-            radius_m: of each disc.
+            map_from_robot: (3,) pose of the robot.
+            people: (P, 2) centres of discs that occlude beams [m].
+            radius_m: radius of the discs.
 
         Returns:
             (beams,) ranges [m], counter-clockwise; infinite: no return.
@@ -93,9 +92,9 @@ class Lidar:
 def _to_discs(
     map_from_laser: Pose, angles: NDArray[np.float64], discs: Points, radius_m: float
 ) -> NDArray[np.float64]:
-    """(B,) distance to the nearest of some discs along each beam [m]; infinite: none is hit.
+    """Return the (B,) distance to the nearest disc along each beam [m]; infinite: none is hit.
 
-    Discs that hold the laser itself are passed over: one would hide all the rest.
+    Discs that contain the laser are ignored: one would occlude all beams.
     """
     headings = map_from_laser[2] + angles
     x, y = (discs - map_from_laser[:2]).T

@@ -1,4 +1,4 @@
-"""What the robot believes it has driven: wheel odometry with its errors."""
+"""Simulated wheel odometry with systematic and random errors."""
 
 from math import sqrt
 
@@ -9,18 +9,17 @@ from robot_simulator.robot import Drive, driven
 
 
 class Odometer:
-    """Adds up what the wheels report, with errors that stay and errors that come and go.
+    """Dead reckoning with errors. Systematic errors are drawn once, random errors each time.
 
     Args:
-        rng: draws the errors; those that stay are drawn here, once.
-        scale_error: standard deviation of the share by which all distances are read too long or
-            too short, and of that for all turns: wheels wear, and floors are soft.
-        veer_rad_per_m: standard deviation of the turn that stays unseen on each metre: no two
-            wheels are of one size.
-        distance_noise_m: standard deviation of the distance read after one metre; grows with
-            the root of the distance, as do the others.
-        turn_noise_rad: standard deviation of the turn read after turning by one radian.
-        turn_noise_per_metre_rad: standard deviation of the turn read after driving one metre.
+        rng: source of the errors.
+        scale_error: standard deviation of the systematic scale error of distances, and of that
+            of turns (worn wheels, soft floors).
+        veer_rad_per_m: standard deviation of the systematic turn per metre (unequal wheels).
+        distance_noise_m: standard deviation of the distance after one metre. Like the noises
+            below it grows with the square root of the motion.
+        turn_noise_rad: standard deviation of the turn after turning by one radian.
+        turn_noise_per_metre_rad: standard deviation of the turn after driving one metre.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class Odometer:
         self._turn_variance_per_m = turn_noise_per_metre_rad**2
 
     def read(self, drive: Drive) -> None:
-        """Add one piece of the way, with its errors; standing still adds none."""
+        """Add one motion with its errors; no motion adds none."""
         metres, radians = abs(drive.distance_m), abs(drive.turn_rad)
         along, about = self._rng.standard_normal(2).tolist()
         distance_m = self._distance_scale * drive.distance_m

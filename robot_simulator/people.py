@@ -1,4 +1,4 @@
-"""People who walk about near the robot and stand in the laser's way."""
+"""People who walk near the robot and occlude the laser."""
 
 import numpy as np
 
@@ -9,32 +9,32 @@ from robot_simulator.free_space import FreeSpace
 RADIUS_M = 0.25
 _SPEED_M_S = 1.0
 _NEAREST_M, _FARTHEST_M = 0.8, 10.0
-"""From the robot; who is farther away is of no interest and comes in again nearer by."""
+"""Distances from the robot; a person farther away is placed near it again."""
 _TRIES = 20
 
 
 class People:
-    """Some people, always near the robot: those farther away would not matter.
+    """A number of people near the robot.
 
     Args:
-        count: how many.
-        free_space: where they walk.
-        rng: decides where they go.
+        count: number of people.
+        free_space: where they can walk.
+        rng: chooses places and headings.
     """
 
     def __init__(self, count: int, free_space: FreeSpace, rng: np.random.Generator) -> None:
         self._free_space, self._rng = free_space, rng
         self._headings = rng.uniform(-np.pi, np.pi, count)
-        self._positions: Points = np.full((count, 2), np.inf)  # infinite: not here yet
+        self._positions: Points = np.full((count, 2), np.inf)  # infinite: not placed yet
 
     @property
     def positions(self) -> Points:
-        """(P, 2) where they are [m]; fewer than `count` while some have not come in."""
+        """(P, 2) positions [m]; fewer than `count` while some have no place."""
         here = np.isfinite(self._positions[:, 0])
         return np.asarray(self._positions[here])
 
     def walk(self, map_from_robot: PoseTuple, seconds: float) -> None:
-        """Everybody goes on straight ahead, or turns where there is no way on."""
+        """Move each person straight ahead, or turn if that is blocked."""
         robot = np.array(map_from_robot[:2])
         for i, position in enumerate(self._positions):
             if not np.hypot(*(position - robot)) < _FARTHEST_M:
@@ -49,7 +49,7 @@ class People:
                 self._headings[i] = self._rng.uniform(-np.pi, np.pi)
 
     def _entrance(self, robot: Points) -> Points:
-        """Somewhere free round the robot; nowhere when no place is found, until next time."""
+        """Return a free place near the robot; infinite if none is found in `_TRIES` attempts."""
         for _ in range(_TRIES):
             distance, bearing = self._rng.uniform([_NEAREST_M, -np.pi], [_FARTHEST_M, np.pi])
             place: Points = robot + distance * np.array([np.cos(bearing), np.sin(bearing)])
@@ -62,5 +62,5 @@ class People:
 
 
 def _is_off(place: Points, robot: Points) -> bool:
-    """Nobody walks into the robot."""
+    """Return whether a place keeps its distance from the robot."""
     return bool(np.hypot(*(place - robot)) > _NEAREST_M)

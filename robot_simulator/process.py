@@ -1,4 +1,4 @@
-"""The simulator process: a bridge whose robot is simulated."""
+"""The simulator process: a sensor bridge with a simulated robot."""
 
 import argparse
 import logging
@@ -27,7 +27,6 @@ _log = logging.getLogger(__name__)
 
 
 def main() -> None:
-    """Run the simulator."""
     process_main(
         "robot_simulator",
         run_simulator,
@@ -43,27 +42,31 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--map", metavar="FILE", help="map to localize in (default: the world's own)"
     )
-    parser.add_argument("--steps", type=int, metavar="N", help="end after N steps")
+    parser.add_argument("--steps", type=int, metavar="N", help="stop after N steps")
     parser.add_argument(
-        "--kidnap-at", type=int, metavar="STEP", help="lift the robot elsewhere after this step"
+        "--kidnap-at", type=int, metavar="STEP", help="kidnap the robot after this step"
     )
     parser.add_argument(
-        "--people", type=int, default=0, metavar="N", help="people who walk about near the robot"
+        "--people",
+        type=int,
+        default=0,
+        metavar="N",
+        help="number of people who walk near the robot",
     )
     parser.add_argument(
-        "--by-hand", action="store_true", help="stand still until somebody drives the robot"
+        "--by-hand", action="store_true", help="stand still until a client drives the robot"
     )
 
 
 def run_simulator(invocation: Invocation) -> None:
-    """Simulate until told to stop.
+    """Simulate until the process is stopped.
 
     Raises:
-        SettingsError: the source is no simulation.
-        UnknownWorldError: there is no such world.
+        SettingsError: the source is not a simulation.
+        UnknownWorldError: there is no world of this name.
         MapFileError: the map cannot be used.
         NoRoomError: the robot fits nowhere in it.
-        AlreadyRunningError: the robot has a bridge.
+        AlreadyRunningError: the robot has a bridge already.
     """
     settings, arguments = invocation.settings, invocation.arguments
     world = _world(arguments.source or settings.bridge.source)
@@ -90,36 +93,36 @@ def run_simulator(invocation: Invocation) -> None:
 def _world(named: str) -> World:
     robot = parsed_source(named)
     if not isinstance(robot, Simulated):
-        problem = f"{named!r} is no simulation: name sim:WORLD or sim:MAP.yaml"
+        problem = f"{named!r} is not a simulation: give sim:WORLD or sim:MAP.yaml"
         raise SettingsError(key="bridge.source", problem=problem)
     return simulated_world(robot)
 
 
 class _Operator:
-    """Carries out what a person wants of the robot; a kidnapping once, however often asked."""
+    """Executes operator commands; a kidnapping only once per command id."""
 
     def __init__(self, source: SimulatedSource, sender: str) -> None:
         self._source, self._sender = source, sender
         self._last_id = ""
 
     def kidnap(self, asked: Asked) -> None:
-        """Lift the robot elsewhere.
+        """Kidnap the robot.
 
         Raises:
-            MalformedMessageError: for the bridge's loop to count; the query is answered.
+            MalformedMessageError: after refusing the query; the bridge's loop counts it.
         """
         command = _decoded(asked, Kidnap)
         if command.command_id != self._last_id:
             self._last_id = command.command_id
             x, y, heading = self._source.kidnap(command.map_from_robot)
-            _log.info("the robot was lifted to (%.2f, %.2f) m, %.2f rad", x, y, heading)
+            _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
         asked.answer(CommandDone(sender=self._sender))
 
     def drive(self, asked: Asked) -> None:
         """Drive by hand.
 
         Raises:
-            MalformedMessageError: as above.
+            MalformedMessageError: as in `kidnap`.
         """
         command = _decoded(asked, Drive)
         self._source.drive(command.speed_m_s, command.turn_rate_rad_s, by_hand=command.by_hand)
@@ -127,7 +130,7 @@ class _Operator:
 
 
 def _decoded(asked: Asked, expected: type[M]) -> M:
-    """What is asked; one that cannot be read is refused."""
+    """Decode a query; refuse it if it is malformed."""
     try:
         return decode(asked.payload, expected)
     except MalformedMessageError as error:

@@ -1,4 +1,4 @@
-"""A robot with two driven wheels that follows paths and then wanders."""
+"""A differential-drive robot that follows a route and then wanders."""
 
 from itertools import pairwise
 from math import atan2, cos, hypot, sin
@@ -13,39 +13,39 @@ from robot_simulator.free_space import FreeSpace
 
 RADIUS_M = 0.2
 _LOOK_AHEAD_M, _ARRIVED_M = 0.4, 0.1
-"""How far ahead on its path the robot heads where there is room, and how near it comes at least."""
+"""Look-ahead distance of pure pursuit, and the distance at which a point counts as reached [m]."""
 _TURN_PER_ERROR = 2.5
-"""Turn rate for each radian between the heading and where the robot wants to go [1/s]."""
+"""Turn rate per heading error [1/s]."""
 _NO_DRIVE_ERROR_RAD = 0.8
-"""A robot that heads so far off turns on the spot."""
+"""At a larger heading error the robot turns on the spot."""
 _BLOCKED_S = 1.0
-"""After so long without a way on, it looks for another goal."""
+"""A robot blocked for this time chooses another goal."""
 _FARTHEST_GOAL_M = 60.0
 _HAND_S = 1.0
-"""So long a robot that is driven by hand obeys what it was told last; then it stands."""
+"""A manual command is valid for this time; then the robot stands still."""
 
 
 class Drive(NamedTuple):
-    """What the wheels did in one tick: a piece of a circle."""
+    """Motion of one tick along an arc."""
 
     distance_m: float
     turn_rad: float
 
     def part(self, share: float) -> "Drive":
-        """The first part of it."""
+        """Return the first part of the arc."""
         return Drive(self.distance_m * share, self.turn_rad * share)
 
 
 class Robot:
-    """Drives along a route, then to one random goal after another, and hits nothing.
+    """Drives along a route, then to random goals, without collisions.
 
     Args:
         free_space: where it can drive.
-        map_from_robot: (3,) where it starts.
-        route: (n, 2) points it visits first [m]; none: it wanders at once.
+        map_from_robot: (3,) start pose.
+        route: (n, 2) points to visit first [m]; empty: it wanders at once.
         rng: chooses the goals.
-        top_speed_m_s: on straight ground.
-        top_turn_rate_rad_s: on the spot and in curves.
+        top_speed_m_s: speed limit.
+        top_turn_rate_rad_s: turn rate limit.
     """
 
     def __init__(
@@ -70,22 +70,22 @@ class Robot:
         self._hand_left_s = 0.0
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Obey for a second, then stand and wait for more, until it may wander again."""
+        """Obey for a second, then stand still until the next command or `wander`."""
         self._hand, self._hand_left_s = (speed_m_s, turn_rate_rad_s), _HAND_S
 
     def wander(self) -> None:
-        """Go on by itself, to a goal of its own."""
+        """End manual driving and go to a random goal."""
         if self._hand is not None:
             self._hand, self._path, self._next = None, [], 0
 
     def put(self, map_from_robot: PoseTuple) -> None:
-        """Lift the robot to another place, where it stands still and forgets its route."""
+        """Move the robot to a pose, at rest and without a route."""
         self.map_from_robot = map_from_robot
         self._speed_m_s, self._turn_rate_rad_s, self._blocked_s = 0.0, 0.0, 0.0
         self._path, self._next = [], 0
 
     def move(self, seconds: float) -> Drive:
-        """Drive for a tick; `map_from_robot` is where that ends."""
+        """Drive for a tick and update `map_from_robot`; return the motion."""
         self._steer(seconds)
         drive = Drive(self._speed_m_s * seconds, self._turn_rate_rad_s * seconds)
         after = driven(self.map_from_robot, drive)
@@ -97,13 +97,13 @@ class Robot:
         return drive
 
     def _bumps(self, after: PoseTuple) -> bool:
-        """Whether a move would bring the robot against an obstacle, and nearer than it is."""
+        """Return whether a motion ends in collision and nearer to the obstacle than now."""
         room_m = self._free_space.clearance_m(after[0], after[1])
         x, y, _ = self.map_from_robot
         return room_m < RADIUS_M and room_m < self._free_space.clearance_m(x, y)
 
     def _steer(self, seconds: float) -> None:
-        """Set both rates, within what motors can do."""
+        """Set speed and turn rate within the acceleration limits."""
         if self._hand is None:
             wanted_speed, wanted_turn = self._rates_along_path()
         else:
@@ -114,7 +114,7 @@ class Robot:
         self._speed_m_s = _towards(self._speed_m_s, wanted_speed, most)
 
     def _rates_by_hand(self, hand: tuple[float, float], seconds: float) -> tuple[float, float]:
-        """Speed and turn rate that a person wants; none after a while without a word."""
+        """Return the commanded speed and turn rate; zero when the command has expired."""
         if self._hand_left_s <= 0.0:
             return 0.0, 0.0
         self._hand_left_s -= seconds
@@ -123,7 +123,7 @@ class Robot:
         return speed, turn
 
     def _rates_along_path(self) -> tuple[float, float]:
-        """Speed and turn rate towards the next goal, carefully near obstacles."""
+        """Return speed and turn rate towards the next goal, slower near obstacles."""
         error = self._bearing_of_carrot()
         limit = self._top_turn_rate_rad_s
         wanted_turn = min(max(_TURN_PER_ERROR * error, -limit), limit)
@@ -133,7 +133,7 @@ class Robot:
         return top_speed * max(0.0, 1.0 - abs(error) / _NO_DRIVE_ERROR_RAD), wanted_turn
 
     def _bearing_of_carrot(self) -> float:
-        """Direction, seen from the robot, of the point of its path that it heads for."""
+        """Return the bearing of the path's look-ahead point in the robot's frame [rad]."""
         x, y, heading = self.map_from_robot
         self._advance(x, y)
         while self._next >= len(self._path) or self._blocked_s > _BLOCKED_S:
@@ -145,7 +145,7 @@ class Robot:
         return wrap_angle(atan2(goal_y - y, goal_x - x) - heading)
 
     def _advance(self, x: float, y: float) -> None:
-        """Go on to the next point of the path while it is near, unless that cuts a corner."""
+        """Skip points of the path that are near, unless that cuts a corner."""
         while self._next < len(self._path):
             goal_x, goal_y = self._path[self._next]
             distance_m = hypot(goal_x - x, goal_y - y)
@@ -159,7 +159,7 @@ class Robot:
 
 
 def driven(map_from_robot: PoseTuple, drive: Drive) -> PoseTuple:
-    """Where a piece of a circle ends; exact for a constant speed and turn rate."""
+    """Return the pose after an arc; exact for a constant speed and turn rate."""
     x, y, heading = map_from_robot
     half = 0.5 * drive.turn_rad
     chord_m = drive.distance_m * (sin(half) / half if abs(half) > 1e-9 else 1.0)
@@ -172,7 +172,7 @@ def _towards(now: float, wanted: float, most: float) -> float:
 
 
 def _dense(corners: Points) -> Points:
-    """The same way with a point every 0.1 m, but without its start."""
+    """Return the path with a point every 0.1 m, without its start."""
     pieces = [
         np.linspace(a, b, max(2, int(np.hypot(*(b - a)) / 0.1) + 1))[1:]
         for a, b in pairwise(corners)

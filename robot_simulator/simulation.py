@@ -1,4 +1,4 @@
-"""A robot in a world, tick by tick: what its odometry and laser report, and where it really is."""
+"""Simulates a robot in a world tick by tick: odometry, laser scans and ground truth."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -18,26 +18,26 @@ from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
 from robot_simulator.worlds.world import World
 
 _PIECE_NS = 50_000_000
-"""Between two odometry readings: 20 Hz."""
+"""Interval of odometry readings: 20 Hz."""
 _TICK_NS = 2 * _PIECE_NS
-"""Between two scans: 10 Hz."""
+"""Interval of scans: 10 Hz."""
 _SCAN_SHARE = 0.4
-"""A scan is taken after this share of an odometry interval, as real ones are: in between."""
+"""A scan is taken after this share of an odometry interval, between readings as in reality."""
 _KIDNAP_TRIES, _KIDNAP_FARTHEST = 40, 10
 
 
 @dataclass(frozen=True)
 class Tick:
-    """A tenth of a second: two odometry readings and a scan between them."""
+    """0.1 s: two odometry readings and a scan between them."""
 
     odometry: tuple[OdometryReading, OdometryReading]
     laser: LaserReading
     map_from_robot: PoseTuple
-    """Where the robot really was when the scan was taken."""
+    """Ground truth at the time of the scan."""
 
     @property
     def stamp_ns(self) -> int:
-        """When the scan was taken."""
+        """Time of the scan."""
         return self.laser.stamp_ns
 
     @property
@@ -50,14 +50,14 @@ class Simulation:
     """An endless iterator of ticks; the same world and seed give the same ticks, bit for bit.
 
     Args:
-        world: where the robot lives.
-        seed: of everything that happens by chance.
-        lidar: how good its scanner is; the default sees as far as the world says.
-        people: how many walk about near it.
-        start: (3,) where it starts, instead of where the world says and along its route.
+        world: the world.
+        seed: of all random numbers.
+        lidar: the scanner's parameters; the default has the world's range.
+        people: number of people near the robot.
+        start: (3,) start pose, which replaces the world's start and route.
         start_ns: stamp of the first reading.
-        sender: who the readings say they are from.
-        remembered_s: for how long it is known where the robot was.
+        sender: sender of the readings.
+        remembered_s: how long past poses are kept for `truth_at`.
 
     Raises:
         NoRoomError: the robot fits nowhere in this world.
@@ -95,14 +95,13 @@ class Simulation:
 
     @property
     def map_from_robot(self) -> PoseTuple:
-        """Where the robot is now, at the end of the last tick."""
+        """Pose at the end of the last tick."""
         return self._robot.map_from_robot
 
     def __iter__(self) -> Iterator[Tick]:
         return self
 
     def __next__(self) -> Tick:
-        """Simulate the next tenth of a second."""
         begin_ns = self._now_ns
         first = self._drive_on()
         scan_pose = self._pose_within(-1, _SCAN_SHARE)
@@ -112,32 +111,30 @@ class Simulation:
         return Tick((first, second), laser, scan_pose)
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> PoseTuple:
-        """Lift the robot to another place between two ticks; its odometry notices nothing.
+        """Move the robot to another place between two ticks; odometry does not show it.
 
         Args:
-            map_from_robot: (3,) where to, or beside it where the robot does not fit; None:
-                somewhere far away.
+            map_from_robot: (3,) the new pose, or the nearest free one; None: a random far one.
 
         Returns:
-            Where it is now.
+            The new pose.
         """
         pose = map_from_robot if map_from_robot is not None else self._far_pose()
         self._robot.put(self._free_space.where_it_fits(pose, RADIUS_M))
         return self.map_from_robot
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Have the robot obey for a second of its time, and then stand and wait for more."""
+        """See `Robot.drive_by_hand`."""
         self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
 
     def wander(self) -> None:
-        """Have the robot go on by itself."""
         self._robot.wander()
 
     def truth_at(self, stamp_ns: int) -> PoseTuple:
-        """Where the robot really was, `map_from_robot`, at a time that is remembered.
+        """Return the true pose `map_from_robot` at a past time.
 
         Raises:
-            ValueError: that time is not simulated yet, or forgotten.
+            ValueError: the time is not simulated yet, or older than `remembered_s`.
         """
         index, rest = divmod(stamp_ns - self._now_ns, _PIECE_NS)
         if not -len(self._pieces) <= index < 0:
@@ -145,7 +142,7 @@ class Simulation:
         return self._pose_within(index, rest / _PIECE_NS)
 
     def _drive_on(self) -> OdometryReading:
-        """Report the odometry, then drive until the next report."""
+        """Return the odometry reading, then drive until the next one."""
         reading = OdometryReading(
             sender=self._sender,
             stamp_ns=self._now_ns,
@@ -159,7 +156,7 @@ class Simulation:
         return reading
 
     def _pose_within(self, index: int, share: float) -> PoseTuple:
-        """Where the robot was after a share of one of the remembered pieces."""
+        """Return the pose after a share of a stored motion."""
         before, drive = self._pieces[index]
         return driven(before, drive.part(share))
 
@@ -177,7 +174,7 @@ class Simulation:
         )
 
     def _far_pose(self) -> PoseTuple:
-        """One of the farthest of some random places."""
+        """Return one of the farthest of some random poses."""
         poses = [self._free_space.random_pose(self._place_rng) for _ in range(_KIDNAP_TRIES)]
         x, y, _ = self.map_from_robot
         poses.sort(key=lambda pose: -hypot(pose[0] - x, pose[1] - y))

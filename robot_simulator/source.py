@@ -1,4 +1,4 @@
-"""A simulated robot as a source of steps: for the bridge, and for runs without a network."""
+"""A simulated robot as a source of readings, for the bridge and for runs without a network."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -18,10 +18,10 @@ from sensor_bridge.step_maker import StepMaker
 
 
 def simulated_world(robot: Simulated) -> World:
-    """The world of a simulated robot: one of ours by its name, or that of any map's file.
+    """Return the world of a simulated robot: a world of the catalogue, or a map file.
 
     Raises:
-        UnknownWorldError: no world has this name, and it is no file either.
+        UnknownWorldError: it is neither the name of a world nor a file.
         MapFileError: the file cannot be used as a map.
     """
     name = robot.world
@@ -31,12 +31,12 @@ def simulated_world(robot: Simulated) -> World:
 
 
 class SimulatedSource:
-    """Readings of a simulated robot, for as many steps as are asked for.
+    """Readings of a simulated robot.
 
     Args:
         simulation: the robot in its world.
-        steps: it ends with this step; None: never.
-        kidnap_at: the robot is lifted to another place after this step; None: never.
+        steps: number of steps; None: endless.
+        kidnap_at: the robot is kidnapped after this step; None: never.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class SimulatedSource:
         self._tick: deque[Reading] = deque()
 
     def next_reading(self) -> Reading | None:
-        """The next reading in the order of time; None after the last step."""
+        """Return the next reading in the order of time; None after the last step."""
         if not self._tick:
             if self._steps_made == self.steps:
                 return None
@@ -56,7 +56,7 @@ class SimulatedSource:
         return self._tick.popleft()
 
     def step_made(self, scan: Scan) -> PoseTuple:
-        """Count a step and kidnap the robot if it is time; where the robot was at the step."""
+        """Count a step and kidnap the robot if it is due; return the true pose at the step."""
         self._steps_made += 1
         truth = self._simulation.truth_at(scan.stamp_ns)
         if scan.step == self._kidnap_at:
@@ -64,11 +64,11 @@ class SimulatedSource:
         return truth
 
     def kidnap(self, map_from_robot: PoseTuple | None) -> PoseTuple:
-        """Lift the robot to another place, or to somewhere far away; where it is now."""
+        """See `Simulation.kidnap`."""
         return self._simulation.kidnap(map_from_robot)
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float, *, by_hand: bool) -> None:
-        """Have a person drive for a while, or the robot wander."""
+        """Drive by hand for a second, or wander."""
         if by_hand:
             self._simulation.drive_by_hand(speed_m_s, turn_rate_rad_s)
         else:
@@ -78,7 +78,7 @@ class SimulatedSource:
 def simulated_steps(
     source: SimulatedSource, settings: BridgeSettings, map_digest: str
 ) -> Iterator[tuple[Scan, PoseTuple]]:
-    """All steps of a simulated robot with the true poses; the same that a bridge would make."""
+    """Yield all steps with the true poses, the same steps that a bridge makes."""
     maker = StepMaker(settings, map_digest, sender="robot_simulator")
     made = 0
     while (reading := source.next_reading()) is not None:

@@ -1,1 +1,1 @@
-"""Worlds: maps drawn by code, and what a robot finds there instead."""
+"""Simulated worlds: a map for the localizer, and the true map."""

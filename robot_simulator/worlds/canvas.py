@@ -1,4 +1,4 @@
-"""A sheet to draw floor plans on, in metres."""
+"""Draws floor plans in metres."""
 
 import numpy as np
 
@@ -10,10 +10,10 @@ _WALL_CELLS = 3
 
 
 class Canvas:
-    """A grid that starts all unknown; the middle of the sheet is the map's origin.
+    """A grid of unknown cells; its middle is the map's origin.
 
-    Edges of what is drawn fall on cell boundaries, so a plan drawn with its mirror image is
-    symmetric cell by cell.
+    Edges are rounded to cell boundaries, so a plan drawn with its mirror image is symmetric
+    cell by cell.
     """
 
     def __init__(self, width_m: float, height_m: float) -> None:
@@ -24,15 +24,15 @@ class Canvas:
         )
 
     def floor(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Make a rectangle free ground [m]."""
+        """Make a rectangle free [m]."""
         self._fill(FREE, x_min, y_min, x_max, y_max)
 
     def block(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
-        """Put something solid there: a wall, a pillar, a cabinet [m]."""
+        """Make a rectangle occupied [m]."""
         self._fill(OCCUPIED, x_min, y_min, x_max, y_max)
 
     def add_walls(self) -> None:
-        """Wall in all free ground: unknown cells near it become occupied."""
+        """Make unknown cells near free cells occupied."""
         free = np.pad(self.cells == FREE, _WALL_CELLS)
         near = np.zeros_like(self.cells, dtype=bool)
         for rows in range(2 * _WALL_CELLS + 1):
@@ -42,7 +42,7 @@ class Canvas:
         self.cells[near & (self.cells == UNKNOWN)] = OCCUPIED
 
     def repeat_turned(self, times: int) -> None:
-        """Draw what is drawn again after each turn by 1 / `times` of a full turn."""
+        """Add copies of the drawing, rotated by multiples of 1 / `times` of a full turn."""
         drawn = self.cells.copy()
         for quarters in range(4 // times, 4, 4 // times):
             turned = np.rot90(drawn, quarters)
@@ -50,11 +50,10 @@ class Canvas:
             self.cells[added] = turned[added]
 
     def add(self, furniture: "Canvas") -> None:
-        """Put all solid things of another sheet on this one."""
+        """Copy the occupied cells of another canvas."""
         self.cells[furniture.cells == OCCUPIED] = OCCUPIED
 
     def grid_map(self) -> GridMap:
-        """The plan as a map."""
         rows, cols = self.cells.shape
         origin = (-cols / 2 * CELL_M, -rows / 2 * CELL_M, 0.0)
         return GridMap(cells=self.cells, cell_m=CELL_M, map_from_grid=origin)

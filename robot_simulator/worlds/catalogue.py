@@ -17,7 +17,6 @@ _WORLDS = {
 
 
 def world_names() -> tuple[str, ...]:
-    """Names that `world` knows."""
     return tuple(_WORLDS)
 
 
@@ -25,7 +24,7 @@ def world(name: str) -> World:
     """Draw a world.
 
     Raises:
-        UnknownWorldError: there is none of that name.
+        UnknownWorldError: there is no world of this name.
     """
     if name not in _WORLDS:
         raise UnknownWorldError(name, known=world_names())

@@ -1,4 +1,4 @@
-"""A cross that looks the same after a quarter of a turn, and one that nearly does."""
+"""A cross with four-fold symmetry, and one with a single distinguishing feature."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from robot_simulator.worlds.world import Waypoint, World
 
 _CROSS_M = 22.0
 _CORRIDOR_M = 1.25
-"""Half the width of a cross's arm."""
+"""Half the width of an arm."""
 
 
 def cross() -> World:
-    """Four equal arms: no robot can ever tell which one it is in."""
+    """Four equal arms that no scan can distinguish."""
     plan = _cross_plan().grid_map()
     return World(
         name="cross",
@@ -24,8 +24,8 @@ def cross() -> World:
 def cross_feature() -> World:
     """The cross with one cabinet in the chamber at the end of the eastern arm.
 
-    The route visits three arms but none of their chambers, so that nothing is learnt about any
-    chamber, not even by seeing no cabinet; then it enters the eastern one.
+    The route visits three arms without seeing their chambers, not even that they have no cabinet;
+    then it enters the eastern chamber.
     """
     plan = _cross_plan()
     plan.block(8.4, 0.75, 9.8, 1.75)
@@ -43,7 +43,7 @@ def cross_feature() -> World:
 
 
 def _cross_plan() -> Canvas:
-    """One arm, drawn to the east and turned three times."""
+    """Draw the eastern arm and rotate it three times."""
     plan = Canvas(_CROSS_M, _CROSS_M)
     plan.floor(0.0, -_CORRIDOR_M, 7.0, _CORRIDOR_M)
     plan.floor(2.6, _CORRIDOR_M, 3.6, 1.9)  # a niche on the left

@@ -1,7 +1,7 @@
-"""Eight rooms exactly alike: eight places stay possible however long the robot drives.
+"""Eight identical rooms: eight places remain possible, however long the robot drives.
 
-In a world that tells its places apart the number of places is luck. Here each cluster that is
-lost on the way, or counted twice, shows.
+Here every cluster that is lost or duplicated is visible; in a world with distinguishable places
+the number of clusters depends on chance.
 """
 
 from math import hypot
@@ -17,11 +17,11 @@ PLACES = COLUMNS * ROWS
 _WIDTH_M, _HEIGHT_M = 6.0, 5.0
 _GAP_M = 0.5
 _START = (1.0, 1.0, 0.0)
-"""In the first room, from its lower left corner."""
+"""Start pose relative to the first room's lower left corner."""
 
 
 def eight_rooms() -> World:
-    """The rooms; the robot starts in the first one and cannot leave it."""
+    """Draw the rooms; the robot starts in the first one, which has no door."""
     plan = Canvas(COLUMNS * (_WIDTH_M + _GAP_M) + 1.0, ROWS * (_HEIGHT_M + _GAP_M) + 1.0)
     corners = [_corner(number) for number in range(PLACES)]
     for x, y in corners:
@@ -44,10 +44,10 @@ def eight_rooms() -> World:
 
 
 def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
-    """The pose in each room from which a robot sees the same; in its own room, its pose.
+    """Return the equivalent pose in each room, including the robot's own.
 
     Args:
-        map_from_robot: (3,) its pose, in any of the rooms.
+        map_from_robot: (3,) pose in any of the rooms.
     """
     x, y, heading = map_from_robot
     corners = [_corner(number) for number in range(PLACES)]
@@ -59,7 +59,7 @@ def copies_in_all_rooms(map_from_robot: PoseTuple) -> tuple[PoseTuple, ...]:
 
 
 def _corner(number: int) -> tuple[float, float]:
-    """Lower left corner of a room [m], a whole number of cells from any other's."""
+    """Return a room's lower left corner [m]; rooms are whole numbers of cells apart."""
     row, column = divmod(number, COLUMNS)
     low = np.array([COLUMNS * (_WIDTH_M + _GAP_M), ROWS * (_HEIGHT_M + _GAP_M)]) / -2.0
     x, y = low + np.array([column * (_WIDTH_M + _GAP_M), row * (_HEIGHT_M + _GAP_M)]) + _GAP_M / 2

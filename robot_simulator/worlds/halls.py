@@ -1,4 +1,4 @@
-"""Halls of 450 m2: one unlike itself everywhere, one symmetric, and two with an outdated map."""
+"""Halls of 450 m2: one without symmetry, one symmetric, and two with an outdated map."""
 
 from collections.abc import Sequence
 
@@ -20,23 +20,23 @@ _NICHES = (
     (7.0, -9.2, 8.0, -8.5),
 )  # fmt: skip
 _FURNITURE = ((-11.5, -7.5, -9.5, -6.7), (-6.0, -7.8, -5.2, -6.2), (-5.2, -3.6, -3.6, -2.8))
-"""What stands round the start, by the map."""
+"""Furniture around the start in the map."""
 _MOVED_FURNITURE = (
     (-11.8, -6.0, -11.0, -4.0), (-7.8, -7.9, -5.8, -7.1), (-5.0, -5.6, -4.2, -4.0),
     (-8.6, -2.8, -7.4, -2.0), (-2.9, -7.0, -2.1, -6.2),
 )  # fmt: skip
-"""What really stands there."""
+"""Furniture that is really there."""
 _REBUILT = {
     (-4.5, 1.0, 0.6): (-6.6, 2.4, 0.6),
     (6.0, -0.5, 0.6): (4.0, -1.6, 0.6),
     (3.0, 8.5, 6.5, 9.2): (-1.5, 8.5, 1.5, 9.2),
     (12.5, -6.0, 13.3, -2.0): (12.5, -6.0, 13.3, -4.0),
 }
-"""Pillars and niches as they are, and where they were last year."""
+"""Pillars and niches: true position, and position in last year's map."""
 
 
 def hall() -> World:
-    """Niches and pillars at irregular places: after a few scans only one place is left."""
+    """Niches and pillars at irregular positions: a few scans leave only one place."""
     plan = _hall_plan()
     _furnish(plan, _FURNITURE)
     return World(
@@ -48,7 +48,7 @@ def hall() -> World:
 
 
 def hall_moved() -> World:
-    """The hall after somebody tidied up round the place where the robot starts."""
+    """The hall with the furniture moved around the robot's start."""
     mapped, real = _hall_plan(), _hall_plan()
     _furnish(mapped, _FURNITURE)
     _furnish(real, _MOVED_FURNITURE)
@@ -62,7 +62,7 @@ def hall_moved() -> World:
 
 
 def hall_last_year() -> World:
-    """The hall with a map of last year: a tenth of the walls is elsewhere by now."""
+    """The hall with last year's map: 10 % of the walls have moved since."""
     old = _hall_plan(
         tuple(_REBUILT.get(pillar, pillar) for pillar in _PILLARS),
         tuple(_REBUILT.get(niche, niche) for niche in _NICHES),
@@ -77,7 +77,7 @@ def hall_last_year() -> World:
 
 
 def hall_symmetric() -> World:
-    """A hall of the same size that looks the same after half a turn."""
+    """A hall of the same size with two-fold symmetry."""
     plan = Canvas(_WIDTH_M + 4.0, _HEIGHT_M + 4.0)
     plan.floor(-12.5, -8.5, 12.5, 8.5)
     for niche in _NICHES[:5]:

@@ -7,25 +7,25 @@ from robot_simulator.worlds.canvas import CELL_M, Canvas
 from robot_simulator.worlds.world import Waypoint, World
 
 _ROOM_M = (4.8, 5.8)
-"""Width along the corridor, and depth."""
+"""Width along the corridor, and depth [m]."""
 _PITCH_M = 5.0
-"""From one door to the next."""
+"""Distance between neighbouring doors [m]."""
 _CORRIDOR_M = 2.4
 _WING_M = _CORRIDOR_M + 2 * _ROOM_M[1] + 0.6
-"""From one corridor's middle to the next."""
+"""Distance between the middles of neighbouring corridors [m]."""
 _UNLIKE_SHARE = 0.25
-"""Share of the rooms that are not furnished like all others."""
+"""Share of the rooms with their own furniture."""
 
 
 def office(wings: int = 5, rooms: int = 18) -> World:
-    """Wings of look-alike rooms; every fourth room or so is furnished in its own way.
+    """Wings of look-alike rooms; about every fourth room has its own furniture.
 
-    Rooms, doors and corridors repeat exactly; odd furniture, seeded, and the far ends of the
-    corridors tell them apart in the long run.
+    Rooms, doors and corridors repeat exactly. Seeded random furniture and the ends of the
+    corridors distinguish them in the long run.
 
     Args:
-        wings: corridors side by side.
-        rooms: on one side of one corridor.
+        wings: number of parallel corridors.
+        rooms: rooms on each side of a corridor.
     """
     rng = np.random.default_rng(20)
     half_m = rooms * _PITCH_M / 2
@@ -59,7 +59,7 @@ def office(wings: int = 5, rooms: int = 18) -> World:
 def _draw_room(
     plan: Canvas, furniture: Canvas, corner: Waypoint, up: int, rng: np.random.Generator
 ) -> None:
-    """One room: from x of its left wall and y of its corridor's middle, to one side (1, -1)."""
+    """Draw a room, given x of its left wall, y of its corridor's middle and its side (1, -1)."""
     x, corridor_y = corner
     width, depth = _ROOM_M
     near = _CORRIDOR_M / 2 + 0.2

@@ -1,11 +1,11 @@
-"""Rooms that look the same after half a turn, and one that nearly does."""
+"""A room with two-fold symmetry, and one with a single distinguishing feature."""
 
 from robot_simulator.worlds.canvas import Canvas
 from robot_simulator.worlds.world import World
 
 
 def rectangle() -> World:
-    """A room with two ends that cannot be told apart."""
+    """A room whose two ends no scan can distinguish."""
     plan = Canvas(16.0, 10.0)
     plan.floor(-6.5, -3.5, 6.5, 3.5)
     plan.floor(6.5, 0.8, 7.1, 2.0)  # a niche
@@ -29,10 +29,10 @@ def rectangle() -> World:
 def gates() -> World:
     """The paper's room: two opposite doors, two benches, cabinets in the corners, one missing.
 
-    Each corner is a recess behind a wall, open along the outer wall; its cabinet stands low
-    behind that wall, so that nobody nearer the room's middle sees it, from however far. The
-    route passes both doors and both corridors and enters the north-eastern recess, where the
-    cabinet is missing, on its last legs; it never looks into the opposite one.
+    Each corner is a recess behind a wall, open along the outer wall; its cabinet is hidden behind
+    that wall from everywhere nearer the room's middle. The route passes both doors and both
+    corridors and at its end enters the north-eastern recess, where the cabinet is missing; the
+    opposite recess stays out of sight.
     """
     plan, furniture = Canvas(22.0, 10.0), Canvas(22.0, 10.0)
     plan.floor(-7.0, -4.0, 7.0, 4.0)

@@ -1,4 +1,4 @@
-"""A world: the map that everybody is given, and the ground the robot really drives on."""
+"""A world: the map for the localizer, and the true map in which the robot drives."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ Waypoint = tuple[float, float]
 
 
 class UnknownWorldError(ClusterMclError):
-    """No simulated world has the name that was asked for."""
+    """No simulated world has this name."""
 
     def __init__(self, name: str, *, known: tuple[str, ...]) -> None:
         self.name, self.known = name, known
@@ -20,16 +20,16 @@ class UnknownWorldError(ClusterMclError):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class World:
-    """Where a simulated robot lives.
+    """A simulated world.
 
     Args:
-        name: what a person types.
+        name: name for the command line.
         summary: one line about what makes it easy or hard.
-        map: what the localizer is given.
-        truth: what is really there; as `map` shows it unless somebody moved furniture.
-        start: where the robot starts, `map_from_robot`; None: anywhere it fits.
-        route: where it drives first; it wanders at random from the route's end on.
-        lidar_range_m: how far the laser sees.
+        map: the map for the localizer.
+        truth: the true map; equal to `map` unless the map is outdated.
+        start: start pose `map_from_robot`; None: random.
+        route: points to drive to first; then the robot wanders.
+        lidar_range_m: range of the laser.
     """
 
     name: str
@@ -42,5 +42,5 @@ class World:
 
 
 def world_from_map(grid_map: GridMap, name: str = "map") -> World:
-    """A world that is exactly as its map says; the robot starts and wanders anywhere."""
+    """Return a world that equals its map, with a random start and no route."""
     return World(name=name, summary="as its map shows it", map=grid_map, truth=grid_map)

@@ -12,5 +12,5 @@ from robot_simulator.process import run_simulator
 @pytest.mark.parametrize("source", ["robot.log", "zenoh"])
 def test_the_simulator_simulates_nothing_else(source: str) -> None:
     arguments = argparse.Namespace(source=source)
-    with pytest.raises(SettingsError, match=f"'{source}' is no simulation"):
+    with pytest.raises(SettingsError, match=f"'{source}' is not a simulation"):
         run_simulator(Invocation("robot_simulator", Settings(), arguments, StopFlag()))
