@@ -6,13 +6,13 @@ elsewhere they end near some by chance.
 """
 
 from math import ceil, cos, floor, sin, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells, Points, Pose
 from particle_filter.kernel_arguments import ToCells, plain, read_only
 from particle_filter.kernels import kernel
+from particle_filter.off_map import BeamClasses
 from particle_filter.ray_casting import JumpField
 from particle_filter.sensor_model import Beams, Grid
 from particle_filter.single_ray import cast_ray, flat
@@ -25,19 +25,6 @@ CLOSE_M = 2.0
 """Of obstacles closer than this: what ends just before one may have met a person there."""
 THROUGH_M = 0.45
 """An end so far behind the first obstacle on the way went through it."""
-
-
-class BeamClasses(NamedTuple):
-    """How many beams of each class; those without return are not counted."""
-
-    sharp: int
-    """End on an obstacle that the laser can see from there."""
-    blunt: int
-    """End near one, but not just before a close one."""
-    through: int
-    """End behind one."""
-    other: int
-    """End before one, where people stand, or beyond ground that was not mapped."""
 
 
 def beam_classes(map_from_robot: Pose, beams: Beams, grid: Grid, jumps: JumpField) -> BeamClasses:

@@ -14,10 +14,21 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.beam_classes import BeamClasses
-
 _BEAMS = 16.0
 """A scan counts like so many independent beams."""
+
+
+class BeamClasses(NamedTuple):
+    """How many beams of each class; those without return are not counted."""
+
+    sharp: int
+    """End on an obstacle that the laser can see from there."""
+    blunt: int
+    """End near one, but not just before a close one."""
+    through: int
+    """End behind one."""
+    other: int
+    """End before one, where people stand, or beyond ground that was not mapped."""
 
 
 class _Kind(NamedTuple):

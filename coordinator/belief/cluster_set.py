@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.beam_classes import BeamClasses
 from particle_filter.evidence_model import contenders, counted, misfit, share_that_counts, way
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
-from particle_filter.off_map import MapQuality, log_odds_of_here
+from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings

@@ -69,6 +69,18 @@ def _values(info: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0911 - on
             return st.tuples(*map(_values, items))
         case inspect.DictType(key_type=key, value_type=value):
             return st.dictionaries(_values(key), _values(value), max_size=3)
+        case inspect.IntType(gt=int() as above, le=int() as most):
+            return st.integers(above + 1, most)
+        case inspect.FloatType(ge=None, gt=None, le=None, lt=None):
+            pass
+        case inspect.FloatType(ge=low, gt=above, le=high, lt=below):
+            return st.floats(
+                min_value=low if above is None else above,
+                max_value=high if below is None else below,
+                exclude_min=above is not None,
+                exclude_max=below is not None,
+                allow_nan=False,
+            )
     return _LEAVES[type(info)]  # a KeyError: a type that no message had before
 
 

@@ -4,12 +4,14 @@ import os
 import signal
 from collections import defaultdict
 
+import numpy as np
 import zenoh
 
-from clustermcl.stack import COORDINATOR
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Job
 from coordinator.process import filter_settings
+from particle_filter.arrays import Pose
+from particle_filter.poses import between
 from process_runtime.settings import Settings
 from protocol import keys
 from protocol.codec import decode
@@ -49,13 +51,16 @@ def undisturbed(settings: Settings) -> Snapshots:
             given = Assignment(job_id=job_id, epoch=0, job=job)
             jobs[job_id] = running(given, model, plain, sender="", snapshot_every_steps=every)
 
+    before: Pose | None = None
     for scan, _ in simulated_steps(source, settings.bridge, world.map.digest):
+        after = np.array(scan.odom_from_robot)
+        moved, before = None if before is None else between(before, after), after
         if not ensemble.searches:
             begin(ensemble.begin_at(scan.step))
         reports = [jobs[job_id].advance(scan) for job_id in sorted(jobs)]
         for report in reports:
             told(report, snapshots)
-        outcome = ensemble.advance(scan.step, reports)
+        outcome = ensemble.advance(scan.step, reports, moved)
         for job_id in outcome.end:
             del jobs[job_id]
         begin(outcome.begin)
@@ -86,20 +91,6 @@ def test_whoever_tracks_a_cluster_has_the_same_particles() -> None:
         assert all(belief.missing == () for belief in tested.beliefs), "no update was lost"
         steps = [belief.step for belief in tested.beliefs]
         assert steps == sorted(set(steps)), "and none was counted twice"
-    assert_same(snapshots, after=41)
-
-
-def test_a_worker_that_dies_with_the_coordinator_takes_no_particles_along() -> None:
-    with system(PACED, "--steps", str(STEPS)) as tested:
-        snapshots = heard(tested)
-        for step in (15, 41):
-            wait_until(lambda s=step: tested.step >= s, 60.0)  # type: ignore[misc] # a default
-            os.kill(tested.pid(COORDINATOR), signal.SIGKILL)
-            os.kill(tested.worker_pids()[0], signal.SIGKILL)
-            wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
-            tested.mend()
-        wait_until(lambda: bool(tested.beliefs) and tested.beliefs[-1].last, 60.0)
-        assert all(belief.missing == () for belief in tested.beliefs), "no update was lost"
     assert_same(snapshots, after=41)
 
 

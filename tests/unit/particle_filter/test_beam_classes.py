@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells
-from particle_filter.beam_classes import BeamClasses, beam_classes
+from particle_filter.beam_classes import beam_classes
+from particle_filter.off_map import BeamClasses
 from particle_filter.ray_casting import jump_field
 from particle_filter.sensor_model import Beams, Grid
 

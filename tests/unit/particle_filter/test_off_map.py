@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from particle_filter.beam_classes import BeamClasses
-from particle_filter.off_map import MapQuality, log_odds_of_here
+from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
 
 ALL = np.array([1.0])
 RIGHT, WRONG = BeamClasses(58, 1, 1, 0), BeamClasses(12, 10, 30, 8)
