@@ -3,7 +3,7 @@
 python docs/list_modules.py
 
 Rows come from pyproject.toml (`tool.importlinter`), words from the first line of each docstring,
-and what a module touches from its imports; so the page says what the files say.
+and what a module touches from its imports; so the page matches the files.
 """
 
 import ast
@@ -26,7 +26,7 @@ TOUCHED = {
 
 
 def main() -> None:
-    """Write the page anew; what stands outside the marks stays as it is."""
+    """Rewrite the page between the marks; the rest stays as it is."""
     PAGE.write_text(renewed(PAGE.read_text()))
 
 

@@ -1,4 +1,4 @@
-"""What MkDocs is told besides mkdocs.yml: pages made from the code, and where links lead."""
+"""Hooks of MkDocs: pages made from the code, links to files, and the navigation."""
 
 import re
 import sys
@@ -19,7 +19,7 @@ _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[\w./-]+)\)")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put every decision, and every page that nobody has placed, into the navigation."""
+    """Add every decision, and every page without a place, to the navigation."""
     nav: list[dict[str, Any]] = list(config.nav or [])
     decisions = sorted((DOCS / "decisions").glob("*.md"), key=title_of)
     placed = re.findall(r"[\w/-]+\.md", str(nav))
@@ -44,7 +44,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_rest: object) -> str:
-    """Let links to files outside the site be their names, having looked whether they are there."""
+    """Replace links to files outside the site by their names; the files must exist."""
     here = DOCS / page.file.src_uri
 
     def named(link: re.Match[str]) -> str:

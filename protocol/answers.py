@@ -107,6 +107,7 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     workers: int
     """Live workers; with 0 the belief does not follow the robot's scans."""
     term: int = 0
+    """As in `Belief`."""
     scan_age_s: float = -1.0
     """Time since the newest scan that a worker weighed, measured like `age_s`; -1: none yet."""
     elsewhere_probability: float = 1.0
@@ -125,16 +126,16 @@ class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
 
 
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
-    """State of the system and its counters. Answers queries on ``status``.
-
-    Fields not described here are those of `PoseAnswer` and `Belief`.
-    """
+    """State of the system and its counters. Answers queries on ``status``."""
 
     version: str
     """Version of the coordinator."""
     state: State
+    """As in `PoseAnswer`."""
     freshness: Freshness
+    """As in `PoseAnswer`."""
     age_s: float
+    """As in `PoseAnswer`."""
     step: int
     """Number of the last step that was applied; -1 before the first."""
     steps_applied: int
@@ -156,14 +157,17 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     uptime_s: float
     """Time since the coordinator started."""
     term: int = 0
+    """As in `Belief`."""
     processes: tuple[Health, ...] = ()
     """Health of each process, the coordinator first; silent ones are removed after 30 s."""
     scan_age_s: float = -1.0
+    """As in `PoseAnswer`."""
     overloaded: bool = False
     """Steps arrive faster than they are decided: scans are dropped and searches postponed."""
     newest_step: int = -1
     """Newest step whose scan has arrived, applied or not. A restarted bridge continues after it."""
     search_progress: float = 0.0
+    """As in `Belief`."""
     settings: LiveSettings = AS_STARTED
     """Live settings of the newest scan."""
 
@@ -193,6 +197,7 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
     command_id: str
+    """As in `SetPose`."""
     near: Circle | None = None
     """Search in this circle only; None: everywhere."""
     region: str = ""
@@ -206,6 +211,7 @@ class Update(Message, frozen=True, kw_only=True, tag="update/1"):
     """
 
     command_id: str
+    """As in `SetPose`."""
 
 
 class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
@@ -222,6 +228,7 @@ class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Move the simulated robot without odometry. A query on ``simulator/kidnap``."""
 
     command_id: str
+    """As in `SetPose`."""
     map_from_robot: PoseTuple | None = None
     """Its new pose; None: a random one far away."""
 

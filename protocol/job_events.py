@@ -34,6 +34,7 @@ class Began(
     job_id: str
     """``c3`` for cluster 3."""
     cause: BeganCause
+    """docs/wire.md lists all causes."""
     probability: float
     """Its probability at the start."""
 
@@ -51,6 +52,7 @@ class Ended(
     job_id: str
     """``c3`` for cluster 3; a search has its own kind of id."""
     cause: EndedCause
+    """docs/wire.md lists all causes."""
     by: tuple[str, ...] = ()
     """The cluster that it merged into, the ones that replaced it, or the ones it split into."""
     probability: float = 0.0
@@ -74,6 +76,7 @@ class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     stamp_ns: int
     """Robot's clock at the scan of the step."""
     event: JobEvent
+    """What began or ended, and why."""
 
 
 class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
