@@ -17,7 +17,7 @@ from protocol.errors import SettingsError
 from recordings.map_file import load_map_with_obstacles, map_file_of
 from recordings.recording import open_recording
 from robot_simulator.source import simulated_world
-from ros2_bridge.process import refuse_what_cannot_run as refuse_ros2_that_cannot_run
+from ros2_bridge.process import check_ros2
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 _POLL_S = 0.1
@@ -86,7 +86,7 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
     """Say what is wrong in one line, before processes say it in theirs."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     if settings.ros2.enabled:
-        refuse_ros2_that_cannot_run(settings)
+        check_ros2(settings)
     bridge = settings.bridge
     match parsed_source(bridge.source):
         case Simulated() as robot:

@@ -1,4 +1,4 @@
-"""Rotations and shifts in space, of single transforms: plain numbers are faster than arrays."""
+"""Single rigid transforms in space, as plain numbers, which are faster than small arrays."""
 
 import math
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ _NEARLY_PARALLEL = 1.0 - 1e-8
 
 
 class Rigid(NamedTuple):
-    """Where a frame is in another: a shift [m] and a rotation as a quaternion of length 1."""
+    """Pose of a frame in an outer frame: a translation [m] and a unit quaternion."""
 
     x: float
     y: float
@@ -23,7 +23,7 @@ class Rigid(NamedTuple):
     qw: float
 
     def of(self, inner: "Rigid") -> "Rigid":
-        """Where a frame is in the outer frame, given where it is in this one."""
+        """Compose: the pose in the outer frame of a frame whose pose in this one is given."""
         ax, ay, az, aw = self[3:]
         bx, by, bz, bw = inner[3:]
         x, y, z = self._turned(inner.x, inner.y, inner.z)
@@ -38,18 +38,17 @@ class Rigid(NamedTuple):
         )
 
     def inverse(self) -> "Rigid":
-        """Where the outer frame is in this one."""
         back = Rigid(0.0, 0.0, 0.0, -self.qx, -self.qy, -self.qz, self.qw)
         x, y, z = back._turned(-self.x, -self.y, -self.z)
         return back._replace(x=x, y=y, z=z)
 
     def rotation(self) -> NDArray[np.float64]:
-        """(3, 3) matrix that turns points of this frame into the outer one's directions."""
+        """The rotation as a (3, 3) matrix."""
         axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
         return np.array([self._turned(*axis) for axis in axes]).T
 
     def towards(self, end: "Rigid", share: float) -> "Rigid":
-        """The transform at a share of the way to another, turning the short way round."""
+        """Interpolate: `share` is 0 for this transform and 1 for `end`; rotations by slerp."""
         q0, q1 = self[3:], end[3:]
         cosine = sum(a * b for a, b in zip(q0, q1, strict=True))
         sign = math.copysign(1.0, cosine)
@@ -64,13 +63,13 @@ class Rigid(NamedTuple):
         return Rigid(*shift, *(part / length for part in turn))
 
     def planar(self) -> PoseTuple:
-        """The same seen from above: x [m], y [m], heading [rad]."""
+        """Projection onto the plane: x [m], y [m], heading [rad]."""
         qx, qy, qz, qw = self[3:]
         heading = math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))
         return self.x, self.y, heading
 
     def up(self) -> float:
-        """How much of this frame's z axis points up in the outer one: 1 upright, -1 overhead."""
+        """The z component of this frame's z axis in the outer frame: 1 upright, -1 upside down."""
         return 1.0 - 2.0 * (self.qx * self.qx + self.qy * self.qy)
 
     def _turned(self, x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -83,24 +82,23 @@ class Rigid(NamedTuple):
         )
 
 
-HERE = Rigid(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-"""A frame in itself."""
+IDENTITY = Rigid(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def flat(pose: PoseTuple) -> Rigid:
-    """A pose in the plane as one in space."""
+    """A pose in the plane as a transform in space."""
     x, y, heading = pose
     return Rigid(x, y, 0.0, 0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0))
 
 
 def rigid_of(shift: Any, turn: Any) -> Rigid:
-    """A shift and a rotation of a message, with fields x, y, z and w.
+    """Convert a translation and a quaternion of a message.
 
     Raises:
-        ValueError: its numbers are no transform.
+        ValueError: a number is not finite, or the quaternion's length is far from 1.
     """
     numbers = (shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w)
     length = math.hypot(*numbers[3:])
     if not (all(map(math.isfinite, numbers)) and 0.5 < length < 2.0):
-        raise ValueError(f"shift {numbers[:3]} and quaternion {numbers[3:]} are no transform")
+        raise ValueError(f"translation {numbers[:3]}, quaternion {numbers[3:]}: not a transform")
     return Rigid(*numbers[:3], *(part / length for part in numbers[3:]))

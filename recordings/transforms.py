@@ -8,7 +8,7 @@ from bisect import bisect_left
 from enum import Enum, auto
 from operator import itemgetter
 
-from recordings.rigid import HERE, Rigid
+from recordings.rigid import IDENTITY, Rigid
 
 CACHE_NS = 10_000_000_000
 """So far back a link that moves is remembered, as in tf2 [ns]."""
@@ -147,7 +147,7 @@ class TransformTree:
 
     def _up(self, way: list[str], stamp_ns: int) -> Rigid:
         """Where the first frame of a way is in the parent of the last."""
-        found = HERE
+        found = IDENTITY
         for child in way:
             link = self._links[child]
             try:

@@ -1,4 +1,4 @@
-"""What stands in for AMCL: told what arrives, it answers what to do. No network, clock or log."""
+"""AMCL's node without input and output: takes messages, yields outputs. No network, clock, log."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -34,7 +34,9 @@ from ros2_bridge.topics import Topics
 
 
 class Amcl:
-    """The node's work.
+    """Localization node with AMCL's behaviour.
+
+    Each `on_...` method takes one message and yields what the process is to do.
 
     Args:
         settings: of the bridge; `use` changes them.
@@ -46,10 +48,10 @@ class Amcl:
         self.clock_ns: int | None = None
         """The newest time on `/clock`."""
         self.belief: Belief | None = None
-        """The newest one."""
+        """The newest belief."""
         self.last_pose: PoseTuple | None = None
         """The pose that was published last."""
-        self._untold: Belief | None = None
+        self._unpublished: Belief | None = None
         self._frames = TransformTree()
         self._scans = LaserScans(self._frames, settings)
         self._place = MapFromOdom()
@@ -57,20 +59,20 @@ class Amcl:
         self._particles = ClusterParticles()
         self._topics = Topics(settings)
         self._odometry_ns: int | None = None
-        self._told_ns: int | None = None
+        self._published_ns: int | None = None
         self._map_digest = ""
         self._remembered_pose: Any = None
         self._was_reset = False
 
     def use(self, settings: Ros2Settings) -> None:
-        """Go on with other settings; names of topics and frames stay."""
+        """Change the settings; names of topics and frames stay the same."""
         self.settings = self._scans.settings = settings
         self._choice.publish = settings.publish
 
-    # --- life cycle
+    # --- lifecycle
 
     def activate(self) -> Iterator[Output]:
-        """Begin, or go on: with the pose that was given meanwhile, or the one in the settings."""
+        """Start, with the pose given while inactive, else with the one in the settings."""
         self.is_active = True
         if self._remembered_pose is not None:
             remembered, self._remembered_pose = self._remembered_pose, None
@@ -82,32 +84,32 @@ class Amcl:
         self._was_reset = False
 
     def resume(self, held: int | None) -> None:
-        """Go on where a bridge was killed: with the place that it held.
+        """Continue after a bridge was killed.
 
         Args:
-            held: number of the cluster.
+            held: number of the cluster that it published as the pose.
         """
         self.is_active, self._choice.held = True, held
 
     @property
     def held(self) -> int | None:
-        """The cluster that is published as the pose."""
+        """Number of the cluster that is published as the pose."""
         return self._choice.held
 
     def deactivate(self) -> None:
-        """Pause: scans are not used, and nothing is told."""
+        """Stop using scans and publishing poses."""
         self.is_active = False
         self._scans.clear()
 
     def clean_up(self) -> None:
-        """A reset: the next map counts as new."""
+        """Reset: the next map is treated as new."""
         self._was_reset = True
         self._map_digest = ""
 
     # --- from ROS
 
     def on_clock(self, message: Any) -> Iterator[Output]:
-        """Take simulated time."""
+        """Handle a `rosgraph_msgs/Clock`."""
         now_ns = nanoseconds(message.clock)
         if problem := time_problem(now_ns):
             yield Refused("clock refused", problem)
@@ -117,11 +119,11 @@ class Amcl:
             yield from self._on_clock_set_back("/clock", before_ns - now_ns)
 
     def on_transforms(self, message: Any, now_ns: int, *, fixed: bool) -> Iterator[Output]:
-        """Take a `tf2_msgs/TFMessage`: odometry, the lasers' places, and more.
+        """Handle a `tf2_msgs/TFMessage`: odometry, the lasers' poses and more.
 
         Args:
             message: from `/tf` or `/tf_static`.
-            now_ns: on a clock that does not jump.
+            now_ns: time on a monotonic clock.
             fixed: it is from `/tf_static`.
         """
         for one in message.transforms:
@@ -144,7 +146,7 @@ class Amcl:
         yield from self._ready_scans(now_ns)
 
     def on_scan(self, message: Any, now_ns: int) -> Iterator[Output]:
-        """Take a `sensor_msgs/LaserScan` or `PointCloud2`; it may wait for its transforms."""
+        """Handle a `sensor_msgs/LaserScan` or `PointCloud2`; it may wait for its transforms."""
         if not self.is_active:
             return
         try:
@@ -154,17 +156,17 @@ class Amcl:
         yield from self._ready_scans(now_ns)
 
     def on_tick(self, now_ns: int) -> Iterator[Output]:
-        """Time has passed: scans may have waited long enough."""
+        """Refuse scans whose transforms did not arrive in time."""
         yield from self._ready_scans(now_ns)
 
     def on_map(self, message: Any) -> Iterator[Output]:
-        """Take a `nav_msgs/OccupancyGrid`."""
+        """Handle a `nav_msgs/OccupancyGrid`."""
         if self._map_digest and self.settings.first_map_only:
             return
         frame = frame_name(message.header.frame_id)
         if frame != self.settings.global_frame:
             expected = self.settings.global_frame
-            yield Refused("map of another frame", f"{frame!r}, not {expected!r}; used all the same")
+            yield Refused("map of another frame", f"{frame!r}, not {expected!r}; used anyway")
         try:
             grid_map = grid_map_of(message)
         except ValueError as problem:
@@ -175,7 +177,7 @@ class Amcl:
             yield GiveMap(grid_map)
 
     def on_initial_pose(self, message: Any) -> Iterator[Output]:
-        """Take a `geometry_msgs/PoseWithCovarianceStamped`; one given in a pause is kept."""
+        """Handle a `geometry_msgs/PoseWithCovarianceStamped`; while inactive it is kept."""
         if not self.is_active:
             self._remembered_pose = message
             return
@@ -187,14 +189,13 @@ class Amcl:
     # --- from the system
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        """Take what a worker tells of its particles."""
         self._particles.on_particles(cluster, particles)
 
     def on_belief(self, belief: Belief) -> Iterator[Output]:
-        """Take the belief after a step, and tell the pose; `all_places` tells the others."""
+        """Handle the belief after a step: publish the pose. `all_places` publishes the others."""
         if self.belief is not None and belief.term < self.belief.term:
-            return  # of a coordinator that was taken over from
-        self.belief = self._untold = belief
+            return  # from a coordinator that has been replaced
+        self.belief = self._unpublished = belief
         expected = self._place.expected(belief.stamp_ns)
         chosen = self._choice.choose(belief, expected)
         if chosen is None:
@@ -205,30 +206,30 @@ class Amcl:
             return
         stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
         if chosen is not None:
-            told = pose_stamped(chosen.map_from_robot, chosen.covariance, stamp_ns, frame)
-            yield Publish(topics.AMCL_POSE, told)
+            message = pose_stamped(chosen.map_from_robot, chosen.covariance, stamp_ns, frame)
+            yield Publish(topics.AMCL_POSE, message)
             self.last_pose = chosen.map_from_robot
         yield Publish(topics.STATE, text(belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
         yield Publish(topics.PROBABILITY, number(probable))
 
     def all_places(self) -> Iterator[Output]:
-        """Tell all places of the newest belief, once, for those who look: nothing waits for it."""
-        belief, frame = self._untold, self.settings.global_frame
-        self._untold = None
+        """Publish all places of the newest belief, once; this is not urgent."""
+        belief, frame = self._unpublished, self.settings.global_frame
+        self._unpublished = None
         if belief is None or not self.is_active:
             return
         yield Publish(topics.HYPOTHESIS_POSES, pose_array(belief, frame))
-        told = detection(belief, frame, self.settings.node_name)
-        yield Publish(topics.HYPOTHESIS_DETECTION, told)
+        places = detection(belief, frame, self.settings.node_name)
+        yield Publish(topics.HYPOTHESIS_DETECTION, places)
         yield Publish(topics.HYPOTHESES, markers(belief, frame))
         if (cloud := self._particles.cloud(belief)) is not None:
             yield Publish(topics.PARTICLE_CLOUD, particle_cloud(*cloud, belief.stamp_ns, frame))
 
-    # --- in between
+    # --- helpers
 
     def _odometry(self) -> Iterator[Output]:
-        """The newest odometry, if it is news."""
+        """Pass on the newest odometry, if it has not been yet."""
         odom, base = self.settings.odom_frame, self.settings.base_frame
         stamp_ns = self._frames.newest_ns(odom, base)
         if stamp_ns is None or (self._odometry_ns is not None and stamp_ns <= self._odometry_ns):
@@ -239,11 +240,11 @@ class Amcl:
         except TransformMissingError:  # one of several links begins later
             return
         if pose_problem(pose):
-            yield Refused("odometry refused", f"{pose} is no place")
+            yield Refused("odometry refused", f"{pose} is not a pose on Earth")
             return
         if self._place.on_odometry(stamp_ns, pose):
-            self._frames.keep_newest()  # nothing was between the two
-            yield Refused("odometry jumped", f"to {pose}; the map stays where it is")
+            self._frames.keep_newest()  # do not interpolate across the jump
+            yield Refused("odometry jumped", f"to {pose}; map -> odom compensates for it")
         if self.is_active:
             sender = self.settings.node_name
             yield OdometryReading(sender=sender, stamp_ns=stamp_ns, odom_from_robot=pose)
@@ -256,9 +257,9 @@ class Amcl:
             assert reading.odom_from_robot is not None  # `LaserScans` looks it up
             self._place.on_scan(reading.stamp_ns, reading.odom_from_robot)
             map_from_odom = self._place.place(reading.odom_from_robot)
-            is_news = self._told_ns is None or reading.stamp_ns > self._told_ns
-            if map_from_odom is not None and self.settings.tf_broadcast and is_news:
-                self._told_ns = reading.stamp_ns
+            is_newer = self._published_ns is None or reading.stamp_ns > self._published_ns
+            if map_from_odom is not None and self.settings.tf_broadcast and is_newer:
+                self._published_ns = reading.stamp_ns
                 until_ns = reading.stamp_ns + round(self.settings.transform_tolerance_s * 1e9)
                 names = (self.settings.global_frame, self.settings.odom_frame)
                 yield Publish(self._topics.tf, transform(map_from_odom, until_ns, *names))
@@ -266,7 +267,7 @@ class Amcl:
     def _on_clock_set_back(self, where: str, back_ns: int) -> Iterator[Output]:
         self._scans.clear()
         self._place.forget_scans()
-        self._odometry_ns = self._told_ns = None
+        self._odometry_ns = self._published_ns = None
         if where == "/clock":
             self._frames.forget_moving()
         by = f" by {back_ns / 1e9:.3f} s" if back_ns else ""

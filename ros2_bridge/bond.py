@@ -1,7 +1,6 @@
-"""The sign of life that nav2's lifecycle manager wants ten times a second.
+"""The heartbeat that nav2's lifecycle manager expects ten times a second.
 
-If it is silent for four seconds, nav2 shuts down all of its nodes. So it has a thread of its own,
-which does nothing else.
+If it stops for four seconds, nav2 shuts down all of its nodes. So it has its own thread.
 """
 
 import threading
@@ -16,24 +15,24 @@ PERIOD_S, TIMEOUT_S = 0.1, 4.0
 
 
 class Sender(Protocol):
-    """What sends messages of the topic `bond`."""
+    """Publisher of the topic `bond`."""
 
     def put(self, message: object) -> None:
         """Send a `bond/Status`."""
 
 
 class BondThread:
-    """Sends as long as it is begun; use it in a ``with`` block.
+    """Sends heartbeats between `begin` and `end`; a context manager that ends them.
 
     Args:
         publisher: of the topic `bond`.
-        node_name: the bond's name is the node's.
+        node_name: name of the node and of its bond.
     """
 
     def __init__(self, publisher: Sender, node_name: str) -> None:
         self._publisher, self._node_name = publisher, node_name
         self.instance_id = ""
-        """Of the bond that was begun last."""
+        """Id of the newest bond."""
         self._over: threading.Event | None = None
         self._thread: threading.Thread | None = None
 
@@ -44,7 +43,7 @@ class BondThread:
         self.end()
 
     def begin(self, instance_id: str = "") -> None:
-        """Begin a bond, or go on with a killed bridge's; nothing, if there is one."""
+        """Begin a bond, or continue that of a killed bridge; no effect during a bond."""
         if self._thread is None:
             self._over = threading.Event()
             self.instance_id = instance_id or str(uuid.uuid4())
@@ -53,7 +52,7 @@ class BondThread:
             self._thread.start()
 
     def end(self) -> None:
-        """Break the bond, and say so."""
+        """End the bond with a last message."""
         if self._over is not None and self._thread is not None:
             self._over.set()
             self._thread.join()

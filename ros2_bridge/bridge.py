@@ -1,4 +1,4 @@
-"""One robot's bridge: two Zenoh sessions, the robot's and ours, and one loop between them."""
+"""Run one robot's bridge: two Zenoh sessions, the robot's and ours, and a loop between them."""
 
 import logging
 from contextlib import ExitStack
@@ -7,7 +7,7 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from ros2_bridge import topics
 from ros2_bridge.bond import BondThread
-from ros2_bridge.core_link import HEARD, CoreLink
+from ros2_bridge.core_link import SUBSCRIBED, CoreLink
 from ros2_bridge.loop import BridgeLoop, InboxEvent
 from ros2_bridge.node import RosNode
 from ros2_bridge.restart_file import restart_file
@@ -23,17 +23,17 @@ _KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
 
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
-    """Be the robot's AMCL until told to stop; without a router or a robot, wait for it.
+    """Run the node until `stop` is set; wait for the router and the robot if necessary.
 
     Args:
         settings: of all processes.
         process: name of this one.
-        stop: looked at all the time.
+        stop: ends the node.
 
     Raises:
-        SettingsError: a name or an endpoint cannot be used.
-        AlreadyRunningError: the robot has a node of that name.
-        StoppedError: `stop` was set before there was a robot.
+        SettingsError: a name or an endpoint is invalid.
+        AlreadyRunningError: the robot already has a node of that name.
+        StoppedError: `stop` was set before a robot was found.
     """
     name, names = node_name(settings.ros2), Topics(settings.ros2)
     with ExitStack() as resources:
@@ -42,7 +42,7 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         core = resources.enter_context(
             open_session(settings.zenoh, settings.robot, stop, wait_s=None)
         )
-        kept = dict.fromkeys((*HEARD, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
+        kept = dict.fromkeys((*SUBSCRIBED, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
         inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
         node = RosNode(robot, name, humble=humble)
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
@@ -57,5 +57,5 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
             node.serve(service, ros_type, inbox)
         for topic in names.read():
             node.subscribe(topic, inbox, own=topic != names.tf)
-        _log.info("%s is there, in ROS domain %d", full_name, name.domain_id)
+        _log.info("%s is running in ROS domain %d", full_name, name.domain_id)
         loop.run(stop)

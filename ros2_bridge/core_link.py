@@ -1,6 +1,6 @@
-"""The bridge's side of our own system: readings and commands in, beliefs out.
+"""The bridge's link to our own system: sends readings and commands, receives beliefs.
 
-The one place that knows how the system is told: everything else speaks of `outputs`.
+The only module that converts `outputs` to messages of the protocol.
 """
 
 import math
@@ -20,27 +20,27 @@ from protocol.steps import LaserReading, MapReading, OdometryReading
 from ros2_bridge.outputs import (
     GiveMap,
     GivePose,
-    LookOnce,
+    NoMotionUpdate,
     Reading,
     Reconfigure,
     SearchEverywhere,
 )
 from zenoh_link.wire import Asked, EventSink, Publisher, Received, ask_later, serve, subscribe
 
-HEARD = (keys.BELIEF, keys.ALL_REPORTS)
+SUBSCRIBED = (keys.BELIEF, keys.ALL_REPORTS)
 
 _COMMAND_TIMEOUT_S = 5.0
 
-Command: TypeAlias = GivePose | SearchEverywhere | LookOnce | Reconfigure
+Command: TypeAlias = GivePose | SearchEverywhere | NoMotionUpdate | Reconfigure
 
 
 class CoreLink:
-    """One robot's system, over its own Zenoh session.
+    """The link to one robot's system.
 
     Args:
         session: with the robot's namespace.
         name: of this process.
-        inbox: of what the system says.
+        inbox: receives beliefs, reports and queries for the map.
     """
 
     def __init__(self, session: zenoh.Session, name: str, inbox: EventSink) -> None:
@@ -50,11 +50,10 @@ class CoreLink:
         self._maps = Publisher(session, keys.MAP_READING, may_wait=True)
         self._map: MapReading | None = None
         serve(session, keys.MAP_READING, inbox)
-        for key in HEARD:
+        for key in SUBSCRIBED:
             subscribe(session, key, inbox, key)
 
     def put(self, reading: Reading) -> None:
-        """Pass a reading on."""
         match reading:
             case LaserReading():
                 self._laser.put(reading)
@@ -62,7 +61,7 @@ class CoreLink:
                 self._odometry.put(reading)
 
     def give_map(self, given: GiveMap) -> None:
-        """Have the system localize in a map."""
+        """Publish a map, and keep it for later queries."""
         grid_map = given.grid_map
         occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
         self._map = MapReading(
@@ -74,9 +73,9 @@ class CoreLink:
         self._maps.put(self._map)
 
     def answer(self, asked: Asked) -> None:
-        """Tell the map to who comes later."""
+        """Answer a query for the map."""
         if self._map is None:
-            asked.refuse("no map has come yet")
+            asked.refuse("no map has arrived yet")
         else:
             asked.answer(self._map)
 
@@ -86,12 +85,12 @@ class CoreLink:
         on_answer: Callable[[Received], object],
         on_failure: Callable[[str, str], object],
     ) -> None:
-        """Tell the system what to do, without waiting. One of the two is called, as by `ask`.
+        """Send a command without waiting; one of the two functions is called, as by `ask`.
 
         Args:
-            command: what.
-            on_answer: takes the `CommandDone`, undecoded.
-            on_failure: told the key and why nobody answered it.
+            command: the command.
+            on_answer: called with the encoded `CommandDone`.
+            on_failure: called with the key and the reason.
         """
         key, message = self._message(command)
         self.ask(key, on_answer, lambda words: on_failure(key, words), message)
@@ -103,7 +102,7 @@ class CoreLink:
         on_failure: Callable[[str], object],
         message: Message | None = None,
     ) -> None:
-        """Ask without waiting; one of the two is called, on a thread of Zenoh's."""
+        """Query without waiting; one of the two functions is called on a thread of Zenoh."""
         ask_later(
             self._session,
             key,
@@ -128,7 +127,7 @@ class CoreLink:
                 )
             case SearchEverywhere():
                 return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
-            case LookOnce():
+            case NoMotionUpdate():
                 return keys.UPDATE, Update(sender=name, command_id=command_id)
             case Reconfigure(settings=settings):
                 return keys.CONFIGURE, Configure(sender=name, settings=settings)

@@ -1,4 +1,4 @@
-"""What the header of a ROS message says: its time and its frame."""
+"""Time and frame of a ROS message's header."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ def stamp_of(header: Any) -> int:
     """The time in a message's header [ns].
 
     Raises:
-        ValueError: it is no time of ROS.
+        ValueError: it is not a valid ROS time.
     """
     stamp_ns = nanoseconds(header.stamp)
     if problem := time_problem(stamp_ns):
@@ -24,12 +24,12 @@ def nanoseconds(time: Any) -> int:
 
 
 def time_problem(time_ns: int) -> str:
-    """Why this is no time of ROS; empty: it is one."""
+    """Why this is not a valid ROS time; empty: it is valid."""
     if 0 <= time_ns <= LAST_NS:
         return ""
     return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
 
 
 def frame_name(name: str) -> str:
-    """A frame's name as tf2 has it; ROS 1 put a slash in front."""
+    """A frame's name without ROS 1's leading slash."""
     return name.removeprefix("/")

@@ -1,4 +1,4 @@
-"""Poses that a person or nav2 gives: from RViz, from a service, from parameters."""
+"""Initial poses: from RViz, from a service call, or from parameters."""
 
 import math
 from typing import Any
@@ -16,26 +16,26 @@ from ros2_bridge.headers import frame_name, stamp_of
 from ros2_bridge.outputs import GivePose
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
-"""Nobody knows a pose better; covariances of zero are sent by who leaves them out."""
+"""Least standard deviations: senders that omit the covariance send zeros."""
 _PLANAR = (0, 1, 5)
 _SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
-"""Of a pose in parameters, as AMCL takes it."""
+"""AMCL's standard deviations for a pose in parameters."""
 
 
 def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> GivePose:
-    """A `geometry_msgs/PoseWithCovarianceStamped` as a pose of now.
+    """Convert a `geometry_msgs/PoseWithCovarianceStamped` to the robot's current pose.
 
-    What the robot has driven since its stamp is added, as far back as tf is remembered.
+    The odometry since its stamp is added, if the tf buffer reaches back that far.
 
     Raises:
-        ValueError: it is of another frame than the map's, or its numbers are no pose.
+        ValueError: its frame is not that of the map, or its numbers are not a valid pose.
     """
     frame = frame_name(message.header.frame_id)
     if frame != settings.global_frame:
-        raise ValueError(f"it is of the frame {frame!r}, not {settings.global_frame!r}")
-    told = message.pose
-    then = np.array(rigid_of(told.pose.position, told.pose.orientation).planar())
-    wide = np.reshape(told.covariance, (6, 6))
+        raise ValueError(f"its frame is {frame!r}, not {settings.global_frame!r}")
+    given = message.pose
+    then = np.array(rigid_of(given.pose.position, given.pose.orientation).planar())
+    wide = np.reshape(given.covariance, (6, 6))
     covariance = _usable(wide[np.ix_(_PLANAR, _PLANAR)])
     if problem := gaussian_problem(pose_tuple(then), covariance):
         raise ValueError(problem.replace("_", " "))
@@ -60,9 +60,9 @@ def initial_pose(settings: Ros2Settings) -> GivePose:
 
 
 def _usable(covariance: Any) -> Covariance:
-    """The covariance over x, y and heading, no smaller than anybody can know."""
+    """The symmetric covariance over x, y and heading, with the least standard deviations."""
     spread = (covariance + covariance.T) / 2.0
     for axis, least in enumerate((_LEAST_M, _LEAST_M, _LEAST_RAD)):
-        if spread[axis, axis] >= 0.0:  # a negative one is told
+        if spread[axis, axis] >= 0.0:  # the caller refuses a negative one
             spread[axis, axis] = max(spread[axis, axis], least**2)
     return covariance_tuple(spread)

@@ -1,7 +1,7 @@
-"""Laser scans of ROS, which wait for their transforms and become readings.
+"""Convert ROS laser scans to readings, once their transforms are known.
 
-AMCL's rules: odometry and the laser's place are tf's at the scan's stamp, ranges below
-`range_min` are no return, a laser may hang upside down, and several may share one topic.
+As in AMCL, odometry and the laser's pose are those of tf at the scan's stamp, ranges below
+`range_min` are no return, a laser may be upside down, and several may share one topic.
 """
 
 import math
@@ -25,7 +25,7 @@ from ros2_bridge.outputs import Refused
 from ros2_bridge.point_clouds import cloud_reading
 
 MAX_WAITING = 10
-"""Scans of a laser that wait for tf, as in AMCL."""
+"""Limit for the scans of one laser that wait for tf, as in AMCL."""
 
 
 @dataclass(eq=False)
@@ -37,11 +37,11 @@ class _Waiting:
 
 
 class LaserScans:
-    """Scans between their arrival and the transforms of their time.
+    """Queue of scans that wait for the transforms of their time.
 
     Args:
-        frames: what tf has told.
-        settings: frames, how long to wait, the shortest and the longest range.
+        frames: the tf buffer.
+        settings: frames, time limit, shortest and longest range.
     """
 
     def __init__(self, frames: TransformTree, settings: Ros2Settings) -> None:
@@ -51,18 +51,17 @@ class LaserScans:
         self._missing_since_ns: dict[str, int] = {}
 
     def clear(self) -> None:
-        """Forget the scans that wait."""
         self._waiting.clear()
 
     def add(self, scan: Any, now_ns: int) -> list[Refused]:
-        """Take a scan; the oldest of its laser that waits gives way to an eleventh.
+        """Queue a scan; if ten of its laser are waiting, the oldest one is refused.
 
         Args:
             scan: a `sensor_msgs/LaserScan` or `PointCloud2`.
-            now_ns: on a clock that does not jump.
+            now_ns: time on a monotonic clock.
 
         Raises:
-            ValueError: its stamp is no time of ROS.
+            ValueError: its stamp is not a valid ROS time.
         """
         waiting = _Waiting(scan, frame_name(scan.header.frame_id), stamp_of(scan.header), now_ns)
         self._waiting.append(waiting)
@@ -73,7 +72,7 @@ class LaserScans:
         return [self._refused(of_laser[0], self._missing(of_laser[0]), now_ns)]
 
     def ready(self, now_ns: int) -> list[LaserReading | Refused]:
-        """The scans whose transforms are there, and those that cannot be used, in their order."""
+        """Remove and return, in order, scans whose transforms are known and refused ones."""
         done: list[LaserReading | Refused] = []
         still: deque[_Waiting] = deque()
         for waiting in self._waiting:
@@ -93,11 +92,11 @@ class LaserScans:
         return done
 
     def _reading(self, waiting: _Waiting) -> LaserReading:
-        """The scan as a reading.
+        """Convert a scan.
 
         Raises:
-            TransformMissingError: tf does not know where the robot or the laser was.
-            ValueError: the scan cannot be used.
+            TransformMissingError: tf lacks the pose of the robot or of the laser.
+            ValueError: the scan is unusable.
         """
         settings, stamp_ns = self.settings, waiting.stamp_ns
         odom_from_base = self._frames.lookup(settings.odom_frame, settings.base_frame, stamp_ns)
@@ -116,7 +115,7 @@ class LaserScans:
             return missing
         except ValueError:
             pass
-        return TransformMissingError("came too late", cause="too many scans", may_come=False)
+        return TransformMissingError("arrived too late", cause="too many scans", may_come=False)
 
     def _refused(self, waiting: _Waiting, missing: TransformMissingError, now_ns: int) -> Refused:
         since_ns = self._missing_since_ns.get(waiting.frame, waiting.since_ns)
@@ -130,24 +129,22 @@ class LaserScans:
 def laser_reading(
     scan: Any, base_from_laser: Rigid, odom_from_robot: PoseTuple, settings: Ros2Settings
 ) -> LaserReading:
-    """A `sensor_msgs/LaserScan` as a reading.
+    """Convert a `sensor_msgs/LaserScan`.
 
     Args:
         scan: the message.
-        base_from_laser: where the laser is on the robot.
+        base_from_laser: pose of the laser on the robot.
         odom_from_robot: odometry at its stamp.
-        settings: the shortest and the longest range, and the sender.
+        settings: shortest and longest range, and the sender's name.
 
     Raises:
-        ValueError: the laser does not look along the floor, or is not on the robot.
+        ValueError: the laser's plane is not horizontal, or the laser is not on the robot.
     """
     away_m = math.hypot(base_from_laser.x, base_from_laser.y)
     upside_down = hangs_upside_down(scan.header.frame_id, base_from_laser.up(), away_m)
     ranges = np.array(scan.ranges, np.float32)
     with np.errstate(invalid="ignore"):
-        ranges[ranges < max(scan.range_min, settings.laser_min_range_m)] = (
-            0.0  # no return, whatever it was
-        )
+        ranges[ranges < max(scan.range_min, settings.laser_min_range_m)] = 0.0  # no return
     longest_m = settings.laser_max_range_m
     start, step, ranges = counter_clockwise(
         float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down

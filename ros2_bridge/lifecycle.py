@@ -1,11 +1,11 @@
-"""The life cycle of a managed node of ROS 2: states, and who may change them when."""
+"""The lifecycle of a managed ROS 2 node: states and transitions."""
 
 from dataclasses import dataclass
 from enum import Enum
 
 
 class State(Enum):
-    """The states a node rests in, with ROS's numbers."""
+    """The states of a node, with ROS's numbers."""
 
     UNKNOWN = 0
     UNCONFIGURED = 1
@@ -21,19 +21,19 @@ class State(Enum):
 
     @property
     def label(self) -> str:
-        """ROS's word for it."""
+        """Its name in ROS."""
         return self.name.lower()
 
 
 @dataclass(frozen=True)
 class Transition:
-    """A way from one state to another.
+    """A transition between two states.
 
     Args:
-        number: ROS's.
-        label: ROS's word.
-        start: where it begins.
-        goal: where it ends.
+        number: its number in ROS.
+        label: its name in ROS.
+        start: the state before it.
+        goal: the state after it.
     """
 
     number: int
@@ -44,7 +44,7 @@ class Transition:
 
 @dataclass(frozen=True)
 class _Way:
-    """A transition that is asked for, the state meanwhile, and the one that it ends in."""
+    """A requested transition to a transient state, and the one that follows it."""
 
     asked: Transition
     succeeded: Transition
@@ -58,7 +58,7 @@ def _way(number: int, label: str, start: State, during: State, goal: State, done
 
 
 CONFIGURE, ACTIVATE = 1, 3
-"""The numbers of those that a node without a manager goes by itself."""
+"""The transitions that a node without a lifecycle manager makes by itself."""
 
 _WAYS = (
     _way(CONFIGURE, "configure", State.UNCONFIGURED, State.CONFIGURING, State.INACTIVE, 10),
@@ -71,7 +71,6 @@ _WAYS = (
 )
 
 TRANSITION_GRAPH = tuple(dict.fromkeys(one for way in _WAYS for one in (way.asked, way.succeeded)))
-"""All transitions there are."""
 
 
 class Lifecycle:
@@ -82,22 +81,21 @@ class Lifecycle:
 
     @property
     def is_active(self) -> bool:
-        """Whether the node does its work."""
         return self.state is State.ACTIVE
 
     def available(self) -> list[Transition]:
-        """What may be asked for now."""
+        """The transitions that can be requested in this state."""
         return [way.asked for way in _WAYS if way.asked.start is self.state]
 
     def change(self, number: int, label: str = "") -> tuple[Transition, ...]:
-        """Go a way; it takes no time.
+        """Request a transition.
 
         Args:
-            number: of the transition that is asked for.
-            label: its word, which goes before the number, as in ROS.
+            number: of the transition.
+            label: its name, which takes precedence over the number, as in ROS.
 
         Returns:
-            What happened, step by step; nothing where the state allows no such thing.
+            The transitions made; none if the state does not allow it.
         """
         for way in _WAYS:
             meant = way.asked.label == label if label else way.asked.number == number

@@ -1,4 +1,4 @@
-"""The bridge's loop: takes what both sessions hear, asks what to do, and does it."""
+"""The bridge's main loop: takes the messages of both sessions and carries out the decisions."""
 
 import logging
 import math
@@ -26,7 +26,7 @@ from ros2_bridge.outputs import (
     Bond,
     GiveMap,
     GivePose,
-    LookOnce,
+    NoMotionUpdate,
     Output,
     Publish,
     Reconfigure,
@@ -45,13 +45,13 @@ _log = logging.getLogger(__name__)
 _POLL_S = 0.05
 _STATUS_EVERY_S = 1.0
 _PLACES_WITHIN_S = 0.1
-"""All places are told when nothing else is to be done, but not later than this after a belief."""
+"""All places are published when the inbox is empty, at most this long after their belief."""
 _CLUSTER = "c"
-"""What the name of a job begins with that tracks a cluster."""
+"""Prefix of the ids of jobs that track a cluster."""
 
 
 class Unanswered:
-    """Nobody did what was asked for, or somebody refused to."""
+    """A query was refused or got no answer."""
 
     def __init__(self, key: str, words: str) -> None:
         self.key, self.words = key, words
@@ -68,15 +68,15 @@ InboxEvent: TypeAlias = Event | FromRos | Called | Unanswered | Answered
 
 
 class BridgeLoop:
-    """Owns what is decided: there is no lock.
+    """Owns the state of the bridge, so there is no lock.
 
     Args:
         settings: of all processes.
         inbox: of both sessions.
         link: to our system.
-        publishers: of the robot's topics, by their names.
-        bond: the sign of life.
-        file: what a bridge was doing that was killed.
+        publishers: by the names of their topics.
+        bond: the heartbeat for nav2.
+        file: the state of a killed bridge.
     """
 
     def __init__(
@@ -101,7 +101,6 @@ class BridgeLoop:
         self._status: Status | None = None
 
     def run(self, stop: StopFlag) -> None:
-        """Serve until told to stop."""
         before = self._file.read()
         if before is not None and before.state is not State.UNCONFIGURED:
             self._resume(before)
@@ -115,7 +114,7 @@ class BridgeLoop:
             except MalformedMessageError as error:
                 self._causes.warn(_log, error.cause, error, time.monotonic())
             if event is None or time.monotonic() >= (self._places_until_s or math.inf):
-                self._tell_all_places()
+                self._publish_all_places()
             self._every_second()
             state, bond, held = (
                 self.services.lifecycle.state,
@@ -125,13 +124,13 @@ class BridgeLoop:
             self._file.keep(Doing(state=state, bond=bond, held=held), time.monotonic())
 
     def _resume(self, before: Doing) -> None:
-        """Go on where a bridge was killed; the system knows where the robot is."""
-        _log.info("%s again, as the bridge was that was killed", before.state.label)
+        """Continue in the state of a killed bridge; the coordinator still knows the pose."""
+        _log.info("%s again, the state of the bridge that was killed", before.state.label)
         self.services.lifecycle.state = before.state
         if before.state is State.ACTIVE:
             self._amcl.resume(before.held)
             self._bond.begin(before.bond)
-            self._do([LookOnce()])  # a robot that stands has no next belief otherwise
+            self._do([NoMotionUpdate()])  # otherwise a standing robot gets no belief
 
     def _on_event(self, event: InboxEvent | None) -> None:
         match event:
@@ -159,17 +158,17 @@ class BridgeLoop:
             case Unanswered(key=keys.STATUS):
                 self._status, self.services.freshness = None, "unreachable"
             case Unanswered(key=key, words=words):
-                problem = words or "nobody answers"
+                problem = words or "no answer"
                 self._refused(Refused("command not carried out", f"{key}: {problem}"))
 
-    def _tell_all_places(self) -> None:
+    def _publish_all_places(self) -> None:
         if self._places_until_s is not None:
             self._places_until_s = None
             self._do(self._amcl.all_places())
 
     def _on_message(self, event: FromRos) -> None:
         if event.problem:
-            self._refused(Refused("not a message of ROS", f"{event.topic.name}: {event.problem}"))
+            self._refused(Refused("not a ROS message", f"{event.topic.name}: {event.problem}"))
             return
         message = decode(event.payload, event.topic.ros_type)
         amcl, now_ns = self._amcl, time.monotonic_ns()
@@ -191,7 +190,7 @@ class BridgeLoop:
         ros_type = self.services.types()[call.service]
         try:
             if call.problem:
-                raise MalformedMessageError(expected="call of ROS", problem=call.problem)
+                raise MalformedMessageError(expected="ROS service call", problem=call.problem)
             request = decode(call.payload, request_of(ros_type))
         except MalformedMessageError:
             call.drop()
@@ -220,7 +219,7 @@ class BridgeLoop:
                     self._bond.end()
                 case GiveMap():
                     self._link.give_map(output)
-                case GivePose() | SearchEverywhere() | LookOnce() | Reconfigure():
+                case GivePose() | SearchEverywhere() | NoMotionUpdate() | Reconfigure():
                     self._link.command(
                         output,
                         lambda answer: self._inbox.put_own(Answered(answer)),
@@ -261,7 +260,6 @@ class BridgeLoop:
         return diagnostics(state, self.services.freshness, values, node_name, self._clock_ns())
 
     def _clock_ns(self) -> int:
-        """Now, by ROS's clock."""
         if self._settings.ros2.use_sim_time:
             return self._amcl.clock_ns or 0
         return time.time_ns()

@@ -1,8 +1,7 @@
-"""Where the frame of odometry is in the map, as the robot itself counts odometry.
+"""The pose of the robot's odom frame in the map.
 
-The system's own frame of odometry does not jump; the robot's may, when its base controller
-restarts. So each belief is held against the odometry that the robot told at that scan, and a jump
-since then is taken back.
+The robot's odometry may jump when its base controller restarts; beliefs refer to odometry without
+jumps. So each belief is combined with the odometry of its scan, corrected for later jumps.
 """
 
 import numpy as np
@@ -13,11 +12,11 @@ from protocol.pose_arrays import pose_tuple
 from sensor_bridge.odometry_continuity import OdometryContinuity
 
 KEPT_SCANS = 2_000
-"""Beliefs come a step after their scans, or some seconds after a pause."""
+"""Beliefs arrive one step after their scans, or some seconds late after a pause."""
 
 
 class MapFromOdom:
-    """Follows odometry, and knows the map's place against it since the first belief."""
+    """Follows the odometry and computes map -> odom from the newest belief."""
 
     def __init__(self) -> None:
         self._continuity = OdometryContinuity()
@@ -25,28 +24,28 @@ class MapFromOdom:
         self._map_from_ours: PoseTuple | None = None
 
     def on_odometry(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
-        """Take odometry as the robot tells it; whether its frame jumped before it."""
+        """Handle the robot's odometry; return whether it jumped."""
         return self._continuity.jumped(stamp_ns, odom_from_robot)
 
     def on_scan(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        """Remember where odometry was at a scan, for the belief that it may lead to."""
+        """Keep the odometry of a scan until its belief arrives."""
         self._scans[stamp_ns] = self._continuity.continuous(odom_from_robot)
         if len(self._scans) > KEPT_SCANS:
             del self._scans[next(iter(self._scans))]
 
     def forget_scans(self) -> None:
-        """The clock was set back: stamps mean other scans from now on."""
+        """Drop all scans, after the clock was set back."""
         self._scans.clear()
 
     def expected(self, stamp_ns: int) -> PoseTuple | None:
-        """Where the robot was at a scan, by the place told last; None: nothing is known."""
+        """The last pose, predicted by odometry to a scan; None: unknown."""
         ours = self._scans.get(stamp_ns)
         if ours is None or self._map_from_ours is None:
             return None
         return pose_tuple(compose(np.array(self._map_from_ours), np.array(ours)))
 
     def on_place(self, stamp_ns: int, map_from_robot: PoseTuple) -> bool:
-        """Take where the robot was at a scan; False: that scan is not known."""
+        """Handle the robot's pose at a scan; return whether the scan is known."""
         ours = self._scans.get(stamp_ns)
         if ours is None:
             return False
@@ -54,11 +53,11 @@ class MapFromOdom:
         return True
 
     def forget_place(self) -> None:
-        """Nobody knows where the robot is."""
+        """The robot's pose is unknown from now on."""
         self._map_from_ours = None
 
     def place(self, odom_from_robot: PoseTuple) -> PoseTuple | None:
-        """The frame of odometry in the map now; None: nobody knows.
+        """The current pose of the odom frame in the map; None: unknown.
 
         Args:
             odom_from_robot: the robot's newest odometry.

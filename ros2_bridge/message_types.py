@@ -1,7 +1,7 @@
-"""ROS messages: bytes to fields and back, and the hashes of their types. No ROS is needed.
+"""Encode and decode ROS messages, and hash their types, without ROS.
 
-The library `rosbags` knows most types and does the encoding (CDR). What it lacks is defined here
-as ROS defines it. Messages are objects of its classes, with ROS's own field names.
+The library `rosbags` defines most types and encodes them (CDR); missing types are defined here.
+Messages are objects of its classes, with ROS's field names.
 """
 
 from functools import cache
@@ -124,16 +124,16 @@ _SERVICE_HASHES = {
     GET_PARAMETER_TYPES: "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
     GET_TYPE_DESCRIPTION: "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5",
 }
-"""RIHS01 of ROS 2 Jazzy and later; the library cannot compute those of services."""
+"""RIHS01 hashes of ROS 2 Jazzy and later; the library cannot compute those of services."""
 
 _HASH_FORM = "RIHS01_"
 CDR_HEADER = b"\x00\x01\x00\x00"
-"""In front of each message: plain CDR, little-endian."""
+"""Header of each message: plain CDR, little-endian."""
 
 
 @cache
 def typestore() -> Typestore:
-    """All types that are spoken, for the library."""
+    """The library's store with all types used here."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in _MESSAGES.items():
         store.register(get_types_from_msg(text, name))
@@ -144,7 +144,7 @@ def typestore() -> Typestore:
 
 
 def type_hash(ros_type: str, *, humble: bool) -> str:
-    """The hash of a message's or a service's type, as it stands in keys.
+    """The hash of a message's or a service's type, as used in keys.
 
     Args:
         ros_type: such as ``sensor_msgs/msg/LaserScan``.
@@ -158,23 +158,21 @@ def type_hash(ros_type: str, *, humble: bool) -> str:
 
 
 def request_of(service: str) -> str:
-    """The type of a service's requests."""
     return f"{_as_message(service)}_Request"
 
 
 def response_of(service: str) -> str:
-    """The type of a service's responses."""
     return f"{_as_message(service)}_Response"
 
 
 def _as_message(service: str) -> str:
-    return service.replace("/srv/", "/msg/")  # the library knows nothing else
+    return service.replace("/srv/", "/msg/")  # the library has no services
 
 
 def new(ros_type: str, **fields: Any) -> Any:
     """A message with these fields; the others are zero, empty or false, as in ROS.
 
-    Messages share those others: a field that is to be changed later has to be given.
+    Messages share the objects of the other fields: do not change them afterwards.
 
     Raises:
         TypeError: the type has no such field.
@@ -183,15 +181,15 @@ def new(ros_type: str, **fields: Any) -> Any:
 
 
 def encode(message: Any, ros_type: str) -> bytes:
-    """The message as CDR."""
+    """Encode a message as CDR."""
     return bytes(typestore().serialize_cdr(message, ros_type))
 
 
 def decode(data: bytes, ros_type: str) -> Any:
-    """The message in CDR bytes; arrays of numbers are numpy's.
+    """Decode CDR bytes; arrays of numbers become numpy arrays.
 
     Raises:
-        MalformedMessageError: the bytes are no such message.
+        MalformedMessageError: the bytes are not a valid message of this type.
     """
     try:
         return typestore().deserialize_cdr(data, ros_type)

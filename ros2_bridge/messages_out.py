@@ -1,4 +1,4 @@
-"""What is told to ROS, as ROS's messages."""
+"""The ROS messages that the node publishes."""
 
 import math
 import struct
@@ -16,13 +16,13 @@ from ros2_bridge.headers import LAST_NS
 from ros2_bridge.message_types import new
 
 _PLANAR = (0, 1, 5)
-"""Rows of ROS's covariance over x, y, z and the turns about them that a plane has."""
+"""x, y and heading among the six rows of a ROS covariance."""
 _OK, _WARNING, _ERROR = 0, 1, 2
 _HEALTHY = ("localized", "ambiguous")
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """A `std_msgs/Header`; a time that ROS cannot tell is the nearest one that it can."""
+    """A `std_msgs/Header`; the time is clipped to ROS's range."""
     seconds, nanoseconds = divmod(min(max(stamp_ns, 0), LAST_NS), 1_000_000_000)
     stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
@@ -53,8 +53,8 @@ def pose_stamped(
     map_from_robot: PoseTuple, covariance: Covariance, stamp_ns: int, frame: str
 ) -> Any:
     """A `geometry_msgs/PoseWithCovarianceStamped`."""
-    told = pose_with_covariance(map_from_robot, covariance)
-    return new(types.POSE_STAMPED, header=header(stamp_ns, frame), pose=told)
+    given = pose_with_covariance(map_from_robot, covariance)
+    return new(types.POSE_STAMPED, header=header(stamp_ns, frame), pose=given)
 
 
 def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: str) -> Any:
@@ -96,19 +96,19 @@ def detection(belief: Belief, frame: str, node_name: str) -> Any:
         )
         for one in belief.hypotheses
     ]
-    told = header(belief.stamp_ns, frame)
-    return new(types.DETECTION, header=told, results=results, id=node_name)
+    stamped = header(belief.stamp_ns, frame)
+    return new(types.DETECTION, header=stamped, results=results, id=node_name)
 
 
 def particle_cloud(
     map_from_robot: NDArray[np.float64], weights: NDArray[np.float64], stamp_ns: int, frame: str
 ) -> bytes:
-    """A `nav2_msgs/ParticleCloud` as CDR: the general encoder takes a hundred times as long.
+    """A `nav2_msgs/ParticleCloud` as CDR, a hundred times faster than the general encoder.
 
     Args:
         map_from_robot: (N, 3) poses.
         weights: (N,) that sum to one.
-        stamp_ns: when they were there.
+        stamp_ns: time of the poses.
         frame: of the poses.
     """
     rows = np.zeros((len(weights), 8))
@@ -127,7 +127,7 @@ def particle_cloud(
 def diagnostics(
     belief_state: str, freshness: str, values: Mapping[str, object], node_name: str, stamp_ns: int
 ) -> Any:
-    """How the localization is, as a `diagnostic_msgs/DiagnosticArray` of one."""
+    """The state of the localization, as a `diagnostic_msgs/DiagnosticArray` of one status."""
     level = _OK if freshness == "fresh" and belief_state in _HEALTHY else _WARNING
     if freshness in ("unreachable", "stale"):
         level = _ERROR
@@ -161,5 +161,5 @@ def _quaternion(parts: Iterable[float]) -> Any:
 
 
 def _filled(data: bytes, boundary: int) -> bytes:
-    """With zeros up to where a number of so many bytes may stand."""
+    """Pad with zeros to a multiple of `boundary` bytes."""
     return data + bytes(math.ceil(len(data) / boundary) * boundary - len(data))

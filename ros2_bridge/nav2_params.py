@@ -1,4 +1,4 @@
-"""A stock `nav2_params.yaml` as settings: AMCL's parameters by nav2's names and in its units."""
+"""Read AMCL's parameters of a `nav2_params.yaml` as settings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ _SEPARATOR = "."
 
 @dataclass(frozen=True)
 class Nav2Params:
-    """What became of a file.
+    """The settings of a file.
 
     Args:
         values: settings by their dotted names.
-        notes: a line for each thing that is not as the file says: a value other than nav2's
-            default that means nothing here, or that something stands in for.
+        notes: a line for each parameter that has no effect here, or another one than in nav2,
+            unless it has nav2's default.
     """
 
     values: dict[str, Value]
@@ -32,15 +32,15 @@ class Nav2Params:
 
 
 def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
-    """Read the parameters of one node; the others' are left alone.
+    """Read the parameters of one node.
 
     Args:
-        path: the YAML file, as nav2 gets it: parameters below ``NODE: ros__parameters:``, perhaps
-            below a namespace, or for all nodes below ``/**``.
-        node_name: whose parameters.
+        path: the YAML file for nav2: parameters under ``NODE: ros__parameters:``, possibly under a
+            namespace, or under ``/**`` for all nodes.
+        node_name: the node.
 
     Raises:
-        InputFileError: the file cannot be read, is no such file, or says nothing of that node.
+        InputFileError: the file is unreadable or malformed, or has no parameters of that node.
     """
     namespace, parameters = _of_node(_tree(path), node_name, path)
     values: dict[str, Value] = {"ros2.enabled": True, "ros2.node_name": node_name}
@@ -48,7 +48,7 @@ def read_nav2_params(path: Path, node_name: str = "amcl") -> Nav2Params:
     if namespace:
         values["ros2.namespace"] = namespace
         values |= {"ros2.tf_topic": "tf", "ros2.tf_static_topic": "tf_static"}
-        notes.append(f"{namespace}: tf is {namespace}/tf there, as nav2's launch files remap it")
+        notes.append(f"{namespace}: tf is {namespace}/tf, as nav2's launch files remap it")
     for name, value in _flat(parameters):
         parameter = PARAMETERS.get(name)
         if parameter is None:
@@ -78,12 +78,12 @@ def _tree(path: Path) -> dict[Any, Any]:
         problem = " ".join(str(error).split())
         raise InputFileError(path, f"not YAML: {problem}") from error
     if not isinstance(tree, dict):
-        raise InputFileError(path, "no file of parameters: it is not a mapping")
+        raise InputFileError(path, "not a parameter file: it is not a mapping")
     return tree
 
 
 def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dict[Any, Any]]:
-    """Namespace and parameters of a node; those for all nodes count less than its own."""
+    """Namespace and parameters of a node; its own override those for all nodes."""
     found: dict[Any, Any] = {}
     namespaces = set()
     for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
@@ -105,7 +105,7 @@ def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dic
 def _nodes(
     tree: dict[Any, Any], above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], dict[Any, Any]]]:
-    """Where each set of parameters stands, and the set."""
+    """The path of each set of parameters, and the set."""
     for name, value in tree.items():
         if not isinstance(value, dict):
             continue
@@ -116,7 +116,7 @@ def _nodes(
 
 
 def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Parameters in parameters by dotted names."""
+    """Nested parameters by dotted names."""
     for name, value in parameters.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{above}{name}{_SEPARATOR}")

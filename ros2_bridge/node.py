@@ -1,4 +1,4 @@
-"""A node of ROS 2 on a Zenoh session: publishers, subscriptions, services, and their tokens."""
+"""A ROS 2 node on a Zenoh session: publishers, subscriptions, services and their tokens."""
 
 import itertools
 import threading
@@ -36,12 +36,12 @@ class FromRos:
     topic: Topic
     payload: bytes
     problem: str = ""
-    """Why it is no message of ROS; empty: it looks like one."""
+    """Why it is not a ROS message; empty: it seems to be one."""
 
 
 @dataclass(frozen=True)
 class Called:
-    """A call of a service, which waits for its response."""
+    """A call of a service that waits for its response."""
 
     service: str
     payload: bytes
@@ -59,19 +59,19 @@ class Called:
             )
 
     def drop(self) -> None:
-        """End it without an answer; the caller goes on waiting."""
+        """End it without a response; the caller keeps waiting."""
         with self.query:
             pass
 
 
 class RosPublisher:
-    """Sends messages of one topic; any thread may.
+    """Publishes the messages of one topic; thread-safe.
 
     Args:
-        session: a client of the robot's router.
+        session: connected to the robot's router.
         key: of the topic.
-        token: the publisher's.
-        topic: what is sent.
+        token: of the publisher.
+        topic: the topic.
     """
 
     def __init__(self, session: zenoh.Session, key: str, token: str, topic: Topic) -> None:
@@ -97,19 +97,19 @@ class RosPublisher:
             )
 
     def put(self, message: Any) -> None:
-        """Send a message, or the bytes of one."""
+        """Publish a message, or its CDR bytes."""
         data = message if isinstance(message, bytes) else encode(message, self._type)
         with self._one_at_a_time:
-            beside = attachment(next(self._sequence), time.time_ns(), self._id)
-            self._publisher.put(data, attachment=beside)
+            attached = attachment(next(self._sequence), time.time_ns(), self._id)
+            self._publisher.put(data, attachment=attached)
 
 
 class RosNode:
-    """One node of ROS's graph, as long as its session lives.
+    """A node in ROS's graph, until its session is closed.
 
     Args:
-        session: a client of the robot's router, without a namespace of its own.
-        name: the node's.
+        session: connected to the robot's router, without a namespace.
+        name: of the node.
         humble: the robot's release is ROS 2 Humble, whose keys have no hashes.
     """
 
@@ -118,7 +118,7 @@ class RosNode:
         self._id = str(session.info.zid())
         self._numbers = itertools.count(_NODE_NUMBER + 1)
         self._kept: list[Any] = []
-        """What ends with its last reference: tokens and advanced subscribers."""
+        """Tokens and advanced subscribers, which end with their last reference."""
         self._announce(name.token(self._id, _NODE_NUMBER))
 
     def publisher(self, topic: Topic) -> RosPublisher:
@@ -129,12 +129,12 @@ class RosNode:
         return publisher
 
     def subscribe(self, topic: Topic, inbox: Inbox[Any], *, own: bool) -> None:
-        """Put the messages of a topic into an inbox, as states named like the topic.
+        """Put the messages of a topic into an inbox, each in place of the topic's oldest if full.
 
         Args:
-            topic: what is read, from any release of ROS.
-            inbox: of `FromRos`.
-            own: also what this very session sends.
+            topic: the topic, from any release of ROS.
+            inbox: takes `FromRos`.
+            own: include messages that this session publishes.
         """
 
         def on_sample(sample: zenoh.Sample) -> None:
@@ -193,7 +193,7 @@ class RosNode:
         self._announce(token)
 
     def _endpoint(self, kind: EndpointKind, topic: str, ros_type: str, qos: Qos) -> tuple[str, str]:
-        """Key and token of an endpoint of this node's."""
+        """Key and token of a new endpoint of this node."""
         name = self._name.topic(topic)
         type_name, hashed = dds_type(ros_type), type_hash(ros_type, humble=self._humble)
         endpoint = Endpoint(kind, name, type_name, hashed, qos)

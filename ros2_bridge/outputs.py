@@ -1,4 +1,4 @@
-"""What the bridge wants done: its decisions, to be carried out by the process."""
+"""The decisions of the bridge, which the process carries out."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -20,19 +20,19 @@ class Publish:
 
 @dataclass(frozen=True)
 class Bond:
-    """Begin or end the sign of life for nav2's lifecycle manager."""
+    """Start or end the heartbeat for nav2's lifecycle manager."""
 
     alive: bool
 
 
 @dataclass(frozen=True)
 class GivePose:
-    """Tell the system where the robot is.
+    """Give the robot's pose to the coordinator.
 
     Args:
         map_from_robot: x [m], y [m], heading [rad].
-        covariance: how surely.
-        stamp_ns: when it was there; None: now.
+        covariance: of that pose.
+        stamp_ns: time of the pose; None: now.
     """
 
     map_from_robot: PoseTuple
@@ -42,34 +42,34 @@ class GivePose:
 
 @dataclass(frozen=True)
 class SearchEverywhere:
-    """Have the system forget all places."""
+    """Forget all places and search the whole map."""
 
 
 @dataclass(frozen=True)
-class LookOnce:
-    """Have the system make a step of the next scan, although the robot stands."""
+class NoMotionUpdate:
+    """Make a step of the next scan although the robot stands."""
 
 
 @dataclass(frozen=True)
 class Reconfigure:
-    """Have the system go by these settings from its next step on."""
+    """Apply these settings from the next step on."""
 
     settings: LiveSettings
 
 
 @dataclass(frozen=True)
 class GiveMap:
-    """Have the system localize in a map."""
+    """Localize in this map."""
 
     grid_map: GridMap
 
 
 @dataclass(frozen=True)
 class Refused:
-    """Something that cannot be used: counted by its cause, and said in one line."""
+    """Something unusable: counted by its cause, and logged in one line."""
 
     cause: str
-    """Fixed words."""
+    """Name of the counter."""
     detail: str
 
 
@@ -80,7 +80,7 @@ Output: TypeAlias = (
     | Reading
     | GivePose
     | SearchEverywhere
-    | LookOnce
+    | NoMotionUpdate
     | Reconfigure
     | GiveMap
     | Refused

@@ -1,4 +1,4 @@
-"""nav2's parameters of AMCL, and what becomes of each here: a setting, or nothing, and why."""
+"""AMCL's parameters in nav2, and the setting of each here, or the reason why it has none."""
 
 import math
 from collections.abc import Callable
@@ -10,13 +10,13 @@ from protocol.live_settings import LiveSettings
 
 Value: TypeAlias = bool | int | float | str
 
-_OWN_PARTICLES = "particles are for each cluster: cluster.particles, search.max_start_particles"
-_OWN_RECOVERY = "clusters that do not fit are replaced, and a search begins, without it"
-_OWN_RESAMPLING = "a cluster is redrawn when its weights ask for it: cluster.resample_below_ess"
-_OWN_BEAM_SKIP = "beams of what is not in the map are judged by visibility: sensor.hidden_weight"
-_OWN_MEMORY = "the coordinator keeps the last pose: coordinator.state_folder"
+_OWN_PARTICLES = "the number of particles is per cluster: cluster.particles"
+_OWN_RECOVERY = "clusters that do not fit are replaced, and searches start, without it"
+_OWN_RESAMPLING = "a cluster is resampled below cluster.resample_below_ess"
+_OWN_BEAM_SKIP = "the sensor model handles obstacles that are not in the map: sensor.hidden_weight"
+_OWN_MEMORY = "the coordinator stores the last pose: coordinator.state_folder"
 _PLANE = "the robot drives in a plane"
-_ROS_ONLY = "a matter of ROS's own middleware"
+_ROS_ONLY = "it configures ROS's own middleware"
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Parameter:
     """A parameter of AMCL.
 
     Args:
-        name: nav2's.
-        default: nav2's; it tells the type too.
-        setting: ours, by its dotted name; empty: there is none.
-        to_setting: from the parameter's value to the setting's; None: leave ours as it is. It
-            raises a `ValueError` for what nav2 does not take either.
-        from_setting: the way back.
-        reason: why there is none.
-        many: a list of texts will do, too.
+        name: in nav2.
+        default: in nav2; it also determines the type.
+        setting: dotted name of our setting; empty: there is none.
+        to_setting: converts the parameter's value; returns None to leave our setting unchanged, and
+            raises `ValueError` for a value that nav2 does not accept.
+        from_setting: the inverse.
+        reason: why there is no setting.
+        many: a list of strings is accepted too.
     """
 
     name: str
@@ -43,35 +43,35 @@ class Parameter:
     many: bool = False
 
     def converted(self, value: object) -> Value | None:
-        """The setting's value; None: ours stays as it is.
+        """The setting's value; None: leave our setting unchanged.
 
         Raises:
-            ValueError: nav2 takes no such value.
+            ValueError: nav2 does not accept the value.
         """
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         kind = type(self.default)
         if self.many and isinstance(value, list) and all(isinstance(one, str) for one in value):
             value = ", ".join(value)
         if isinstance(value, str) and "$(" in value:
-            raise ValueError("only ROS's launch fills in $(...): write the value itself")
+            raise ValueError("only ROS's launch files can use $(...): write the value itself")
         if not (is_number if kind is float else type(value) is kind):
-            raise ValueError(f"nav2 takes {_KINDS[kind]}")
+            raise ValueError(f"nav2 expects {_KINDS[kind]}")
         return self.to_setting(value)
 
     @property
     def is_live(self) -> bool:
-        """Whether it may be set while the node runs."""
+        """Whether it can be set while the node runs."""
         return self.setting in LIVE or self.live_name is not None
 
     @property
     def live_name(self) -> str | None:
-        """Its field of `LiveSettings`, where it is of other processes and can be set live."""
+        """Its field of `LiveSettings`; None: it is not a live setting of other processes."""
         section, _, key = self.setting.rpartition(".")
         is_live = section in LIVE_SECTIONS and key in LiveSettings.__struct_fields__
         return key if is_live else None
 
     def value(self, settings: Settings) -> Value:
-        """Its value, as the settings are."""
+        """Its value in these settings."""
         if not self.setting:
             return self.default
         section, _, key = self.setting.rpartition(".")
@@ -91,7 +91,7 @@ LIVE = frozenset(
     )
 )
 
-_KINDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
+_KINDS = {bool: "true or false", int: "an integer", float: "a number", str: "a string"}
 _PLUGINS = {
     "nav2_amcl::DifferentialMotionModel": "differential",
     "nav2_amcl::OmniMotionModel": "omnidirectional",
@@ -104,11 +104,11 @@ _SENSOR_MODELS = {
 
 INSTEAD = {
     ("laser_model_type", "likelihood_field_prob"): (
-        "is the likelihood_field of ours, which multiplies beams' probabilities as it does; "
+        "is replaced by our likelihood_field, which multiplies the beams' likelihoods too; "
         "no beam is skipped: sensor.hidden_weight"
     )
 }
-"""What stands in for a value that is not built as in nav2."""
+"""Replacements for values that work differently here."""
 
 
 def _one_of(known: dict[str, str], value: str) -> str:
@@ -118,7 +118,7 @@ def _one_of(known: dict[str, str], value: str) -> str:
 
 
 def _motion_model(name: str) -> str:
-    return name if name in _PLUGINS.values() else _one_of(_PLUGINS, name)  # by ROS 1's name
+    return name if name in _PLUGINS.values() else _one_of(_PLUGINS, name)  # a name of ROS 1
 
 
 def _nav2_motion_model(model: str) -> str:
@@ -139,7 +139,7 @@ def _rate_of(period_s: float) -> float:
 
 def _root(variance: float) -> float:
     if variance < 0.0:
-        raise ValueError("a variance is not negative")
+        raise ValueError("a variance must not be negative")
     return math.sqrt(variance)
 
 
@@ -148,7 +148,7 @@ def _seed(value: int) -> int | None:
 
 
 def _alpha(number: int, default: float, ours: str) -> Parameter:
-    """nav2's is a variance, ours its root."""
+    """nav2's parameter is a variance, our setting its square root."""
     setting = f"motion.{ours}"
     return Parameter(
         f"alpha{number}", default, setting, _root, lambda value: round(value * value, 12)
@@ -219,4 +219,4 @@ _ALL = (
 )
 
 PARAMETERS = {parameter.name: parameter for parameter in sorted(_ALL, key=lambda one: one.name)}
-"""All of them by name; `publish`, `pointcloud_topic` and the heights are ours alone."""
+"""All parameters by name; nav2 lacks `publish`, `pointcloud_topic` and the heights."""

@@ -1,4 +1,4 @@
-"""The services of ROS's parameters: get, set, list, describe, types."""
+"""The node's parameters and ROS's services for them."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ _SEPARATOR = "."
 
 
 class Parameters:
-    """The node's parameters, which are settings by nav2's names.
+    """The node's parameters: settings by nav2's names.
 
     Args:
         settings: of all processes.
@@ -36,22 +36,22 @@ class Parameters:
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.live = AS_STARTED
-        """Those of other processes that were set since."""
+        """Settings of other processes that were changed since the start."""
 
     def adopt(self, live: LiveSettings) -> None:
-        """Know what was set before this node was there."""
+        """Take over live settings that were changed before this node started."""
         self.live = live
         changed = {name: section_with(getattr(self.settings, name), live) for name in LIVE_SECTIONS}
         self.settings = msgspec.structs.replace(self.settings, **changed)
 
     def get(self, request: Any) -> Any:
-        """Answer `GetParameters`: what there is not is told as not set."""
-        values = [self._told(name) for name in request.names]
+        """Answer `GetParameters`: an unknown parameter is not set."""
+        values = [self._value(name) for name in request.names]
         return new(response_of(types.GET_PARAMETERS), values=values)
 
     def kinds(self, request: Any) -> Any:
         """Answer `GetParameterTypes`."""
-        numbers = np.array([self._told(name).type for name in request.names], np.uint8)
+        numbers = np.array([self._value(name).type for name in request.names], np.uint8)
         return new(response_of(types.GET_PARAMETER_TYPES), types=numbers)
 
     def names(self, request: Any) -> Any:
@@ -69,7 +69,7 @@ class Parameters:
             new(
                 "rcl_interfaces/msg/ParameterDescriptor",
                 name=name,
-                type=self._told(name).type,
+                type=self._value(name).type,
                 description=_description(parameter) if parameter else "",
                 read_only=parameter is not None and not parameter.is_live,
             )
@@ -78,25 +78,25 @@ class Parameters:
         return new(response_of(types.DESCRIBE_PARAMETERS), descriptors=descriptors)
 
     def set(self, request: Any) -> Any:
-        """Answer `SetParameters`: one after the other, each taken or refused with the reason."""
+        """Answer `SetParameters`: each parameter is set, or refused with the reason."""
         results = [self._set_all([wanted]) for wanted in request.parameters]
         return new(response_of(types.SET_PARAMETERS), results=results)
 
     def set_atomically(self, request: Any) -> Any:
-        """Answer `SetParametersAtomically`: all are taken, or none and the first reason told."""
+        """Answer `SetParametersAtomically`: set all, or none and return the first reason."""
         result = self._set_all(request.parameters)
         return new(response_of(types.SET_PARAMETERS_ATOMICALLY), result=result)
 
     def replace(self, values: dict[str, Value]) -> list[Any]:
-        """Set parameters to values that are known to fit; as `Parameter` messages."""
+        """Set parameters to valid values; return them as `Parameter` messages."""
         for name, value in values.items():
             setting = PARAMETERS[name].setting
             self.settings = with_setting(self.settings, setting, value, name)
         kind = "rcl_interfaces/msg/Parameter"
-        return [new(kind, name=name, value=self._told(name)) for name in values]
+        return [new(kind, name=name, value=self._value(name)) for name in values]
 
     def _set_all(self, parameters: list[Any]) -> Any:
-        """Take all of them or none; a `SetParametersResult`."""
+        """Set all of them or none; return a `SetParametersResult`."""
         before, reason = (self.settings, self.live), ""
         try:
             for wanted in parameters:
@@ -110,21 +110,21 @@ class Parameters:
         """Change a setting.
 
         Raises:
-            SettingsError: there is no such parameter, it is of another type, out of its range,
-                or read only when the processes start.
+            SettingsError: the parameter is unknown, or can only be set at the start; the value is
+                of another type or out of range.
         """
         parameter = PARAMETERS.get(name)
         problem, value = "", None
         if parameter is None:
             problem = f"there is no parameter {name}"
-        elif wanted.type != self._told(name).type:
+        elif wanted.type != self._value(name).type:
             problem = f"{name} is a {type(parameter.default).__name__}"
         else:
             value = getattr(wanted, _FIELDS[wanted.type])
             if value == parameter.value(self.settings) and not parameter.live_name:
                 return
         if parameter is not None and not problem and not parameter.is_live:
-            problem = parameter.reason or f"{parameter.setting} is read at the start"
+            problem = parameter.reason or f"{parameter.setting} is read only at the start"
         if parameter is None or problem:
             raise SettingsError(key=name, problem=problem)
         try:
@@ -135,7 +135,7 @@ class Parameters:
         if parameter.live_name:
             self.live = msgspec.structs.replace(self.live, **{parameter.live_name: setting})
 
-    def _told(self, name: str) -> Any:
+    def _value(self, name: str) -> Any:
         """A parameter as a `ParameterValue`."""
         parameter = PARAMETERS.get(name)
         if parameter is None:

@@ -1,4 +1,4 @@
-"""A cloud of particles for those who draw one, from the clouds of all clusters."""
+"""One particle set for display, combined from the particles of all clusters."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,17 @@ from protocol.answers import Belief
 from protocol.work import Particles
 
 CLOUD = 2_000
-"""Particles told, as many as AMCL has at most."""
+"""Number of published particles, AMCL's maximum."""
 
 
 @dataclass(frozen=True)
 class _Cloud:
-    """The particles of a cluster, made ready once for the steps until the next ones come.
+    """The newest particles of a cluster.
 
     Args:
-        odom_from_robot: odometry when they were there.
+        odom_from_robot: odometry at their step.
         map_from_robot: (N, 3) poses.
-        summed: (N,) running sums of the weights.
+        summed: (N,) cumulative weights.
     """
 
     odom_from_robot: NDArray[np.float64]
@@ -28,20 +28,20 @@ class _Cloud:
     summed: NDArray[np.float64]
 
     def drawn(self, count: int) -> NDArray[np.float64]:
-        """So many particles, each as often as its weight says."""
+        """Systematic resampling of `count` particles."""
         marks = (np.arange(count) + 0.5) / count * self.summed[-1]
         chosen: NDArray[np.float64] = self.map_from_robot[np.searchsorted(self.summed, marks)]
         return chosen
 
 
 class ClusterParticles:
-    """The newest particles that workers have told of each cluster: every tenth step of each."""
+    """The newest particles of each cluster; workers report them every tenth step."""
 
     def __init__(self) -> None:
         self._clouds: dict[int, _Cloud] = {}
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        """Take what a worker tells."""
+        """Handle the particles in a worker's report."""
         log_weights = particles.log_weights.array()
         self._clouds[cluster] = _Cloud(
             np.array(particles.odom_from_robot),
@@ -50,7 +50,7 @@ class ClusterParticles:
         )
 
     def cloud(self, belief: Belief) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Particles of all clusters, each with its share, carried forward to the belief.
+        """Sample the particles of all clusters by probability, moved by odometry to the belief.
 
         Returns:
             (N, 3) poses and (N,) weights that sum to one; None while no particles are known.

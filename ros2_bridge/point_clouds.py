@@ -1,4 +1,4 @@
-"""A slice of a point cloud as a laser scan, as pointcloud_to_laserscan makes it."""
+"""Convert a slice of a point cloud to a laser scan, like pointcloud_to_laserscan."""
 
 import math
 from operator import mul
@@ -16,30 +16,30 @@ from ros2_bridge.headers import frame_name, stamp_of
 
 BEAMS = 720
 RANGE_MAX_M = 100.0
-"""Of a cloud, which does not say how far its sensor sees."""
+"""Assumed maximum range; a point cloud message does not have it."""
 _FORMATS = {7: "f4", 8: "f8"}
-"""By ROS's number of each."""
+"""By ROS's numbers of data types."""
 
 
 def cloud_reading(
     cloud: Any, base_from_sensor: Rigid, odom_from_robot: PoseTuple, settings: Ros2Settings
 ) -> LaserReading:
-    """The nearest point in each direction, of those between two heights above the base frame.
+    """Take the nearest point in each direction, between two heights above the base frame.
 
     Args:
         cloud: a `sensor_msgs/PointCloud2`.
-        base_from_sensor: where the sensor is on the robot.
+        base_from_sensor: pose of the sensor on the robot.
         odom_from_robot: odometry at the cloud's stamp.
-        settings: the heights [m], the shortest and the longest range, and the sender.
+        settings: the heights [m], shortest and longest range, and the sender's name.
 
     Raises:
-        ValueError: its bytes are no points, or none has a height.
+        ValueError: the cloud has no points, no x, y or z, or inconsistent sizes.
     """
     axes, rotation = _axes(cloud), base_from_sensor.rotation()
-    with np.errstate(invalid="ignore", over="ignore"):  # a driver's NaN: no point
+    with np.errstate(invalid="ignore", over="ignore"):  # NaN stands for no point
         heights = sum(map(mul, rotation[2].tolist(), axes), base_from_sensor.z)
         kept = (heights >= settings.min_height_m) & (heights <= settings.max_height_m)
-    # From above, around the sensor: what it does not see is behind what it sees.
+    # Seen from above with the sensor at the origin, so that ranges are along its lines of sight.
     points = np.array([axis[kept] for axis in axes], np.float64)
     x, y = rotation[:2] @ points[:, np.isfinite(points).all(axis=0)]
     ranges, angles = np.hypot(x, y), np.arctan2(y, x)
@@ -63,10 +63,10 @@ def cloud_reading(
 
 
 def _axes(cloud: Any) -> list[NDArray[np.floating]]:
-    """(N,) x, y and z of all points in the sensor's frame.
+    """Three (N,) arrays: x, y and z of all points in the sensor's frame.
 
     Raises:
-        ValueError: as `cloud_reading`.
+        ValueError: as in `cloud_reading`.
     """
     fields = {field.name: field for field in cloud.fields}
     places, order = {}, ">" if cloud.is_bigendian else "<"

@@ -1,10 +1,10 @@
-"""Which of several places is told as the robot's pose, to those who can take only one.
+"""Which of several places is published as the robot's pose.
 
-* `best`: the most probable one. It changes from step to step while places are equally probable,
-  and the map jumps under the robot by metres.
-* `localized`: the place the robot is localized at; none while it is not.
-* `held`: from the first `localized` on the same place, whatever else may become possible, until
-  another one is localized or it ends. Its covariance tells of the others meanwhile.
+* `best`: the most probable place. It changes from step to step while places are equally probable,
+  so that the pose jumps by metres.
+* `localized`: the place in state `localized`; none in other states.
+* `held`: the last localized place, even if others become possible, until another one is localized
+  or its cluster ends. Meanwhile its covariance includes the others.
 """
 
 import math
@@ -20,18 +20,18 @@ from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 1.0, 0.5
-"""A cluster that ends may have come together with another: that one is so near."""
+"""A held cluster that ends was merged into another one, if that is nearer than this."""
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """The place that is told.
+    """The place to publish.
 
     Args:
         cluster: its number.
-        map_from_robot: its middle, at the belief's stamp.
-        covariance: of it; of all places, while the robot is not localized.
-        probability: of it alone.
+        map_from_robot: its mean, at the belief's stamp.
+        covariance: of the place; while the robot is not localized, of all places.
+        probability: of the place.
     """
 
     cluster: int
@@ -41,23 +41,23 @@ class Chosen:
 
 
 class PoseChoice:
-    """Chooses anew with each belief.
+    """Chooses the place to publish after each belief.
 
     Args:
-        publish: by which rule.
+        publish: the rule.
     """
 
     def __init__(self, publish: Publish) -> None:
         self.publish = publish
         self.held: int | None = None
-        """The cluster of the place that was told last."""
+        """The cluster of the place published last."""
 
     def choose(self, belief: Belief, expected: PoseTuple | None) -> Chosen | None:
-        """The place to tell after a step; None: there is none.
+        """The place to publish after a step; None: there is none.
 
         Args:
-            belief: of the step.
-            expected: where the place told last would be now, by odometry alone.
+            belief: after the step.
+            expected: the pose published last, predicted by odometry.
         """
         hypothesis = self._chosen(belief, expected)
         self.held = hypothesis.cluster if hypothesis else None
@@ -83,7 +83,7 @@ class PoseChoice:
                 assert_never(choice)
 
     def _kept(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
-        """The cluster that is held; what it has become part of; else the best one."""
+        """The held cluster, or the one it was merged into, or the most probable one."""
         if self.held is None:
             return None
         for hypothesis in belief.hypotheses:
@@ -94,7 +94,7 @@ class PoseChoice:
 
 
 def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> Covariance:
-    """How far the robot may be from a pose, over all places: 3 x 3, row by row."""
+    """Second moment of the robot's pose about `about`, over all places: 3 x 3, row by row."""
     total = np.zeros((3, 3))
     for one in hypotheses:
         off = np.subtract(one.mean, about)

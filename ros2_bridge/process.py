@@ -1,4 +1,4 @@
-"""The bridge as a process. What speaks ROS is an extra, imported once it is known to be there."""
+"""The bridge as a process. The libraries for ROS are an optional extra, imported late."""
 
 from importlib.util import find_spec
 
@@ -11,7 +11,7 @@ _PACKAGES = ("rosbags", "xxhash")
 
 
 class Ros2NotInstalledError(ClusterMclError):
-    """What speaks ROS is an extra, and it is not there."""
+    """The optional libraries for ROS 2 are not installed."""
 
     def __init__(self, package: str) -> None:
         self.package, self.extra = package, "ros2"
@@ -19,7 +19,6 @@ class Ros2NotInstalledError(ClusterMclError):
 
 
 def main() -> None:
-    """Run the bridge."""
     process_main(
         "ros2_bridge",
         run_ros2_bridge,
@@ -28,29 +27,28 @@ def main() -> None:
 
 
 def run_ros2_bridge(invocation: Invocation) -> None:
-    """Be the node until told to stop; as a process of its own."""
     serve(invocation.settings, invocation.process, invocation.stop)
 
 
 def serve(settings: Settings, process: str, stop: StopFlag) -> None:
-    """Be the robot's AMCL until told to stop.
+    """Run the node until `stop` is set.
 
     Raises:
-        Ros2NotInstalledError: what speaks ROS is not installed.
-        ClusterMclError: as `ros2_bridge.bridge.serve_robot` has it.
+        Ros2NotInstalledError: the libraries for ROS are not installed.
+        ClusterMclError: as in `ros2_bridge.bridge.serve_robot`.
     """
-    refuse_what_cannot_run(settings)
+    check_ros2(settings)
     from ros2_bridge.bridge import serve_robot  # noqa: PLC0415 - needs the extra
 
     serve_robot(settings, process, stop)
 
 
-def refuse_what_cannot_run(settings: Settings) -> None:
-    """Say what is wrong before anything is started.
+def check_ros2(settings: Settings) -> None:
+    """Check that the bridge can run, before any process is started.
 
     Raises:
-        Ros2NotInstalledError: what speaks ROS is not installed.
-        SettingsError: ROS would not take a name.
+        Ros2NotInstalledError: the libraries for ROS are not installed.
+        SettingsError: a name is not valid in ROS.
     """
     for package in _PACKAGES:
         if find_spec(package) is None:

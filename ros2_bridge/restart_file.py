@@ -1,8 +1,8 @@
-"""What a killed bridge was doing: the next one goes on with it, if it comes soon enough.
+"""The state of a killed bridge, from which a new one continues if it starts soon enough.
 
-Nav2's manager waits for 4 s for a sign of life; then it shuts its nodes down and brings all of them
-up again. So a bridge that is back earlier goes on in the same state with the same bond. One that
-comes later begins unconfigured, as the manager then expects.
+Nav2's lifecycle manager waits 4 s for a heartbeat, then shuts down and restarts all its nodes. A
+bridge that starts earlier continues in the same state with the same bond. A later one starts
+unconfigured, as the manager then expects.
 """
 
 import logging
@@ -26,20 +26,20 @@ _log = logging.getLogger(__name__)
 
 
 class Doing(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a bridge is doing."""
+    """The state of a bridge."""
 
     state: State
     bond: str
-    """The bond's instance id: to the manager, another one is another node."""
+    """The bond's instance id; the manager treats a new id as another node."""
     held: int | None
     """The cluster that is published as the pose."""
 
 
 class RestartFile:
-    """Exists as long as the bridge lives, or since it was killed; use it in a ``with`` block.
+    """Exists while the bridge runs and after it was killed; the ``with`` block removes it.
 
     Args:
-        path: of the file; None: nowhere.
+        path: of the file; None: no file.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -55,7 +55,7 @@ class RestartFile:
             self._path.unlink(missing_ok=True)
 
     def read(self) -> Doing | None:
-        """What a bridge was doing that was killed just now; None: there was none."""
+        """The state of a bridge that was killed just now; None: there is none."""
         path = self._path
         try:
             if path is None or not path.is_file():
@@ -69,7 +69,7 @@ class RestartFile:
         return doing if 0.0 <= time.time() - about.st_mtime < TIMEOUT_S else None
 
     def keep(self, doing: Doing, now_s: float) -> None:
-        """Write it where it has changed; show twice a second that the bridge lives."""
+        """Write a changed state; update the file's time twice a second."""
         if self._path is None or (doing == self._kept and now_s < self._again_s):
             return
         try:
@@ -78,13 +78,13 @@ class RestartFile:
             else:
                 _replace(self._path, msgspec.json.encode(doing))
         except OSError as error:
-            _log.warning("a bridge that is killed will begin anew: %s", error)
+            _log.warning("a killed bridge will start unconfigured: %s", error)
             self._path = None
         self._kept, self._again_s = doing, now_s + _EVERY_S
 
 
 def restart_file(settings: Settings, node: str) -> RestartFile:
-    """The file of a node; in the folder where the coordinator keeps the last pose.
+    """The file of a node, in the coordinator's folder for the last pose.
 
     Args:
         settings: of all processes.
@@ -102,7 +102,7 @@ def restart_file(settings: Settings, node: str) -> RestartFile:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    """Whoever reads finds the old content or the new one, whole."""
+    """Replace the content atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     number, part = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
     with os.fdopen(number, "wb") as file:

@@ -1,4 +1,4 @@
-"""The session to the robot's own router, and what its graph says of the robot's release."""
+"""The session to the robot's router, and the detection of the robot's ROS release."""
 
 import logging
 import re
@@ -28,7 +28,7 @@ from zenoh_link.wire import alive
 _ASK_S = 1.0
 _LOOK_EVERY_S = 0.25
 _GONE_WITHIN_S = 3.0
-"""After a cable was cut, the tokens of a process that lives no more stay for a lease of 2 s."""
+"""After a cable was cut, tokens of a dead process remain for a lease of 2 s."""
 _TOPIC = re.compile(r"(~/|/)?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 _log = logging.getLogger(__name__)
@@ -38,7 +38,7 @@ def node_name(settings: Ros2Settings) -> NodeName:
     """The node that the settings describe.
 
     Raises:
-        SettingsError: ROS would not take a name.
+        SettingsError: a name is not valid in ROS.
     """
     namespace = settings.namespace.rstrip("/")
     if namespace and not namespace.startswith("/"):
@@ -53,7 +53,7 @@ def node_name(settings: Ros2Settings) -> NodeName:
     wrong += [] if is_namespace(namespace) else ["namespace"]
     for key in wrong:
         value = getattr(settings, key)
-        problem = f"ros2.{key} = {value!r}: ROS takes letters, digits and _ between slashes"
+        problem = f"ros2.{key} = {value!r}: ROS expects letters, digits and _ between slashes"
         raise SettingsError(key=f"ros2.{key}", problem=problem)
     return NodeName(settings.domain_id, namespace, settings.node_name)
 
@@ -69,7 +69,7 @@ def look_at_graph(settings: Settings, name: NodeName, stop: StopFlag) -> bool:
         StoppedError: `stop` was set before there was a robot.
     """
     robot = _robot_settings(settings)
-    # The first session of a process decides for all; a peer has a link to every node.
+    # The first session sets the number of threads for all; a peer has a link to every node.
     with receiving_threads(MANY_LINKS), open_session(robot, None, stop, wait_s=None) as session:
         _refuse_second_node(session, name, robot.router, stop)
         return _is_humble(session, settings.ros2, stop)
@@ -83,9 +83,9 @@ def _is_topic(name: str) -> bool:
 def open_robot_session(settings: Settings, stop: StopFlag) -> Iterator[zenoh.Session]:
     """Open the session to the robot's router, without a namespace.
 
-    On the router's own machine it is a peer, as ROS nodes are: their direct links outlive the
-    router. From elsewhere no node can be reached but through the router, and links beside a router
-    with TLS would bypass its access control: there it is a client.
+    On the router's machine it is a peer, like ROS nodes, whose direct links survive the router.
+    On another machine it is a client: nodes are reachable only through the router, and direct links
+    would bypass the access control of a router with TLS.
 
     Raises:
         SettingsError: the endpoint cannot be used.
@@ -103,30 +103,30 @@ def _robot_settings(settings: Settings) -> ZenohSettings:
 
 
 def is_of_this_machine(router: str) -> bool:
-    """Whether an endpoint is a socket's, or plain TCP by the loopback's name."""
+    """Whether an endpoint is a Unix socket, or plain TCP on the loopback interface."""
     return router.startswith(("unixsock-stream/", "tcp/localhost:", "tcp/127.", "tcp/[::1]:"))
 
 
 def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
-    """Whether types are named as in ROS 2 Humble; waits for a node of the robot, if it must.
+    """Whether the robot's release is ROS 2 Humble; waits for one of its nodes if necessary.
 
-    Publishers of the wrong form look right in ROS's graph, and nothing of theirs arrives.
+    With the wrong form of keys, publishers appear in ROS's graph, but no message arrives.
 
     Raises:
-        StoppedError: `stop` was set meanwhile.
+        StoppedError: `stop` was set.
     """
     if settings.type_hashes != "auto":
         return settings.type_hashes == "humble"
-    said = False
+    logged = False
     while True:
         tokens = alive(session, f"{GRAPH}/{settings.domain_id}/**", _ASK_S)
         hashes = [found for token in tokens if (found := hash_in_token(token))]
         if hashes:
             return hashes[0] == HUMBLE_HASH
-        if not said:
-            said = True
+        if not logged:
+            logged = True
             domain = f"ROS domain {settings.domain_id}"
-            _log.info("waiting for a node of %s: its release decides how to speak", domain)
+            _log.info("waiting for a node of %s, to detect its ROS release", domain)
         stop.wait(_LOOK_EVERY_S)
         stop.check()
 
@@ -134,11 +134,11 @@ def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -
 def _refuse_second_node(
     session: zenoh.Session, name: NodeName, endpoint: str, stop: StopFlag
 ) -> None:
-    """Refuse to run beside a node of the same name: both would move the map.
+    """Refuse to run next to a node of the same name: both would publish map -> odom.
 
     Raises:
-        AlreadyRunningError: there is one, and it stays.
-        StoppedError: `stop` was set meanwhile.
+        AlreadyRunningError: there is one, and it does not disappear.
+        StoppedError: `stop` was set.
     """
     full_name = name.topic(name.name)
     left = round(_GONE_WITHIN_S / _LOOK_EVERY_S)

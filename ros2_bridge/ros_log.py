@@ -1,4 +1,4 @@
-"""The process's log on ROS's topic `/rosout`."""
+"""Publish the process's log on `/rosout`."""
 
 import logging
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ from ros2_bridge.messages_out import header
 from ros2_bridge.node import RosPublisher
 
 _LEVELS = (10, 20, 30, 40, 50)
-"""Of ROS, and of Python."""
+"""The same numbers in ROS and Python."""
 
 
 class _RosLog(logging.Handler):
@@ -20,7 +20,7 @@ class _RosLog(logging.Handler):
         self._publisher, self._name = publisher, name
 
     def emit(self, record: logging.LogRecord) -> None:
-        told = new(
+        message = new(
             LOG,
             stamp=header(int(record.created * 1e9), "").stamp,
             level=max(level for level in _LEVELS if level <= record.levelno),
@@ -31,16 +31,16 @@ class _RosLog(logging.Handler):
             line=record.lineno,
         )
         with suppress(zenoh.ZError):  # the session is being closed
-            self._publisher.put(told)
+            self._publisher.put(message)
 
 
 @contextmanager
 def log_to_ros(publisher: RosPublisher, node: str) -> Iterator[None]:
-    """Also publish what is logged, while the context lasts.
+    """Also publish the log within the ``with`` block.
 
     Args:
         publisher: of `/rosout`.
-        node: its full name; its logger's has dots.
+        node: full name of the node.
     """
     handler = _RosLog(publisher, node.strip("/").replace("/", "."))
     logging.getLogger().addHandler(handler)

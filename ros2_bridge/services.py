@@ -1,4 +1,4 @@
-"""The services of AMCL's node: what each call does and answers. No network."""
+"""The services of AMCL's node. No network."""
 
 from collections.abc import Callable
 from typing import Any
@@ -11,22 +11,22 @@ from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
 from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
-from ros2_bridge.outputs import Bond, LookOnce, Output, Publish, Reconfigure, SearchEverywhere
+from ros2_bridge.outputs import Bond, NoMotionUpdate, Output, Publish, Reconfigure, SearchEverywhere
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.type_descriptions import get_type_description
 
 Answer = tuple[Any, list[Output]]
-"""The response, and what to do."""
+"""The response and the outputs that follow it."""
 
 
 class Services:
-    """All services, and with them the life cycle and the parameters.
+    """Answers service calls; owns the lifecycle and the parameters.
 
     Args:
-        amcl: the node's work.
+        amcl: the localization.
         settings: of all processes.
-        clock: the time by ROS's clock [ns].
-        node: its full name.
+        clock: returns ROS's time [ns].
+        node: full name of the node.
     """
 
     def __init__(self, amcl: Amcl, settings: Settings, clock: Callable[[], int], node: str) -> None:
@@ -34,10 +34,10 @@ class Services:
         self._amcl, self._clock, self._node = amcl, clock, node
         self._parameters, self._is_new = Parameters(settings), True
         self.freshness = "unreachable"
-        """As the system told last."""
+        """The freshness in the newest status."""
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
             "reinitialize_global_localization": (types.EMPTY, self._search_everywhere),
-            "request_nomotion_update": (types.EMPTY, self._look_once),
+            "request_nomotion_update": (types.EMPTY, self._no_motion_update),
             "set_initial_pose": (types.SET_INITIAL_POSE, self._set_initial_pose),
             "~/is_localized": (types.TRIGGER, self._is_localized),
             "~/change_state": (types.CHANGE_STATE, self._change_state),
@@ -79,15 +79,15 @@ class Services:
         }
 
     def types(self) -> dict[str, str]:
-        """Every service's name, by ROS's rules, and its type."""
+        """Maps each service's name, by ROS's rules, to its type."""
         return {name: ros_type for name, (ros_type, _) in self._served.items()}
 
     def call(self, service: str, request: Any) -> Answer:
-        """Answer a call; what it leads to is to be done after the response is sent."""
+        """Answer a call; carry out the outputs after sending the response."""
         return self._served[service][1](request)
 
     def change(self, number: int, label: str = "") -> list[Output]:
-        """Go a way of the life cycle; nothing where the state does not allow it."""
+        """Make a transition of the lifecycle; no outputs if the state does not allow it."""
         outputs: list[Output] = []
         for step in self.lifecycle.change(number, label):
             outputs.append(Publish(topics.TRANSITION_EVENT, self._event(step)))
@@ -102,7 +102,7 @@ class Services:
         return outputs
 
     def _clean_up(self) -> list[Output]:
-        """Reset; a pose that is set at activation is the last one from then on, as in nav2."""
+        """Reset. As in nav2, the initial pose for the next activation becomes the last pose."""
         self._amcl.clean_up()
         initial = self._amcl.last_pose
         if initial is None or not self._amcl.settings.set_initial_pose:
@@ -124,8 +124,8 @@ class Services:
     def _search_everywhere(self, _request: Any) -> Answer:
         return new(response_of(types.EMPTY)), [SearchEverywhere()]
 
-    def _look_once(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [LookOnce()]
+    def _no_motion_update(self, _request: Any) -> Answer:
+        return new(response_of(types.EMPTY)), [NoMotionUpdate()]
 
     def _set_initial_pose(self, request: Any) -> Answer:
         outputs = list(self._amcl.on_initial_pose(request.pose))
@@ -146,18 +146,18 @@ class Services:
         live = self._parameters.live
         return [] if live == before else [Reconfigure(live)]
 
-    def on_live_settings(self, told: LiveSettings) -> list[Output]:
-        """What the system goes by. A new node adopts it; later the system follows the node."""
+    def on_live_settings(self, found: LiveSettings) -> list[Output]:
+        """Compare the system's live settings with ours: a new node adopts them, later ours win."""
         wanted, is_first, self._is_new = self._parameters.live, self._is_new, False
-        if told == wanted:
+        if found == wanted:
             return []
         if is_first and wanted == AS_STARTED:
-            self._parameters.adopt(told)
+            self._parameters.adopt(found)
             return []
         return [Reconfigure(wanted)]
 
     def _use(self, taken: list[Any]) -> list[Output]:
-        """Go on with parameters that were set, and tell all nodes."""
+        """Apply parameters that were set, and publish the change."""
         if not taken:
             return []
         self._amcl.use(self._parameters.settings.ros2)

@@ -1,4 +1,4 @@
-"""The topics of AMCL's node, and those that it has not: names, types, how they are sent."""
+"""The node's topics: those of AMCL and more, with names, types and QoS."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Topic:
     Args:
         name: by ROS's rules: ``/absolute``, ``relative`` or ``~/private``.
         ros_type: of its messages.
-        qos: as it is sent or wanted.
+        qos: offered or requested.
     """
 
     name: str
@@ -42,7 +42,7 @@ CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
 
 
 def service_qos(ros_type: str) -> Qos:
-    """How calls of a service travel; as `rclpy` has it, many of the parameters' may wait."""
+    """QoS of a service; as in `rclpy`, the parameter services have a longer queue."""
     return Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else Qos()
 
 
@@ -58,18 +58,16 @@ class Topics:
 
     @property
     def tf(self) -> Topic:
-        """Transforms; read and sent."""
         return Topic(self.settings.tf_topic, types.TF_MESSAGE, Qos(depth=100))
 
     @property
     def tf_static(self) -> Topic:
-        """Transforms that stay."""
         qos = Qos(depth=100, latched=True)
         return Topic(self.settings.tf_static_topic, types.TF_MESSAGE, qos)
 
     @property
     def scans(self) -> tuple[Topic, ...]:
-        """The lasers, and clouds that are taken for one."""
+        """Laser scans, and point clouds that are used like them."""
         qos, cloud = Qos(depth=5, best_effort=True), self.settings.pointcloud_topic
         names = dict.fromkeys(name.strip() for name in self.settings.scan_topic.split(","))
         scans = tuple(Topic(name, types.LASER_SCAN, qos) for name in names)
@@ -77,16 +75,15 @@ class Topics:
 
     @property
     def map(self) -> Topic:
-        """The map."""
         return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
 
     def read(self) -> tuple[Topic, ...]:
-        """All that are read."""
+        """Topics that the node subscribes to."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
         return (*self.scans, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
-        """All that are sent."""
+        """Topics that the node publishes."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),

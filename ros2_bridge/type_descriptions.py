@@ -1,4 +1,4 @@
-"""Descriptions of message types, as ROS nodes give them to recorders and viewers (REP 2016)."""
+"""Descriptions of message types, which ROS recorders and viewers query (REP 2016)."""
 
 from typing import Any
 
@@ -10,16 +10,16 @@ from ros2_bridge.message_types import new, response_of, type_hash, typestore
 
 _PACKAGE = "type_description_interfaces/msg"
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
-"""Added to the number of an item's type."""
+"""Offsets for the number of an item's type."""
 _NESTED = 1
 _FILLER: Any = ("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))
 
 
 def get_type_description(request: Any) -> Any:
-    """Answer `GetTypeDescription`: of a message's type, with those of its fields."""
+    """Answer `GetTypeDescription`: describe a message type and those of its fields."""
     name, problem = request.type_name, ""
     if name not in typestore().fielddefs:
-        problem = "no type of a message of this node"
+        problem = "this node has no message of that type"
     elif request.type_hash != type_hash(name, humble=False):
         problem = f"the type's hash here is {type_hash(name, humble=False)}"
     if problem:
@@ -45,7 +45,7 @@ def get_type_description(request: Any) -> Any:
 
 
 def _with_nested(name: str) -> list[str]:
-    """A type, and all types in it."""
+    """A type and all types nested in it."""
     found = [name]
     for one in found:  # which grows
         for _, kind in typestore().fielddefs[one][1]:
@@ -56,7 +56,7 @@ def _with_nested(name: str) -> list[str]:
 
 
 def _parts(kind: Any) -> tuple[Any, int, int]:
-    """Type of a field's items, what is added to its number, and how many they are."""
+    """Type of a field's items, the offset for its number, and the capacity."""
     node, about = kind
     if node == Nodetype.ARRAY:
         return about[0], _ARRAY, about[1]

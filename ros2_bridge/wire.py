@@ -1,8 +1,8 @@
-"""What rmw_zenoh puts on the wire beside the messages: keys, liveliness tokens, attachments.
+"""The conventions of rmw_zenoh: keys, liveliness tokens and attachments.
 
 A key is `<domain>/<full name>/<type>/<hash of the type>`. Each node, publisher, subscriber, client
-and service has a liveliness token that describes it: all tokens together are ROS's graph. Each
-message carries an attachment of 33 bytes: a counter, a time, and the id of its sender.
+and service has a liveliness token that describes it; the tokens are ROS's graph. Each message has
+an attachment of 33 bytes: a sequence number, a time, and the id of its sender.
 """
 
 import re
@@ -14,7 +14,7 @@ import xxhash
 
 GRAPH = "@ros2_lv"
 HUMBLE_HASH = "TypeHashNotSupported"
-"""What ROS 2 Humble writes in place of a type's hash."""
+"""Stands for every type hash in ROS 2 Humble."""
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _ID_BYTES = 16
@@ -24,7 +24,7 @@ _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class EndpointKind(StrEnum):
-    """What a token stands for, in rmw_zenoh's letters."""
+    """Kinds of endpoints, with rmw_zenoh's abbreviations."""
 
     PUBLISHER = "MP"
     SUBSCRIBER = "MS"
@@ -34,12 +34,12 @@ class EndpointKind(StrEnum):
 
 @dataclass(frozen=True)
 class Qos:
-    """How a topic is sent or wanted.
+    """Quality of service of a topic.
 
     Args:
-        depth: messages kept.
-        best_effort: may be lost on the way; else reliable.
-        latched: late joiners get the last `depth` messages (`transient local`).
+        depth: length of the queue.
+        best_effort: messages may be lost; otherwise reliable.
+        latched: late subscribers get the last `depth` messages (`transient local`).
     """
 
     depth: int = 10
@@ -47,7 +47,7 @@ class Qos:
     latched: bool = False
 
     def __str__(self) -> str:
-        """As in a token, which leaves ROS's defaults out."""
+        """The form in tokens, which omit ROS's defaults."""
         reliability = "2" if self.best_effort else ""
         durability = "1" if self.latched else ""
         return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
@@ -55,7 +55,7 @@ class Qos:
 
 @dataclass(frozen=True)
 class NodeName:
-    """A node of a domain.
+    """The full name of a node.
 
     Args:
         domain_id: ROS_DOMAIN_ID.
@@ -120,21 +120,21 @@ def dds_type(ros_type: str) -> str:
 
 
 def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
-    """Where messages of a topic, or calls of a service, travel.
+    """Key of the messages of a topic, or of the calls of a service.
 
     Args:
         domain_id: ROS_DOMAIN_ID.
         topic: full name.
         type_name: as DDS names it.
-        type_hash: of the type; ``*`` to read what any release of ROS sends.
+        type_hash: of the type; ``*`` to receive from any release of ROS.
     """
     return f"{domain_id}/{topic.strip('/')}/{type_name}/{type_hash}"
 
 
 def hash_in_token(token: str) -> str | None:
-    """The type's hash in the token of an endpoint; None: the token is of a node, or of no ROS.
+    """The type's hash in the token of an endpoint; None: it is another kind of token.
 
-    Newer releases write more after the thirteen parts that all of them have.
+    Newer releases append more parts to the common thirteen.
     """
     chunks = token.split("/")
     if chunks[0] != GRAPH or len(chunks) < _ENDPOINT_CHUNKS:
@@ -143,7 +143,7 @@ def hash_in_token(token: str) -> str | None:
 
 
 def node_in_token(token: str) -> str | None:
-    """Full name of the node in a node's token; None: the token is of something else."""
+    """Full name of the node in a node's token; None: it is another kind of token."""
     chunks = token.split("/")
     if chunks[0] != GRAPH or len(chunks) != _NODE_CHUNKS or chunks[5] != "NN":
         return None
@@ -152,16 +152,16 @@ def node_in_token(token: str) -> str | None:
 
 
 def endpoint_id(token: str) -> bytes:
-    """The 16 bytes by which an endpoint is known in attachments: XXH3-128 of its token."""
+    """The 16-byte id of an endpoint in attachments: XXH3-128 of its token."""
     return xxhash.xxh3_128_digest(token.encode())[::-1]  # little-endian
 
 
 def attachment(sequence: int, time_ns: int, endpoint: bytes) -> bytes:
-    """What must stand beside every message; ROS drops those without it.
+    """The attachment of a message; ROS drops messages without one.
 
     Args:
-        sequence: of the sender's messages, from 1.
-        time_ns: wall clock, under simulated time too.
+        sequence: counts the sender's messages from 1.
+        time_ns: wall clock, also under simulated time.
         endpoint: the sender's id.
     """
     return _ATTACHMENT.pack(sequence, time_ns, _ID_BYTES, endpoint)
@@ -182,15 +182,15 @@ def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
 
 
 def is_name(text: str) -> bool:
-    """Whether ROS takes it as the name of a node."""
+    """Whether it is a valid name of a ROS node."""
     return _NAME.fullmatch(text) is not None
 
 
 def is_namespace(text: str) -> bool:
-    """Whether it is empty or ``/name``, or several of them."""
+    """Whether it is empty, or one or more times ``/name``."""
     return not text or (text[0] == "/" and all(map(is_name, text[1:].split("/"))))
 
 
 def _chunk(name: str) -> str:
-    """A name with slashes as one part of a key; the root is ``%``."""
+    """Encode a name with slashes as one part of a key; the root is ``%``."""
     return name.replace("/", "%") or "%"

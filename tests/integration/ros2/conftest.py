@@ -71,7 +71,7 @@ def start_bridge(
         ros2: Ros2Settings | None = None,
         *,
         robot: str = "robot",
-        expect: str = "is there, in ROS domain",
+        expect: str = "is running in ROS domain",
     ) -> RunningProcess:
         nonlocal count
         count += 1

@@ -64,7 +64,7 @@ EXPECTED = {
     "map refused",
     "map of another frame",
     "initial pose refused",
-    "not a message of ROS",
+    "not a ROS message",
     "malformed LaserScan: not CDR",
     "malformed TFMessage: not CDR",
 }
@@ -100,7 +100,7 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
     assert (
         20,
         "amcl",
-        "/amcl is there, in ROS domain 0",
+        "/amcl is running in ROS domain 0",
     ) in lines  # said before it was listened to
     assert {(30, "amcl", cause) for cause in EXPECTED if ":" not in cause} <= lines
     assert "tf loops: " in bridge.err

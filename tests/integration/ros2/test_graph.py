@@ -237,4 +237,4 @@ def test_until_a_robot_is_seen_the_bridge_waits_to_learn_its_release(
     bridge = start_bridge(expect="waiting for a node of ROS domain 0")
     assert not Graph(open_robot_session()).of()
     open_robot().put_mounts()
-    bridge.wait_for("/amcl is there, in ROS domain 0")
+    bridge.wait_for("/amcl is running in ROS domain 0")

@@ -221,5 +221,5 @@ def test_a_broken_file_of_a_killed_bridge_is_named_and_not_used(
     open_robot().put_mounts()
     (tmp_path / "ros2-robot-0%2Famcl.json").write_text(content)
     bridge = start_bridge(ACTIVE, expect="ros2-robot-0%2Famcl.json is not used: ")
-    bridge.wait_for("is there, in ROS domain")
+    bridge.wait_for("is running in ROS domain")
     assert bridge.is_running()

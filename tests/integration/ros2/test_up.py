@@ -89,8 +89,11 @@ def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path:
     ("words", "problem"),
     [
         (["up", "--nav2-params", "missing.yaml"], "missing.yaml: No such file or directory"),
-        (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS takes letters"),
-        (["ros2", "--set", "ros2.scan_topic=a//b"], "ros2.scan_topic = 'a//b': ROS takes letters"),
+        (["ros2", "--set", "ros2.node_name=a-b"], "ros2.node_name = 'a-b': ROS expects letters"),
+        (
+            ["ros2", "--set", "ros2.scan_topic=a//b"],
+            "ros2.scan_topic = 'a//b': ROS expects letters",
+        ),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(words: list[str], problem: str) -> None:

@@ -74,7 +74,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         robot = RosRobot(session, ROS2)
         put_map(robot, world(WORLD).map)
         wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
-        wait_until(lambda: "is there, in ROS domain" in tested.log("ros2_bridge"), 60.0)
+        wait_until(lambda: "is running in ROS domain" in tested.log("ros2_bridge"), 60.0)
         wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0), 60.0)
         yield tested, robot
 

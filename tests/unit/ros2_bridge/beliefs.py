@@ -1,4 +1,4 @@
-"""Beliefs as a coordinator tells them, small."""
+"""Small beliefs, as a coordinator publishes them."""
 
 from protocol.answers import Belief, Hypothesis, State
 from protocol.message import Covariance, PoseTuple

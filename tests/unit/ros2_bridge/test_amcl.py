@@ -64,7 +64,7 @@ def grid(
 
 
 class Robot:
-    """Tells one node what a robot tells, and keeps what it answers."""
+    """Passes a robot's messages to a node and keeps its outputs."""
 
     def __init__(self, settings: Ros2Settings | None = None, *, active: bool = True) -> None:
         self.amcl = Amcl(settings or Ros2Settings())
@@ -148,7 +148,9 @@ def test_the_longest_range_is_the_shorter_of_the_lasers_and_the_settings() -> No
 
 
 @pytest.mark.parametrize(("seconds", "more_ns"), [(-1, 0), (2**31 - 1, 2 * 10**9), (-(2**31), 0)])
-def test_times_that_ros_has_not_are_refused_wherever_they_stand(seconds: int, more_ns: int) -> None:
+def test_times_that_ros_cannot_represent_are_refused_in_every_message(
+    seconds: int, more_ns: int
+) -> None:
     robot = Robot(Ros2Settings(use_sim_time=True))
     stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=more_ns)
     at = new("std_msgs/msg/Header", stamp=stamp, frame_id="odom")
@@ -162,7 +164,7 @@ def test_times_that_ros_has_not_are_refused_wherever_they_stand(seconds: int, mo
     assert readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
 
 
-def test_what_is_stamped_at_the_end_of_ros_time_can_be_written() -> None:
+def test_the_last_valid_ros_time_can_be_published() -> None:
     last_ns = 2**31 * SECOND - 1
     robot = Robot()
     robot.drive(last_ns, (0.0, 0.0, 0.0))
@@ -174,7 +176,7 @@ def test_what_is_stamped_at_the_end_of_ros_time_can_be_written() -> None:
             encode(one.message, one.topic.ros_type)
 
 
-def test_slashes_in_front_of_frames_mean_nothing() -> None:
+def test_leading_slashes_of_frames_are_ignored() -> None:
     slashes = {"global_frame": "/map", "odom_frame": "/odom", "base_frame": "/base_footprint"}
     robot = Robot(Ros2Settings(**slashes))
     (reading,) = readings(robot.drive(SECOND, (0.0, 0.0, 0.0)))
@@ -186,7 +188,7 @@ def test_slashes_in_front_of_frames_mean_nothing() -> None:
     assert isinstance(given, GivePose)
 
 
-def test_a_laser_upside_down_has_its_beams_put_in_order() -> None:
+def test_the_beams_of_an_upside_down_laser_are_reordered() -> None:
     robot = Robot()
     overhead = link("base_footprint", "roof", Rigid(0.2, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
     list(robot.amcl.on_transforms(overhead, 0, fixed=True))
@@ -208,7 +210,7 @@ def test_two_lasers_on_one_topic_keep_their_places() -> None:
     assert rear.robot_from_laser == pytest.approx((-0.3, 0.0, pi - 0.001))
 
 
-def test_a_laser_without_a_transform_is_named_with_how_long_it_was_waited_for() -> None:
+def test_a_refused_scan_without_transform_names_laser_and_waiting_time() -> None:
     robot = Robot()
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     assert robot.scan(SECOND, frame="mast") == []
@@ -228,7 +230,7 @@ def test_a_laser_without_a_transform_is_named_with_how_long_it_was_waited_for() 
     assert "waited for 9.0 s" in str(refused)
 
 
-def test_the_oldest_of_many_waiting_scans_gives_way() -> None:
+def test_the_oldest_of_too_many_waiting_scans_is_refused() -> None:
     robot = Robot()
     for number in range(MAX_WAITING):
         assert robot.scan(number + 1) == []
@@ -244,7 +246,7 @@ def test_the_oldest_of_many_waiting_scans_gives_way() -> None:
         ({"ranges": (nan, inf, 0.0)}, "'laser': no returns"),
     ],
 )
-def test_a_scan_that_is_none_is_refused_and_the_next_one_used(
+def test_an_invalid_scan_is_refused_and_the_next_one_used(
     fields: dict[str, Any], detail: str
 ) -> None:
     robot = Robot()
@@ -265,7 +267,7 @@ def test_a_laser_that_looks_at_the_floor_is_refused() -> None:
 # --- odometry
 
 
-def test_transforms_that_are_none_are_refused_and_the_others_used() -> None:
+def test_invalid_transforms_are_refused_and_the_others_used() -> None:
     robot = Robot()
     broken = transform((nan, 0.0, 0.0), SECOND, "odom", "base_footprint")
     broken.transforms += transform((1.0, 0.0, 0.0), SECOND, "odom", "base_footprint").transforms
@@ -274,7 +276,7 @@ def test_transforms_that_are_none_are_refused_and_the_others_used() -> None:
     assert isinstance(outputs[-1], OdometryReading)
 
 
-def test_tf_that_loops_is_named_and_mended() -> None:
+def test_a_loop_in_tf_is_reported_until_it_is_gone() -> None:
     robot = Robot()
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     looping = link("laser", "base_footprint", flat((0.0, 0.0, 0.0)))
@@ -287,7 +289,7 @@ def test_tf_that_loops_is_named_and_mended() -> None:
     assert len(readings(robot.drive(2 * SECOND, (0.0, 0.0, 0.0)))) == 1
 
 
-def test_another_node_that_moves_the_map_is_noticed() -> None:
+def test_map_to_odom_from_another_node_is_reported() -> None:
     robot = Robot()
     other = transform((1.0, 0.0, 0.0), SECOND, "map", "odom")
     assert causes(list(robot.amcl.on_transforms(other, 0, fixed=False))) == [
@@ -295,7 +297,7 @@ def test_another_node_that_moves_the_map_is_noticed() -> None:
     ]
 
 
-def test_a_clock_that_is_set_back_begins_anew() -> None:
+def test_after_the_clock_was_set_back_transforms_are_accepted_again() -> None:
     robot = Robot()
     robot.drive(100 * SECOND, (1.0, 0.0, 0.0))
     robot.believe(100 * SECOND)
@@ -307,7 +309,7 @@ def test_a_clock_that_is_set_back_begins_anew() -> None:
     assert map_from_odom(outputs)[-1][0] == SECOND + 24 * 50_000_000 + SECOND
 
 
-def test_simulated_time_that_goes_back_forgets_what_moved() -> None:
+def test_simulated_time_that_goes_back_drops_moving_transforms() -> None:
     robot = Robot(Ros2Settings(use_sim_time=True))
 
     def clock(seconds: int) -> list[Output]:
@@ -323,7 +325,7 @@ def test_simulated_time_that_goes_back_forgets_what_moved() -> None:
 # --- the pose
 
 
-def test_map_to_odom_is_told_with_every_scan_of_a_standing_robot() -> None:
+def test_map_to_odom_is_published_with_every_scan_of_a_standing_robot() -> None:
     robot = Robot()
     robot.drive(SECOND, (1.0, 2.0, 0.3))
     robot.believe(SECOND)
@@ -360,7 +362,7 @@ def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jump
     robot.drive(SECOND, (1.0, 2.0, 0.3))
     list(robot.amcl.on_belief(belief(SECOND, here, there, state="localized")))
     sent, scans, odometry = [], 0, (1.0, 2.0, 0.3)
-    for tick in range(1, 601):  # ten scans a second; odometry begins anew in the middle
+    for tick in range(1, 601):  # ten scans a second; odometry restarts in the middle
         stamp_ns = SECOND + tick * SECOND // 10
         odometry = (0.0, 0.0, 0.0) if tick >= 300 else odometry
         sent += [(one, odometry) for one in map_from_odom(robot.drive(stamp_ns, odometry))]
@@ -376,7 +378,7 @@ def test_a_minute_of_standing_still_has_a_transform_for_every_scan_and_none_jump
     np.testing.assert_allclose(places, [PLACE] * len(places), atol=1e-9)
 
 
-def test_nothing_is_told_before_a_place_is_known_nor_when_it_is_lost() -> None:
+def test_map_to_odom_is_not_published_without_a_place() -> None:
     robot = Robot()
     assert map_from_odom(robot.drive(SECOND, (0.0, 0.0, 0.0))) == []
     assert published(robot.believe(SECOND, "ambiguous"), topics.AMCL_POSE) == []
@@ -387,7 +389,7 @@ def test_nothing_is_told_before_a_place_is_known_nor_when_it_is_lost() -> None:
     assert map_from_odom(robot.drive(4 * SECOND, (0.0, 0.0, 0.0))) == []
 
 
-def test_two_lasers_of_one_time_tell_map_to_odom_once() -> None:
+def test_two_scans_of_one_time_publish_map_to_odom_once() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     robot.believe(SECOND)
@@ -414,7 +416,7 @@ def test_the_pose_has_the_scans_stamp_and_the_covariance_of_ros() -> None:
     assert np.count_nonzero(wide) == np.count_nonzero(COVARIANCE)
 
 
-def test_all_places_are_told_with_their_probabilities() -> None:
+def test_all_places_are_published_with_their_probabilities() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     outputs = robot.believe(SECOND, "ambiguous")
@@ -435,7 +437,7 @@ def test_all_places_are_told_with_their_probabilities() -> None:
     np.testing.assert_allclose((ellipse.scale.y, ellipse.scale.x), axes)
 
 
-def test_particles_are_carried_forward_and_weigh_as_their_clusters() -> None:
+def test_particles_are_moved_by_odometry_and_weighted_by_cluster() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     cloud = Particles(
@@ -453,7 +455,7 @@ def test_particles_are_carried_forward_and_weigh_as_their_clusters() -> None:
     assert sum(one.weight for one in told.particles) == pytest.approx(1.0)
 
 
-def test_a_belief_of_a_coordinator_that_was_taken_over_from_is_left_out() -> None:
+def test_a_belief_of_an_older_term_is_ignored() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     list(robot.amcl.on_belief(belief(SECOND, (1, 1.0, PLACE), state="localized", term=3)))
@@ -476,7 +478,7 @@ def test_a_pose_of_the_past_has_the_odometry_since_then_added() -> None:
 
 
 @pytest.mark.parametrize("stamp_ns", [0, 5 * SECOND])
-def test_a_pose_of_now_or_of_the_future_is_one_of_now(stamp_ns: int) -> None:
+def test_a_pose_without_past_stamp_is_taken_as_the_current_pose(stamp_ns: int) -> None:
     robot = Robot()
     robot.odometry(SECOND, (0.0, 0.0, 0.0))
     (given,) = robot.amcl.on_initial_pose(pose_stamped(PLACE, COVARIANCE, stamp_ns, "map"))
@@ -494,7 +496,7 @@ def test_a_pose_of_now_or_of_the_future_is_one_of_now(stamp_ns: int) -> None:
         ("map", 0.0, (nan, *COVARIANCE[1:])),
     ],
 )
-def test_a_pose_that_is_none_is_refused(frame: str, x: float, covariance: Any) -> None:
+def test_an_invalid_initial_pose_is_refused(frame: str, x: float, covariance: Any) -> None:
     message = pose_stamped((x, 0.0, 0.0), covariance, 0, frame)
     assert causes(list(Robot().amcl.on_initial_pose(message))) == ["initial pose refused"]
 
@@ -517,7 +519,7 @@ def test_the_initial_pose_of_the_settings_is_given_at_activation() -> None:
     assert given.covariance[0] == 0.25
 
 
-def test_a_reset_keeps_the_pose_unless_a_new_one_is_to_be_found() -> None:
+def test_a_reset_keeps_the_pose_unless_always_reset_initial_pose_is_set() -> None:
     for reset, outputs in ((False, []), (True, [SearchEverywhere()])):
         amcl = Amcl(Ros2Settings(always_reset_initial_pose=reset))
         assert list(amcl.activate()) == []
@@ -526,7 +528,7 @@ def test_a_reset_keeps_the_pose_unless_a_new_one_is_to_be_found() -> None:
         assert list(amcl.activate()) == outputs
 
 
-def test_while_inactive_scans_are_not_used_and_nothing_is_told() -> None:
+def test_while_inactive_scans_are_not_used_and_nothing_is_published() -> None:
     robot = Robot()
     robot.drive(SECOND, (0.0, 0.0, 0.0))
     robot.amcl.deactivate()
@@ -551,13 +553,13 @@ def test_a_map_is_given_once_and_again_when_it_changes() -> None:
     assert len(list(amcl.on_map(grid(x=1.0)))) == 1
 
 
-def test_only_the_first_map_counts_if_so_set() -> None:
+def test_with_first_map_only_later_maps_are_ignored() -> None:
     amcl = Amcl(Ros2Settings(first_map_only=True))
     assert len(list(amcl.on_map(grid()))) == 1
     assert list(amcl.on_map(grid(x=1.0))) == []
 
 
-def test_a_map_that_is_none_is_refused_and_the_next_one_used() -> None:
+def test_an_invalid_map_is_refused_and_the_next_one_used() -> None:
     amcl = Amcl(Ros2Settings())
     for bad in (grid(0, 0), grid(4, 2), grid(x=nan), grid(cells=(100,) * 6)):
         assert causes(list(amcl.on_map(bad))) == ["map refused"]

@@ -1,4 +1,4 @@
-"""The life cycle of a managed node."""
+"""The lifecycle of a managed node."""
 
 import pytest
 
@@ -28,20 +28,20 @@ def test_each_change_is_two_steps_with_ros_own_numbers() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 2, 3, 4, 6, 7, 99])
-def test_what_the_state_does_not_allow_changes_nothing(number: int) -> None:
+def test_a_transition_that_the_state_does_not_allow_has_no_effect(number: int) -> None:
     lifecycle = Lifecycle()
     assert lifecycle.change(number) == ()
     assert lifecycle.state is State.UNCONFIGURED
 
 
-def test_a_label_goes_before_a_number() -> None:
+def test_a_label_takes_precedence_over_a_number() -> None:
     lifecycle = Lifecycle()
     assert lifecycle.change(99, "configure")
     assert lifecycle.change(0, "shutdown")
     assert lifecycle.state is State.FINALIZED
 
 
-def test_what_may_be_asked_for_depends_on_the_state() -> None:
+def test_the_available_transitions_depend_on_the_state() -> None:
     lifecycle = Lifecycle()
     assert [one.label for one in lifecycle.available()] == ["configure", "shutdown"]
     lifecycle.change(1)

@@ -26,7 +26,7 @@ HALVES = [half(service) for service in SERVICES for half in (request_of, respons
 
 
 @pytest.mark.parametrize("ros_type", [*MESSAGES, *HALVES])
-def test_each_message_comes_back_from_its_bytes(ros_type: str) -> None:
+def test_every_decoded_message_equals_the_encoded_one(ros_type: str) -> None:
     data = encode(new(ros_type), ros_type)
     assert encode(decode(data, ros_type), ros_type) == data
 
@@ -53,20 +53,22 @@ def test_every_service_has_a_hash_of_its_own() -> None:
 
 @pytest.mark.parametrize("ros_type", [types.LASER_SCAN, types.TF_MESSAGE, types.OCCUPANCY_GRID])
 @given(data=st.binary(max_size=200))
-def test_bytes_that_are_no_message_raise_nothing_else(ros_type: str, data: bytes) -> None:
+def test_random_bytes_raise_nothing_but_a_malformed_message_error(
+    ros_type: str, data: bytes
+) -> None:
     for candidate in (data, types.CDR_HEADER + data):
         with suppress(MalformedMessageError):
             decode(candidate, ros_type)
 
 
 @pytest.mark.parametrize("data", [b"", b"abc", types.CDR_HEADER, types.CDR_HEADER + b"\xff" * 40])
-def test_bytes_that_are_no_message_are_said_to_be_none(data: bytes) -> None:
+def test_invalid_bytes_are_malformed(data: bytes) -> None:
     with pytest.raises(MalformedMessageError) as raised:
         decode(data, types.LASER_SCAN)
     assert raised.value.cause == "malformed LaserScan: not CDR"
 
 
-def test_a_field_that_is_not_there_is_refused() -> None:
+def test_an_unknown_field_is_refused() -> None:
     with pytest.raises(TypeError):
         new(types.STRING, words="x")
 

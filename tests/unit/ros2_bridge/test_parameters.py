@@ -32,7 +32,7 @@ DEACTIVATE, CLEAN_UP = 4, 2
 BOOL, INTEGER, DOUBLE, STRING = 1, 2, 3, 4
 
 
-def test_every_parameter_is_a_setting_or_says_why_not() -> None:
+def test_every_parameter_has_a_setting_or_a_reason() -> None:
     for parameter in PARAMETERS.values():
         assert bool(parameter.setting) != bool(parameter.reason), parameter.name
         assert not parameter.setting or parameter.setting in TABLE, parameter.name
@@ -40,7 +40,7 @@ def test_every_parameter_is_a_setting_or_says_why_not() -> None:
     assert len(PARAMETERS) >= 46
 
 
-def test_every_value_comes_back_from_its_setting() -> None:
+def test_every_parameter_survives_conversion_to_its_setting_and_back() -> None:
     settings = Settings()
     for parameter in PARAMETERS.values():
         value = parameter.value(settings)
@@ -51,7 +51,7 @@ def test_every_value_comes_back_from_its_setting() -> None:
             assert parameter.converted(value) == pytest.approx(ours), parameter.name
 
 
-def test_the_page_tells_what_each_parameter_becomes() -> None:
+def test_the_page_lists_the_setting_or_the_reason_of_every_parameter() -> None:
     rows = dict(re.findall(r"^\| `([\w.]+)` \| (.*) \|$", PAGE.read_text(), re.MULTILINE))
     for parameter in PARAMETERS.values():
         expected = f"`{parameter.setting}`" if parameter.setting else parameter.reason
@@ -109,8 +109,8 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
         laser_max_range_m=-1.0,  # the laser's own
     )
     assert read.notes == (  # and nothing of what is as nav2 has it by itself
-        "laser_model_type = likelihood_field_prob of nav2 is the likelihood_field of ours, which "
-        "multiplies beams' probabilities as it does; no beam is skipped: sensor.hidden_weight",
+        "laser_model_type = likelihood_field_prob of nav2 is replaced by our likelihood_field, "
+        "which multiplies the beams' likelihoods too; no beam is skipped: sensor.hidden_weight",
         f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
         "invented of nav2 has no effect: AMCL has no such parameter",
     )
@@ -162,7 +162,7 @@ def test_a_rate_of_0_or_less_turns_saving_the_pose_off(
     assert PARAMETERS["save_pose_rate"].value(settings) == max(rate, 0.0)
 
 
-def test_a_few_lines_that_stand_for_more_than_any_memory_holds_are_refused(tmp_path: Path) -> None:
+def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> None:
     """ROS's own reader of parameters takes no aliases either."""
     laughs = ["a0: &a0 {b: 1}"]
     laughs += [f"a{i}: &a{i} {{b: *a{i - 1}, c: *a{i - 1}}}" for i in range(1, 40)]
@@ -171,19 +171,19 @@ def test_a_few_lines_that_stand_for_more_than_any_memory_holds_are_refused(tmp_p
         read_nav2_params(file)
 
 
-def test_several_scan_topics_are_a_list_or_stand_with_commas_between(tmp_path: Path) -> None:
+def test_several_scan_topics_are_a_list_or_separated_by_commas(tmp_path: Path) -> None:
     for value in ("[front/scan, /rear]", "'front/scan,/rear'"):
         text = f"amcl:\n  ros__parameters: {{scan_topic: {value}, pointcloud_topic: lidar}}\n"
         ros2 = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text)).values).ros2
         assert [topic.name for topic in Topics(ros2).scans] == ["front/scan", "/rear", "lidar"]
         assert node_name(ros2).name == "amcl"
-    with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS takes letters"):
+    with pytest.raises(SettingsError, match=r"ros2.scan_topic = 'scan,': ROS expects letters"):
         node_name(Ros2Settings(scan_topic="scan,"))
-    with pytest.raises(InputFileError, match=r"scan_topic = \[1\]: nav2 takes a text"):
+    with pytest.raises(InputFileError, match=r"scan_topic = \[1\]: nav2 expects a string"):
         read_nav2_params(write(tmp_path, "amcl:\n  ros__parameters: {scan_topic: [1]}\n"))
 
 
-def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
+def test_parameters_for_all_nodes_are_used(tmp_path: Path) -> None:
     text = "/**:\n  ros__parameters: {use_sim_time: true}\namcl:\n  ros__parameters: {}\n"
     assert read_nav2_params(write(tmp_path, text)).values["ros2.use_sim_time"] is True
 
@@ -194,12 +194,18 @@ def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
         ("a: [", "not YAML"),
         ("- 1", "it is not a mapping"),
         ("planner:\n  ros__parameters: {x: 1}\n", "it has those of: planner"),
-        ("amcl:\n  ros__parameters: {max_beams: many}\n", "max_beams = 'many': nav2 takes a whole"),
-        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 takes true or"),
-        ("amcl:\n  ros__parameters: {alpha1: -0.2}\n", "alpha1 = -0.2: a variance is not neg"),
-        ("amcl:\n  ros__parameters: {alpha1: [0.2]}\n", r"alpha1 = \[0.2\]: nav2 takes a number"),
-        ("amcl:\n  ros__parameters: {max_beams: [6]}\n", r"max_beams = \[6\]: nav2 takes a whole"),
-        ("amcl:\n  ros__parameters: {odom_frame_id: null}\n", "odom_frame_id = None: nav2 takes"),
+        (
+            "amcl:\n  ros__parameters: {max_beams: many}\n",
+            "max_beams = 'many': nav2 expects an integer",
+        ),
+        ("amcl:\n  ros__parameters: {tf_broadcast: 1}\n", "tf_broadcast = 1: nav2 expects true or"),
+        ("amcl:\n  ros__parameters: {alpha1: -0.2}\n", "alpha1 = -0.2: a variance must not be neg"),
+        ("amcl:\n  ros__parameters: {alpha1: [0.2]}\n", r"alpha1 = \[0.2\]: nav2 expects a number"),
+        (
+            "amcl:\n  ros__parameters: {max_beams: [6]}\n",
+            r"max_beams = \[6\]: nav2 expects an integer",
+        ),
+        ("amcl:\n  ros__parameters: {odom_frame_id: null}\n", "odom_frame_id = None: nav2 expects"),
         (
             "amcl:\n  ros__parameters: {robot_model_type: my::MotionModel}\n",
             "nav2 has nav2_amcl::DifferentialMotionModel, nav2_amcl::OmniMotionModel",
@@ -207,16 +213,16 @@ def test_parameters_for_all_nodes_count(tmp_path: Path) -> None:
         ("amcl:\n  ros__parameters: {laser_model_type: ndt}\n", "nav2 has likelihood_field, like"),
         (
             "amcl:\n  ros__parameters: {base_frame_id: $(var base)}\n",
-            r"base_frame_id = '\$\(var base\)': only ROS's launch fills in",
+            r"base_frame_id = '\$\(var base\)': only ROS's launch files can use",
         ),
-        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch fills in"),
+        ("amcl:\n  ros__parameters: {alpha1: $(var a)}\n", "only ROS's launch files can use"),
         (
             "a/amcl:\n  ros__parameters: {}\nb/amcl:\n  ros__parameters: {}\n",
             "several robots: /a/amcl, /b/amcl",
         ),
     ],
 )
-def test_a_file_that_is_none_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+def test_an_invalid_parameter_file_is_refused(tmp_path: Path, text: str, problem: str) -> None:
     with pytest.raises(InputFileError, match=problem):
         read_nav2_params(write(tmp_path, text))
 
@@ -248,7 +254,7 @@ def set_one(parameters: Parameters, name: str, number: int, **value: Any) -> Any
     return parameters.set(request).results[0]
 
 
-def test_values_are_told_with_their_types() -> None:
+def test_parameter_values_are_returned_with_their_types() -> None:
     names = ("tf_broadcast", "max_beams", "alpha1", "odom_frame_id", "what")
     values = get(Parameters(Settings()), *names)
     assert [one.type for one in values] == [BOOL, INTEGER, DOUBLE, STRING, 0]
@@ -258,7 +264,7 @@ def test_values_are_told_with_their_types() -> None:
     assert list(Parameters(Settings()).kinds(request).types) == [BOOL, INTEGER, DOUBLE, STRING, 0]
 
 
-def test_what_is_the_bridges_own_can_be_set() -> None:
+def test_the_bridges_own_parameters_can_be_set() -> None:
     parameters = Parameters(Settings())
     assert set_one(parameters, "publish", STRING, string_value="best").successful
     assert set_one(parameters, "initial_pose.x", DOUBLE, double_value=3.0).successful
@@ -273,12 +279,17 @@ def test_what_is_the_bridges_own_can_be_set() -> None:
         ("publish", BOOL, {"bool_value": True}, "publish is a str"),
         ("transform_tolerance", DOUBLE, {"double_value": -1.0}, "ros2.transform_tolerance_s"),
         ("max_beams", INTEGER, {"integer_value": 0}, "max_beams: sensor.max_beams = 0: expected"),
-        ("alpha1", DOUBLE, {"double_value": -0.1}, "alpha1 = -0.1: a variance is not negative"),
-        ("scan_topic", STRING, {"string_value": "a"}, "ros2.scan_topic is read at the start"),
+        (
+            "alpha1",
+            DOUBLE,
+            {"double_value": -0.1},
+            "alpha1 = -0.1: a variance must not be negative",
+        ),
+        ("scan_topic", STRING, {"string_value": "a"}, "ros2.scan_topic is read only at the start"),
         ("pf_err", DOUBLE, {"double_value": 9.0}, PARAMETERS["pf_err"].reason),
     ],
 )
-def test_what_cannot_be_set_says_why(
+def test_a_parameter_that_cannot_be_set_is_refused_with_a_reason(
     name: str, number: int, value: dict[str, Any], reason: str
 ) -> None:
     parameters = Parameters(Settings())
@@ -288,7 +299,7 @@ def test_what_cannot_be_set_says_why(
     assert parameters.settings == Settings()
 
 
-def test_of_several_at_once_all_are_set_or_none() -> None:
+def test_set_parameters_atomically_sets_all_or_none() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 7 * 10**9 + 5, "/amcl")
     best, tolerance, wrong = (
         parameter("publish", STRING, string_value="best"),
@@ -320,7 +331,7 @@ def test_of_several_at_once_all_are_set_or_none() -> None:
     assert response.values[0].string_value == "best"
 
 
-def test_only_what_was_taken_is_told_to_all_nodes() -> None:
+def test_only_accepted_parameters_are_published_as_changed() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/robot1/amcl")
     taken = parameter("tf_broadcast", BOOL, bool_value=False)
     refused = parameter("max_particles", INTEGER, integer_value=9)
@@ -332,7 +343,7 @@ def test_only_what_was_taken_is_told_to_all_nodes() -> None:
     assert decode(data, types.PARAMETER_EVENT).changed_parameters[0].name == "tf_broadcast"
 
 
-def test_the_value_it_has_already_can_always_be_set() -> None:
+def test_setting_a_parameter_to_its_current_value_always_succeeds() -> None:
     parameters = Parameters(Settings())
     assert set_one(parameters, "max_particles", INTEGER, integer_value=2000).successful
 
@@ -358,11 +369,11 @@ def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> Non
     told = Parameters(Settings()).describe(request).descriptors
     assert [one.read_only for one in told] == [False, False, True, False]
     assert told[0].description == "ros2.transform_tolerance_s"
-    assert told[2].description.startswith("without effect: particles are for each cluster")
+    assert told[2].description.startswith("without effect: the number of particles is per cluster")
     assert told[3].type == 0
 
 
-def test_a_pose_that_is_set_at_activation_is_the_last_one_after_a_reset() -> None:
+def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     settings = Ros2Settings(set_initial_pose=True, initial_x_m=1.0)
     amcl = Amcl(settings)
     services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
@@ -388,7 +399,7 @@ def test_a_pose_that_is_set_at_activation_is_the_last_one_after_a_reset() -> Non
     assert response.values[0].double_value == 5.0
 
 
-def test_without_a_pose_or_without_the_wish_a_reset_sets_none() -> None:
+def test_a_reset_sets_no_initial_pose_without_a_pose_or_set_initial_pose() -> None:
     for is_set in (True, False):
         settings = Ros2Settings(set_initial_pose=is_set, initial_x_m=1.0)
         amcl = Amcl(settings)
@@ -416,7 +427,7 @@ NAV2_LIVE += ("max_beams", "laser_min_range", "laser_max_range", "transform_tole
 
 
 @pytest.mark.parametrize("name", NAV2_LIVE)
-def test_what_nav2_can_change_while_it_drives_and_means_something_here_can_be_set(
+def test_parameters_that_nav2_changes_while_driving_can_be_set(
     name: str,
 ) -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
@@ -433,7 +444,7 @@ def test_what_nav2_can_change_while_it_drives_and_means_something_here_can_be_se
         assert reconfigured.settings == LiveSettings(**expected)
 
 
-def test_all_that_was_set_is_told_together_also_what_is_as_the_node_was_started() -> None:
+def test_all_live_settings_are_sent_together() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
     set_live(services, parameter("alpha1", DOUBLE, double_value=0.25))
     (told,) = set_live(services, parameter("max_beams", INTEGER, integer_value=60))
@@ -441,7 +452,7 @@ def test_all_that_was_set_is_told_together_also_what_is_as_the_node_was_started(
     assert set_live(services, parameter("tf_broadcast", BOOL, bool_value=False)) == []
 
 
-def test_a_new_node_knows_what_was_set_before_and_later_tells_who_has_forgotten_it() -> None:
+def test_a_new_node_adopts_live_settings_and_later_restores_them() -> None:
     services = Services(Amcl(Ros2Settings()), Settings(), lambda: 0, "/amcl")
     before = LiveSettings(max_beams=31)
     assert services.on_live_settings(before) == []

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
-from recordings.rigid import HERE, Rigid
+from recordings.rigid import IDENTITY, Rigid
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import decode, encode, new
 from ros2_bridge.messages_out import header
@@ -71,7 +71,7 @@ def cloud(
 
 
 def reading_of(
-    points: Any, mount: Rigid = HERE, settings: Ros2Settings = SETTINGS, **form: Any
+    points: Any, mount: Rigid = IDENTITY, settings: Ros2Settings = SETTINGS, **form: Any
 ) -> LaserReading:
     return cloud_reading(cloud(points, **form), mount, (1.0, 2.0, 0.5), settings)
 
@@ -174,7 +174,7 @@ def test_a_cloud_that_is_none_is_refused(field: str, value: object, problem: str
     broken = cloud([(1.0, 0.0, 0.5)] * 3)
     setattr(broken, field, value)
     with pytest.raises(ValueError, match=problem):
-        cloud_reading(broken, HERE, (0.0, 0.0, 0.0), SETTINGS)
+        cloud_reading(broken, IDENTITY, (0.0, 0.0, 0.0), SETTINGS)
 
 
 @given(
@@ -188,7 +188,7 @@ def test_numbers_that_do_not_fit_together_raise_nothing_else(
     broken.height, broken.width, broken.point_step, broken.row_step = sizes
     broken.fields[2].offset = offset
     try:
-        reading = cloud_reading(broken, HERE, (0.0, 0.0, 0.0), SETTINGS)
+        reading = cloud_reading(broken, IDENTITY, (0.0, 0.0, 0.0), SETTINGS)
     except ValueError as problem:
         assert "fit into" in str(problem) or "without points" in str(problem)  # noqa: PT017 - or it is a reading
     else:

@@ -1,4 +1,4 @@
-"""Which of several places is told."""
+"""Which of several places is published."""
 
 import numpy as np
 import pytest
@@ -29,22 +29,22 @@ def told(publish: Publish, *beliefs: Belief) -> list[int | None]:
         ("localized", [None, 1, None, 2, None, None, None]),
     ],
 )
-def test_each_rule_tells_its_place(publish: Publish, clusters: list[int | None]) -> None:
+def test_each_rule_publishes_its_place(publish: Publish, clusters: list[int | None]) -> None:
     beliefs = (RATHER_2, SURE_OF_1, RATHER_2, SURE_OF_2, RATHER_2, NOWHERE, RATHER_2)
     assert told(publish, *beliefs) == clusters
 
 
-def test_a_place_that_ends_is_followed_into_the_one_it_has_come_to() -> None:
+def test_a_held_place_that_is_merged_is_followed() -> None:
     merged = belief(2, (2, 0.6, B), (3, 0.4, C))
     assert told("held", SURE_OF_1, merged) == [1, 3]
 
 
-def test_where_nothing_is_near_a_place_that_has_ended_the_best_one_is_held() -> None:
+def test_without_a_place_near_the_ended_one_the_most_probable_is_held() -> None:
     ended = belief(2, (2, 0.6, B), (3, 0.4, B))
     assert told("held", SURE_OF_1, ended) == [1, 2]
 
 
-def test_the_covariance_tells_of_the_other_places_until_the_robot_is_localized() -> None:
+def test_the_covariance_includes_the_other_places_until_the_robot_is_localized() -> None:
     choice = PoseChoice("held")
     sure = choice.choose(SURE_OF_1, None)
     held = choice.choose(RATHER_2, A)
@@ -56,7 +56,7 @@ def test_the_covariance_tells_of_the_other_places_until_the_robot_is_localized()
     assert held.covariance[0] == pytest.approx(0.04 + 0.6 * 64.0)
 
 
-def test_the_covariance_of_several_places_is_that_of_draws_from_them() -> None:
+def test_the_covariance_of_several_places_agrees_with_samples_from_them() -> None:
     rng = np.random.default_rng(1)
     near = belief(1, (1, 0.7, (1.0, 2.0, 0.1)), (2, 0.3, (2.0, 1.0, -0.2)))
     weights = [one.probability for one in near.hypotheses]

@@ -53,7 +53,7 @@ def test_the_hash_of_a_description_is_that_of_the_type(ros_type: str) -> None:
     assert f"RIHS01_{digest}" == type_hash(ros_type, humble=False)
 
 
-def test_the_text_of_each_type_is_there_if_asked_for() -> None:
+def test_the_definition_of_each_type_is_included_on_request() -> None:
     sources = {one.type_name: one for one in described(types.TF_MESSAGE).type_sources}
     assert "geometry_msgs/msg/Quaternion" in sources
     assert sources[types.TF_MESSAGE].raw_file_contents == (
@@ -65,11 +65,11 @@ def test_the_text_of_each_type_is_there_if_asked_for() -> None:
 @pytest.mark.parametrize(
     ("ros_type", "hashed", "reason"),
     [
-        ("invented/msg/Thing", "RIHS01_0", "no type of a message of this node"),
+        ("invented/msg/Thing", "RIHS01_0", "this node has no message of that type"),
         (types.STRING, "RIHS01_0", "the type's hash here is RIHS01_"),
     ],
 )
-def test_what_is_not_known_is_refused_with_the_reason(
+def test_an_unknown_type_is_refused_with_the_reason(
     ros_type: str, hashed: str, reason: str
 ) -> None:
     answer = described(ros_type, hashed)

@@ -1,4 +1,4 @@
-"""Keys, tokens and attachments, held against what a real robot put on the wire."""
+"""Keys, tokens and attachments, compared with those of a recorded robot."""
 
 import json
 from pathlib import Path
@@ -113,7 +113,7 @@ def test_the_recorded_scan_is_read() -> None:
     assert scan.ranges[0] == 2.0
 
 
-def test_humble_has_a_word_in_place_of_each_hash() -> None:
+def test_humble_has_a_constant_in_place_of_each_hash() -> None:
     for number, recorded in zip(ENDPOINTS, GOLDEN["tokens"][1:], strict=True):
         chunks = recorded.split("/")
         assert chunks[11].startswith("RIHS01_")
@@ -122,7 +122,7 @@ def test_humble_has_a_word_in_place_of_each_hash() -> None:
         assert hash_in_token("/".join(chunks)) == HUMBLE_HASH
 
 
-def test_the_hash_in_a_token_is_found_whatever_newer_releases_write_behind() -> None:
+def test_the_hash_in_a_token_is_found_if_newer_releases_append_parts() -> None:
     assert hash_in_token(GOLDEN["tokens"][1]) == type_hash(types.OCCUPANCY_GRID, humble=False)
     assert hash_in_token(GOLDEN["tokens"][1] + "/more/still") == hash_in_token(GOLDEN["tokens"][1])
     assert hash_in_token(GOLDEN["tokens"][0]) is None
