@@ -1,1 +1,1 @@
-"""The soak test: real processes, a simulated robot, faults on purpose, and promises to keep."""
+"""The soak test: real processes, a simulated robot, injected faults, and promises to check."""

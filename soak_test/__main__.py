@@ -25,7 +25,9 @@ def soak(
     workers: Annotated[
         int, typer.Option(min=1, help="Worker processes: for 8 clusters, and 2 spare.")
     ] = 10,
-    coordinators: Annotated[int, typer.Option(min=1, help="One leads, the others stand by.")] = 1,
+    coordinators: Annotated[
+        int, typer.Option(min=1, help="One leads, the others are standbys.")
+    ] = 1,
     rate_hz: Annotated[float, typer.Option(min=0.1, help="Scans a second; each is a step.")] = 10.0,
     chaos: Annotated[bool, typer.Option("--chaos", help="Inject faults.")] = False,
     fault_every_s: Annotated[
@@ -37,7 +39,7 @@ def soak(
     world: Annotated[
         str, typer.Option(metavar="NAME", help="Simulated world; eight_rooms are all alike.")
     ] = "eight_rooms",
-    seed: Annotated[int | None, typer.Option(min=0, help="Of robot and faults.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of robot and faults.")] = None,
     output: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write all figures there, as JSON.")
     ] = None,
@@ -54,7 +56,7 @@ def soak(
 ) -> None:
     """Run the real processes on a simulated robot, inject faults, and check six promises.
 
-    Exit code 1 if a promise was broken, 130 after Ctrl-C, with the results so far.
+    Exit code 1 if a promise was broken; 130 after Ctrl-C, which prints the present results.
     """
     if output is not None:
         check_output_file(output)
@@ -90,7 +92,7 @@ def soak(
 
 
 def main() -> None:
-    """Run the command; an error that a person can mend is one line and exit code 2."""
+    """Run the command; a `ClusterMclError` is printed as one line, with exit code 2."""
     try:
         typer.run(soak)
     except StoppedError:

@@ -1,8 +1,8 @@
-"""A relay between processes and their router: cables that can be cut, also in one direction.
+"""A relay between processes and their router that cuts links, in both directions or in one.
 
-``python -I -m soak_test.cables --listen SOCKET --router SOCKET --control SOCKET``. What comes to
-a cut is held back, as TCP sends it again and again: nobody is told, also not of a link's end, and
-when the cable is whole, all goes on where it was. Who calls over a cut cable is not heard.
+``python -I -m soak_test.cables --listen SOCKET --router SOCKET --control SOCKET``. A cut link holds
+data back, as TCP does while it retransmits: neither side learns of the cut or of a closed
+connection, and a mended link delivers everything. A new connection over a cut link has to wait.
 """
 
 import argparse
@@ -24,7 +24,7 @@ _PEER_CREDENTIALS = struct.Struct("3i")
 
 
 class Cables(msgspec.Struct, frozen=True, kw_only=True):
-    """What the cables of some processes shall let through. To the control socket, as JSON."""
+    """Which directions are open for some processes; sent to the control socket as JSON."""
 
     pids: tuple[int, ...]
     to_router: bool
@@ -32,13 +32,13 @@ class Cables(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def set_cables(control: Path, pids: Iterable[int], *, to_router: bool, from_router: bool) -> None:
-    """Cut the cables of these processes, or mend them.
+    """Cut or mend the links of these processes.
 
     Args:
-        control: the relay's socket.
-        pids: of the processes; also links that they open later are meant.
-        to_router: whether what they send gets through.
-        from_router: whether what they are sent does.
+        control: the relay's control socket.
+        pids: process ids; links that these processes open later are included.
+        to_router: whether data to the router passes.
+        from_router: whether data from the router passes.
     """
     cables = Cables(pids=tuple(pids), to_router=to_router, from_router=from_router)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -46,25 +46,26 @@ def set_cables(control: Path, pids: Iterable[int], *, to_router: bool, from_rout
 
 
 def main() -> None:
-    """Run the relay."""
-    process_main("cables", _run, describe="Cables to be cut.", add_arguments=_add_arguments)
+    process_main(
+        "cables", _run, describe="Relay whose links can be cut.", add_arguments=_add_arguments
+    )
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--listen", type=Path, required=True, help="where processes connect")
-    parser.add_argument("--router", type=Path, required=True, help="where the router listens")
-    parser.add_argument("--control", type=Path, required=True, help="where it is told what to cut")
+    parser.add_argument("--listen", type=Path, required=True, help="socket for processes")
+    parser.add_argument("--router", type=Path, required=True, help="socket of the router")
+    parser.add_argument("--control", type=Path, required=True, help="socket for commands")
 
 
 def _run(invocation: Invocation) -> None:
     given = invocation.arguments
     relay = Relay(given.listen, given.router, given.control)
     while not invocation.stop.is_set():
-        relay.be_told(_LOOK_EVERY_S)
+        relay.receive_command(_LOOK_EVERY_S)
 
 
 class _Cable:
-    """Of one process; an event that is set lets through."""
+    """The links of one process; a set event means that the direction is open."""
 
     def __init__(self) -> None:
         self.to_router, self.from_router = Event(), Event()
@@ -76,12 +77,12 @@ class _Cable:
 
 
 class Relay:
-    """All cables, by the process at their end; two threads a link, that wait nearly always.
+    """All links by process id, with two threads per link.
 
     Args:
-        listen: where processes connect from now on.
-        router: where the router listens.
-        control: where it is told what to cut.
+        listen: socket for processes.
+        router: socket of the router.
+        control: socket for commands.
     """
 
     def __init__(self, listen: Path, router: Path, control: Path) -> None:
@@ -95,8 +96,8 @@ class Relay:
         self._closed = False
         _begin(self._accept)
 
-    def be_told(self, wait_s: float) -> None:
-        """Wait so long for somebody to say what is to be cut or mended."""
+    def receive_command(self, wait_s: float) -> None:
+        """Wait at most `wait_s` [s] for a command and execute it."""
         self._control.settimeout(wait_s)
         with suppress(TimeoutError):
             cables = msgspec.json.decode(self._control.recv(_PIECE_BYTES), type=Cables)
@@ -104,7 +105,7 @@ class Relay:
                 self._cables[pid].set(to_router=cables.to_router, from_router=cables.from_router)
 
     def close(self) -> None:
-        """Let nobody connect any more."""
+        """Accept no more connections."""
         self._closed = True
         self._server.shutdown(socket.SHUT_RDWR)
         self._control.close()
@@ -121,7 +122,7 @@ class Relay:
                 _begin(self._join, link)
 
     def _join(self, link: socket.socket) -> None:
-        """Carry what a process and the router say to each other, until both have closed."""
+        """Relay both directions until both sides have closed."""
         cable = self._cables[_pid_of(link)]
         cable.to_router.wait()
         with link, socket.socket(socket.AF_UNIX) as router, suppress(OSError):
@@ -132,7 +133,7 @@ class Relay:
 
 
 def _begin(work: Callable[..., None], *arguments: object) -> Thread:
-    """A thread that does not keep the process from its end."""
+    """Start a daemon thread."""
     thread = Thread(target=work, args=arguments, daemon=True)
     thread.start()
     return thread
@@ -149,7 +150,7 @@ def _carry(source: socket.socket, target: socket.socket, whole: Event) -> None:
 
 
 def _pid_of(link: socket.socket) -> int:
-    """The process at the other end of a Unix socket."""
+    """Return the process id of the peer of a Unix socket."""
     credentials = link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER_CREDENTIALS.size)
     pid: int = _PEER_CREDENTIALS.unpack(credentials)[0]
     return pid

@@ -1,4 +1,4 @@
-"""Promise: a clean end: no process ends by itself, and nothing is left when all have stopped."""
+"""Promise: a clean end. No process exits by itself, and none leaves files or processes."""
 
 import os
 import re
@@ -23,9 +23,9 @@ _KILLS = {
 
 @contextmanager
 def temporary_files_in(folder: Path) -> Iterator[Path]:
-    """Make all processes started meanwhile put their temporary files into a folder.
+    """Set the folder for temporary files of all processes started within this context.
 
-    So what they leave behind is seen, and not mixed up with other programs' files.
+    Files left there come from these processes alone.
     """
     left, before = folder / "left", os.environ.get("TMPDIR")
     left.mkdir()
@@ -40,12 +40,12 @@ def temporary_files_in(folder: Path) -> Iterator[Path]:
 
 
 def processes_left(known: Iterable[psutil.Process], folder: Path, wait_s: float = 2.0) -> list[str]:
-    """Processes that still run, or have ended and were not reaped.
+    """Return the ids of processes that still run, or have ended but were not reaped.
 
     Args:
-        known: all that were ever seen.
-        folder: theirs; a process that was never seen has it on its command line.
-        wait_s: how long they may take to end.
+        known: all processes observed.
+        folder: their folder; it identifies processes never observed, by their command line.
+        wait_s: time allowed for ending [s].
     """
     deadline_s = time.monotonic() + wait_s
     while True:
@@ -68,15 +68,15 @@ def clean_end_verdict(
     files: Path,
     stop_s: float,
 ) -> Verdict:
-    """On processes that ended though nothing killed them, and on what is left at the end.
+    """Return the verdict on unexplained exits and on leftovers.
 
     Args:
-        exits: all processes that ended before the stop [time ns, exit].
-        faults: that were injected.
-        logs: of the processes.
-        processes: that are left; see `processes_left`.
+        exits: all exits before the stop [time ns, exit].
+        faults: the injected faults.
+        logs: log files of the processes.
+        processes: result of `processes_left`.
         files: folder of the processes' temporary files.
-        stop_s: how long all took to end.
+        stop_s: duration of the stop [s].
     """
     left = sorted(str(path.relative_to(files)) for path in files.rglob("*") if path.is_file())
     breaks = [

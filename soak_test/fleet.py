@@ -20,13 +20,13 @@ from zenoh_link.configuration import as_json5, router_configuration
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
 CABLES = "cables"
 WORKER = "worker"
-"""One of the processes that the workers' process has forked."""
+"""A process forked by the workers' parent."""
 _SOCKET = "unixsock-stream/"
 
 
 @dataclass(frozen=True)
 class Part:
-    """A process that runs."""
+    """A running process."""
 
     robot: str
     """Empty for the router."""
@@ -37,20 +37,20 @@ class Part:
 
     @property
     def own_name(self) -> str:
-        """Within its robot: ``worker-3``."""
+        """Name without the robot: ``worker-3``."""
         return self.name.rpartition("/")[2]
 
 
 class Fleet:
-    """Starts the processes, restarts those that die, ends them.
+    """Starts the processes, restarts dead ones, ends them.
 
     Args:
-        settings: of each robot; the first one's say where the router listens.
-        folder: for settings, maps, logs, and whatever the processes leave behind.
+        settings: settings of each robot; the first one's have the router's endpoint.
+        folder: for settings, maps, logs and leftovers.
         world: the simulated robots' world.
         rate_hz: scans a second of each robot.
-        coordinators: of each robot; one acts, the others stand by.
-        cables: workers and coordinators reach the router over cables that can be cut.
+        coordinators: coordinators of each robot; one leads, the others are standbys.
+        cables: whether workers and coordinators reach the router through the relay.
     """
 
     def __init__(
@@ -93,16 +93,15 @@ class Fleet:
         self._supervisor = Supervisor(children)
 
     def start(self) -> None:
-        """Start all."""
         self._supervisor.start()
 
     def poll(self) -> None:
-        """Restart whose time has come; `exits` has all that ended so far, with the time."""
+        """Restart processes that are due, and add new exits to `exits`."""
         for ended in self._supervisor.poll(time.monotonic()):
             self.exits.append((time.time_ns(), ended))
 
     def parts(self) -> list[Part]:
-        """All processes under test that run now, the forked workers among them."""
+        """Return all running processes under test, including forked workers."""
         names = {pid: name for name, pid in self._supervisor.pids().items() if name != CABLES}
         found = []
         for process in self.processes():
@@ -114,25 +113,23 @@ class Fleet:
         return found
 
     def processes(self) -> list[psutil.Process]:
-        """All descendants, also those that have just been forked, or are dead and not reaped."""
+        """Return all descendants, including new forks and zombies."""
         return psutil.Process().children(recursive=True)
 
     def set_cables(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
-        """Cut or mend the cables of these processes."""
         set_cables(self._control, pids, to_router=to_router, from_router=from_router)
 
     def stop(self) -> float:
-        """End all; returns how long it took [s]."""
+        """End all processes; return how long that took [s]."""
         begin_s = time.monotonic()
         self._supervisor.stop()
         return time.monotonic() - begin_s
 
     def log_files(self) -> list[Path]:
-        """What the processes have written."""
         return sorted(self._folder.glob("*.log"))
 
     def _router(self, settings: Settings) -> ChildSpec:
-        """The router; it also tells which keys it knows, if asked."""
+        """Return the router, with its admin space readable so that its keys can be counted."""
         configuration = router_configuration(settings.zenoh)
         configuration["adminspace"] = {
             "enabled": True, "permissions": {"read": True, "write": False},
@@ -143,7 +140,6 @@ class Fleet:
         return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
 
     def _cables(self, router: str) -> ChildSpec:
-        """The relay; it can be told what to cut."""
         command = python_module(
             "soak_test.cables",
             *("--listen", str(self._folder / f"{CABLES}.sock")),
@@ -166,10 +162,10 @@ class Fleet:
 
 
 def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
-    """Of a forked worker, called ``worker-3``; None for others, and for one that is just ending."""
+    """Return a forked worker's name, such as ``worker-3``; None for other or ending processes."""
     try:
         parent = names.get(process.ppid(), "")
-        # `Process.name` would lengthen it by the command line, which all workers share.
+        # `Process.name` would extend it by the command line, which all workers share.
         own = (Path("/proc") / str(process.pid) / "comm").read_text("utf-8").strip()
     except (psutil.NoSuchProcess, OSError):
         return None
@@ -178,7 +174,7 @@ def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
 
 
 def robots_settings(settings: Settings, robots: int) -> list[Settings]:
-    """Settings for each robot: a name and a seed of its own."""
+    """Return the settings of each robot, with its own name and seed."""
     if robots == 1:
         return [settings]
     name = settings.robot.name

@@ -1,4 +1,4 @@
-"""Injects the faults: signals to processes, cut links, malformed messages. Each ends in time."""
+"""Injects faults: signals to processes, cut links, malformed messages."""
 
 import signal
 from collections.abc import Callable, Mapping, Sequence
@@ -16,9 +16,9 @@ from soak_test.promise import DoneFault
 from soak_test.schedule import Fault, Kind
 
 TRY_FOR_S = 10.0
-"""A fault whose victim is just being restarted is put off for at most this time."""
+"""A fault whose victim is restarting is delayed for at most this time [s]."""
 _SLICE_S = 0.1
-"""Of a slow network: the router stands still and runs in turns of this length."""
+"""Slow network: the router is stopped and continued in turns of this length [s]."""
 
 _KILLED = {
     Kind.WORKER_KILLED: WORKER,
@@ -40,19 +40,19 @@ _DIRECTIONS = {
     "to the router": {"to_router": False, "from_router": True},
     "from the router": {"to_router": True, "from_router": False},
 }
-"""What a cut link still lets through."""
+"""Directions that stay open in each kind of cut."""
 
 
 class SetCables(Protocol):
     """Configures the relay between processes and router."""
 
     def __call__(self, pids: Sequence[int], *, to_router: bool, from_router: bool) -> None:
-        """What the links of these processes let through."""
+        """Cut or mend the links of these processes."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """What the injector knows of the robot's processes, and how it reaches them."""
+    """The injector's access to the robot's processes."""
 
     parts: Callable[[], list[Part]]
     trackers: Callable[[int], list[str]]
@@ -67,11 +67,11 @@ class Targets:
 
 
 class Injector:
-    """Told the time, does what is due.
+    """Injects each fault when it is due and ends it in time.
 
     Args:
         faults: in the order of time.
-        start_ns: their times count from here.
+        start_ns: origin of their times.
         targets: the processes.
         seed: of the malformed messages.
     """
@@ -86,7 +86,7 @@ class Injector:
         self.skipped: list[Fault] = []
 
     def tick(self, now_ns: int) -> list[DoneFault]:
-        """Do what is due; returns the faults that were begun."""
+        """Inject and end the faults that are due; return those that began."""
         for due in [item for item in self._later if item[0] <= now_ns]:
             self._later.remove(due)
             due[1]()
@@ -115,7 +115,7 @@ class Injector:
         return self._start_ns + int(fault.at_s * 1e9)
 
     def _begin(self, fault: Fault, now_ns: int) -> list[DoneFault]:
-        """What was done; nothing where no victim is there now."""
+        """Inject a fault; return nothing if there is no victim now."""
         if fault.kind is Kind.WORKER_AND_COORDINATOR_KILLED:
             together = (Kind.COORDINATOR_KILLED, Kind.WORKER_KILLED)
             return self._kill([replace(fault, kind=kind) for kind in together], now_ns)
@@ -132,7 +132,7 @@ class Injector:
         return [DoneFault(fault.kind, now_ns, now_ns, sent)] if sent else []
 
     def _kill(self, faults: Sequence[Fault], now_ns: int) -> list[DoneFault]:
-        """All of them, where each has a victim; reported one by one."""
+        """Kill a victim of each fault, or none if one has no victim."""
         victims = [self._victim(_KILLED[fault.kind], fault, now_ns) for fault in faults]
         if None in victims:
             return []
@@ -149,7 +149,7 @@ class Injector:
         half = int(fault.choice * 6) % 2
         victims = candidates[half::2] if role == WORKER else candidates
         if not victims or not self._cut_off.isdisjoint(one.process.pid for one in candidates):
-            return []  # two cuts together could leave no worker
+            return []  # two simultaneous cuts could leave no worker
         pids = [victim.process.pid for victim in victims]
         how = list(_DIRECTIONS)[int(fault.choice * len(_DIRECTIONS))]
         self._targets.set_cables(pids, **_DIRECTIONS[how])
@@ -164,7 +164,7 @@ class Injector:
         self._cut_off -= set(pids)
 
     def _candidates(self, role: str) -> list[Part]:
-        """Processes of a role; of coordinators the leader."""
+        """Return the processes of a role; of the coordinators only the leader."""
         found = [part for part in self._targets.parts() if part.role == role]
         if role == COORDINATOR:
             found = [part for part in found if part.own_name == self._targets.leader()]
@@ -193,7 +193,7 @@ class Injector:
         return True
 
     def _signal(self, process: psutil.Process, number: signal.Signals) -> bool:
-        """Whether the process was there to receive it."""
+        """Send a signal; return whether the process exists."""
         (self._stopped.add if number is signal.SIGSTOP else self._stopped.discard)(process)
         try:
             process.send_signal(number)
@@ -203,7 +203,7 @@ class Injector:
         return True
 
     def _send(self, kind: Kind) -> str:
-        """What was sent; nothing where no message was seen yet that could be spoiled."""
+        """Send wrong messages; return a summary, empty if no message was seen to be modified."""
         targets = self._targets
         if kind is Kind.ROBOT_KIDNAPPED:
             targets.publish(KIDNAP_KEY, b"")

@@ -1,4 +1,4 @@
-"""Promise: nothing leaks: no process's memory or open files grow, nor the router's keys."""
+"""Promise: nothing leaks. Memory, open files and the router's keys do not grow."""
 
 import time
 from collections.abc import Callable, Iterable
@@ -14,19 +14,19 @@ from soak_test.promise import Verdict
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 WARM_UP_S = 180.0
-"""Of each process: caches fill and histories grow to their bound. A worker's memory rises by some
-3 MB in its first 100 to 160 s at 10 Hz, and then stays."""
+"""Time of a process in which caches and histories grow to their bounds. A worker's memory grows
+by 3 MB in its first 100 to 160 s at 10 Hz, then stays constant."""
 LEAST_SPAN_S = 600.0
-"""Of one process after its warm-up; what grows over a shorter time need not grow without bound."""
+"""Shortest observation of a process after its warm-up; growth over less may be bounded."""
 APART_S = 60.0
-"""Between two samples that count: those of one minute are correlated."""
+"""Interval of samples [s]: samples within a minute are correlated."""
 MEMORY_MB_PER_H, FILES_PER_H = 1.0, 5.0
 _COUNTED = ("/subscriber/", "/queryable/", "/token/", "/publisher/")
 
 
 @dataclass
 class _Life:
-    """One process while it has one role: standing by is another role than leading."""
+    """One process in one role: standby and leader are separate roles."""
 
     begun_s: float
     times_s: list[float] = field(default_factory=list)
@@ -42,7 +42,7 @@ class NothingLeaks:
         self._router_keys: list[int] = []
 
     def sample(self, processes: Iterable[tuple[str, psutil.Process, bool]]) -> None:
-        """Look at each process; one that ends meanwhile is left out.
+        """Sample each process, except those that are ending.
 
         Args:
             processes: (name, process, whether it is the leading coordinator).
@@ -51,8 +51,8 @@ class NothingLeaks:
             try:
                 with process.oneshot():
                     begun_s = process.create_time()
-                    # USS, what this process alone has: shares of forked memory (PSS) change
-                    # with every sibling that ends.
+                    # USS, the memory of this process alone: its share of forked memory (PSS)
+                    # changes with every sibling that ends.
                     memory_mb = process.memory_full_info().uss / 1e6
                     files = process.num_fds()
             except (psutil.NoSuchProcess, psutil.AccessDenied):
@@ -68,14 +68,14 @@ class NothingLeaks:
                 life.files.append(float(files))
 
     def count_router_keys(self, session: zenoh.Session, timeout_s: float = 1.0) -> None:
-        """Count the router's own keys; a router that does not answer is not counted."""
+        """Count the router's own keys, if it answers."""
         replies = session.get("@/*/router/**", timeout=timeout_s)
         found = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
         if counted := sum(any(word in key for word in _COUNTED) for key in found):
             self._router_keys.append(counted)
 
     def verdict(self) -> Verdict:
-        """Broken only where the 95 % interval of a slope lies above its target."""
+        """Return the verdict: broken only if the 95 % interval of a slope lies above the target."""
         memory = self._slopes(lambda life: life.memory_mb)
         files = self._slopes(lambda life: life.files)
         keys = self._router_keys or [0]
@@ -98,7 +98,7 @@ class NothingLeaks:
         )
 
     def _slopes(self, values: Callable[[_Life], list[float]]) -> dict[str, tuple[float, ...]]:
-        """Slope per hour with its 95 % interval, of each process that ran long enough.
+        """Return the slope per hour with its 95 % interval, for processes observed long enough.
 
         References:
             Sen (1968), Estimates of the regression coefficient based on Kendall's tau.
@@ -115,7 +115,7 @@ class NothingLeaks:
 
 
 def open_without_namespace(settings: Settings) -> zenoh.Session:
-    """A session that can query the router's own keys.
+    """Open a session that can query the router's own keys.
 
     Raises:
         zenoh.ZError: there is no router.

@@ -1,4 +1,4 @@
-"""Subscribes to everything of one robot, asks for its pose, and stamps what arrives."""
+"""Subscribes to all messages of one robot, queries its pose, and stamps messages on arrival."""
 
 import logging
 import time
@@ -47,12 +47,12 @@ Arrived = Received | Question
 
 
 class Listener:
-    """Everything that one robot's processes publish, in the order of arrival; nothing waits.
+    """Collects messages of one robot in the order of arrival, without blocking.
 
-    Where the link returns without delivering anything, another session replaces it.
+    A stale session is replaced by a new one.
 
     Args:
-        open_session: of the robot.
+        open_session: opens a session of the robot.
 
     Raises:
         UnreachableError: there is no router.
@@ -64,7 +64,6 @@ class Listener:
         self._subscribe(_CONNECT_WITHIN_S)
 
     def close(self) -> None:
-        """End the session."""
         self._opened.close()
 
     def _subscribe(self, within_s: float) -> None:
@@ -78,7 +77,7 @@ class Listener:
             self._session, self._opened = session, opening.pop_all()
 
     def arrived(self) -> list[Arrived]:
-        """What has arrived since the last call."""
+        """Return the messages that arrived since the last call."""
         arrived = [self._arrived.popleft() for _ in range(len(self._arrived))]
         self._replace_stale_session(arrived, time.monotonic_ns())
         return arrived
@@ -93,13 +92,13 @@ class Listener:
             stale = self._opened
             try:
                 self._subscribe(_AGAIN_WITHIN_S)
-            except UnreachableError:  # the router is away: tried again at the next call
+            except UnreachableError:  # no router now: the next call retries
                 return
             _log.warning(STALE)
             stale.close()
 
     def ask_pose(self) -> None:
-        """Query the pose without waiting; a `Question` arrives later, answered or not."""
+        """Query the pose without blocking; a `Question` arrives later, answered or not."""
         asked_ns = time.time_ns()
         answers: list[PoseAnswer] = []
 
@@ -124,7 +123,6 @@ class Listener:
         )
 
     def publish(self, key: str, payload: bytes) -> None:
-        """Publish any bytes."""
         self._session.put(key, payload)
 
     def query(self, selector: str, payload: bytes) -> None:

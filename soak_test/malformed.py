@@ -1,4 +1,4 @@
-"""Messages that no honest process publishes: malformed ones, and well-formed but wrong ones."""
+"""Malformed messages, and well-formed messages with impossible content."""
 
 import math
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from protocol.steps import LaserReading, OdometryReading
 
 _DEEP = 5000
 _HUGE_BIN = b"\xc6\xff\xff\xff\xff"
-"""MessagePack: four gigabytes follow. They do not."""
+"""MessagePack: announces four gigabytes that do not follow."""
 _FUTURE_NS = 3_600_000_000_000
 
 Sent = tuple[str, bytes]
@@ -33,11 +33,11 @@ ASKED = (
 
 
 def malformed(rng: np.random.Generator, seen: Mapping[str, bytes]) -> list[Sent]:
-    """Malformed messages for each key that is published on or queried.
+    """Return malformed messages for each key that is published or queried.
 
     Args:
-        rng: chooses.
-        seen: a good message of some keys, of which malformed ones are made.
+        rng: chooses the defects.
+        seen: valid messages by key, which are modified.
     """
     sent = []
     for key in (*PUBLISHED, *ASKED):
@@ -65,10 +65,10 @@ def _spoiled(rng: np.random.Generator, good: bytes) -> list[bytes]:
 
 
 def wrong_readings(seen: Mapping[str, bytes]) -> list[Sent]:
-    """Readings that decode but cannot be: not finite, absurd, from the future, out of order.
+    """Return impossible readings: not finite, absurd, from the future, out of order.
 
     Args:
-        seen: the newest good messages; without them nothing is sent.
+        seen: the newest valid messages by key; if one is missing the result is empty.
     """
     if not {keys.LASER_READING, keys.ODOMETRY_READING, keys.SCAN} <= set(seen):
         return []

@@ -1,4 +1,4 @@
-"""Tells each promise what concerns it of everything that a robot's processes publish."""
+"""Passes the messages of a robot's processes to the promises."""
 
 from collections.abc import Sequence
 
@@ -39,11 +39,11 @@ def _only_itself(map_from_robot: PoseTuple) -> Sequence[PoseTuple]:
 
 
 class Observer:
-    """One robot's promises.
+    """The promises of one robot.
 
     Args:
-        settings: of the robot.
-        world: its name; in the eight rooms a place in each of them has to be held.
+        settings: settings of the robot.
+        world: name of its world; in `eight_rooms` each room must keep a place.
     """
 
     def __init__(self, settings: Settings, world: str) -> None:
@@ -73,18 +73,18 @@ class Observer:
 
     @property
     def summary(self) -> str:
-        """The state of affairs in a few words."""
+        """One line on the present state."""
         if self._belief is None:
             return "no belief"
         return f"step {self._belief.step}, {len(self._belief.hypotheses)} places"
 
     def trackers(self, now_ns: int) -> list[str]:
-        """Names of the workers that track a cluster now."""
+        """Return the names of the workers that track a cluster now."""
         recent = now_ns - _REPORTED_LATELY_NS
         return sorted({worker for worker, at_ns in self._reporters.values() if at_ns >= recent})
 
     def on_arrived(self, arrived: Arrived) -> None:
-        """A message arrived, or a question for the pose was closed."""
+        """Take a message, or the outcome of a pose query."""
         match arrived:
             case Question() if self.is_judging:
                 self._answered.on_question(arrived)
@@ -95,7 +95,6 @@ class Observer:
                 self._on_report(arrived)
 
     def verdicts(self, now_ns: int) -> list[Verdict]:
-        """On the promises about what the processes publish and answer."""
         return [
             self._answered.verdict(),
             self._age.verdict(),
@@ -123,7 +122,7 @@ class Observer:
                     self._steps.on_belief(received.at_ns, message)
 
     def _on_report(self, received: Received) -> None:
-        """Reports are too many to be decoded as a whole: only their job is read."""
+        """Read only the job of a report: decoding all reports completely takes too long."""
         try:
             report, key = msgpack.unpackb(received.payload), keys.parsed(received.key)
             job_id = str(report["job_id"])

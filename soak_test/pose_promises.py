@@ -1,4 +1,4 @@
-"""Promises about the pose that a client asks for: it is answered, and its age is true."""
+"""Promises about pose queries: they are answered, and the age in the answer is true."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from soak_test.promise import KEPT_BREAKS, NO_COORDINATOR, NO_NETWORK, Break, Ou
 
 ANSWERED_SHARE = 0.999
 ALLOWANCE_S = 0.25
-"""What a loaded machine may need between the robot's clock and the coordinator's."""
+"""Delay allowed on a loaded machine between the robot's stamp and the coordinator's clock."""
 
 
 @dataclass(frozen=True)
@@ -16,15 +16,15 @@ class Question:
 
     asked_ns: int
     closed_ns: int
-    """When the answer arrived, or the query timed out."""
+    """Time of the answer or of the time-out."""
     answer: PoseAnswer | None
 
 
 class Answered:
-    """Promise: the pose is answered, also again soon after a fault.
+    """Promise: pose queries are answered, except during outages.
 
     Args:
-        outages: known only after a question was closed, so the verdict asks them.
+        outages: evaluated by the verdict, because a fault is recorded after the query.
     """
 
     def __init__(self, outages: Outages) -> None:
@@ -35,7 +35,6 @@ class Answered:
         self._longest_s = 0.0
 
     def on_question(self, question: Question) -> None:
-        """A question was closed."""
         self._asked += 1
         if question.answer is None:
             self._unanswered.append(question)
@@ -45,7 +44,7 @@ class Answered:
         self._last_answer_ns = question.closed_ns
 
     def verdict(self) -> Verdict:
-        """The share that was answered, faults of coordinator and network aside."""
+        """Return the verdict on the share answered outside outages of coordinator and network."""
         kinds = NO_COORDINATOR | NO_NETWORK
         broken = [
             question
@@ -77,8 +76,8 @@ class Answered:
 class AgeTrue:
     """Promise: an answer's age is true, and `fresh` means younger than `stale_after_s`.
 
-    Robot and coordinator share one clock here. An answer was made between question and arrival,
-    so its data was between `asked - stamp` and `closed - stamp` old.
+    Robot and coordinator share one clock here. An answer is made between query and arrival, so
+    its data is between `asked - stamp` and `closed - stamp` old.
     """
 
     def __init__(self, stale_after_s: float) -> None:
@@ -88,7 +87,6 @@ class AgeTrue:
         self._breaks: list[Break] = []
 
     def on_question(self, question: Question) -> None:
-        """A question was closed."""
         answer = question.answer
         if answer is None or answer.freshness == "none":
             return
@@ -105,7 +103,6 @@ class AgeTrue:
             self._breaks.append(Break(question.asked_ns, what))
 
     def verdict(self) -> Verdict:
-        """Over all answers."""
         return Verdict(
             promise="the pose's age is true",
             target=f"within {ALLOWANCE_S:g} s",

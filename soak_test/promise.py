@@ -1,4 +1,4 @@
-"""What a promise came to, and which faults excuse that it was not kept for a while."""
+"""Verdicts on promises, and the outages that excuse a broken promise."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, field
@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from soak_test.schedule import Kind
 
 KEPT_BREAKS = 200
-"""Recorded for each promise."""
+"""Breaks recorded for each promise."""
 BACK_WITHIN_S = 6.0
-"""After a fault the system is whole again within this time: a process starts in 1 to 2 s, a link
-that was cut is opened again within 1 s, and a coordinator listens before it acts."""
+"""Recovery time after a fault: a process starts in 1 to 2 s, a link reconnects within 1 s, and a
+new coordinator listens before it leads."""
 NO_COORDINATOR = frozenset({
     Kind.COORDINATOR_KILLED, Kind.COORDINATOR_FROZEN, Kind.COORDINATOR_LINK_CUT,
 })  # fmt: skip
@@ -19,43 +19,43 @@ NO_WORKERS = frozenset({Kind.ALL_WORKERS_KILLED})
 
 @dataclass(frozen=True)
 class Break:
-    """One time that a promise was not kept."""
+    """One violation of a promise."""
 
     at_ns: int
-    """0: it has no time."""
+    """0: no particular time."""
     what: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """On one promise."""
+    """The result for one promise."""
 
     promise: str
     target: str
     measured: str
     kept: bool | None
-    """None: too little was seen to decide."""
+    """None: not enough data."""
     breaks: tuple[Break, ...] = ()
     figures: dict[str, float] = field(default_factory=dict)
-    """The numbers behind `measured`, for programs."""
+    """The numbers in `measured`, for programs."""
 
 
 @dataclass(frozen=True)
 class DoneFault:
-    """A fault that was injected."""
+    """An injected fault."""
 
     kind: Kind
     at_ns: int
     until_ns: int
     """Equal to `at_ns` for an instantaneous fault."""
     target: str
-    """Names of the processes that it hit, with spaces between."""
+    """Names of the affected processes, separated by spaces."""
     how: str = ""
-    """Details for people."""
+    """Details in words."""
 
 
 class Outages:
-    """The faults so far, and what they excuse."""
+    """The injected faults and the violations that they excuse."""
 
     def __init__(self) -> None:
         self.faults: list[DoneFault] = []

@@ -1,4 +1,4 @@
-"""What a soak came to: progress on the terminal, a table, and JSON."""
+"""Output of a soak: progress on the terminal, a table, and JSON."""
 
 import json
 from collections.abc import Sequence
@@ -18,34 +18,34 @@ _LINE_EVERY_S = 30.0
 
 @dataclass(frozen=True)
 class SoakResult:
-    """Everything that was measured."""
+    """Everything measured in a soak."""
 
     options: dict[str, object]
     start_ns: int
-    """When the first search was over."""
+    """End of the first search."""
     end_ns: int
     faults: Sequence[DoneFault]
     verdicts: Sequence[Verdict]
 
     @property
     def is_broken(self) -> bool:
-        """Whether a promise was not kept."""
+        """Whether a promise was broken."""
         return any(verdict.kept is False for verdict in self.verdicts)
 
     def cause(self, broken: Break) -> DoneFault | None:
-        """The newest fault before a promise was broken, unless it was long ago."""
+        """Return the newest fault shortly before a violation; None if there is none."""
         before = [fault for fault in self.faults if fault.at_ns <= broken.at_ns + 1_000_000_000]
         newest = max(before, key=lambda fault: fault.at_ns, default=None)
         is_recent = newest is not None and broken.at_ns - newest.until_ns < _BLAMED_NS
         return newest if is_recent else None
 
     def at_s(self, at_ns: int) -> float:
-        """Time since the start [s]."""
+        """Return the time since the start [s]."""
         return (at_ns - self.start_ns) / 1e9
 
 
 def print_result(result: SoakResult, console: Console) -> None:
-    """The table of promises; of each that was broken, when and after which fault."""
+    """Print the table of promises, then time and preceding fault of each violation."""
     minutes = result.at_s(result.end_ns) / 60
     table = Table(title=f"{minutes:.1f} minutes, {len(result.faults)} faults", box=None)
     for column in ("promise", "target", "measured", "kept"):
@@ -64,7 +64,7 @@ def print_result(result: SoakResult, console: Console) -> None:
 
 
 def as_json(result: SoakResult) -> str:
-    """All figures; times in seconds since the start."""
+    """Return all figures as JSON; times are seconds since the start."""
     what = {
         "version": version("clustermcl"),
         "options": result.options,
@@ -88,20 +88,18 @@ def as_json(result: SoakResult) -> str:
 
 
 class Progress:
-    """A line for each fault; a line every half minute for the state of affairs."""
+    """Prints a line for each fault, and the present state every half minute."""
 
     def __init__(self, console: Console, minutes: float) -> None:
         self._console, self._minutes = console, minutes
         self._shown_s = -_LINE_EVERY_S
 
     def on_fault(self, fault: DoneFault, at_s: float) -> None:
-        """A fault was injected."""
         lasts_s = (fault.until_ns - fault.at_ns) / 1e9
         lasts = f" for {lasts_s:.1f} s" if lasts_s else ""
         self._print(f"{at_s:7.1f} s  {fault.kind}{lasts}: {fault.target} {fault.how}".rstrip())
 
     def on_turn(self, elapsed_s: float, summary: str, faults: int) -> None:
-        """Some time has passed."""
         if elapsed_s - self._shown_s < _LINE_EVERY_S:
             return
         self._shown_s = elapsed_s

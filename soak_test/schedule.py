@@ -1,4 +1,4 @@
-"""Which faults come when: a plain list, the same for the same seed."""
+"""The schedule of faults: a list, equal for equal seeds."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Kind(StrEnum):
-    """What is done to the processes."""
+    """Kinds of faults."""
 
     WORKER_KILLED = "worker killed"
     WORKER_FROZEN = "worker frozen"
@@ -31,9 +31,9 @@ class Kind(StrEnum):
 @dataclass(frozen=True)
 class _Rule:
     copies: int
-    """In a deck of faults."""
+    """Number in a deck of faults."""
     lasts_s: tuple[float, float] = (0.0, 0.0)
-    """Shortest and longest."""
+    """Shortest and longest duration [s]."""
 
 
 _RULES = {
@@ -55,26 +55,26 @@ _RULES = {
     Kind.WRONG_READINGS: _Rule(1),
 }
 _NEAREST, _FARTHEST = 0.4, 1.6
-"""From one fault to the next, in mean distances: some overlap in their consequences."""
+"""Interval between faults as a multiple of the mean: the consequences of some overlap."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault to come."""
+    """A scheduled fault."""
 
     at_s: float
-    """After the start of the soak."""
+    """Time after the start of the soak."""
     kind: Kind
     lasts_s: float
-    """0: it is done in a moment."""
+    """0: instantaneous."""
     choice: float
-    """In [0, 1): which of those it could hit; known only when the time has come."""
+    """In [0, 1): selects the victim among the candidates at that time."""
 
 
 def planned(
     seed: int, *, first_s: float, last_s: float, every_s: float, only: Sequence[Kind] = ()
 ) -> tuple[Fault, ...]:
-    """All faults of a soak. Kinds come as from shuffled decks of cards; the first has one of each.
+    """Return all faults of a soak, dealt from shuffled decks; the first has one of each kind.
 
     Args:
         seed: of everything.
@@ -95,7 +95,7 @@ def planned(
 
 
 def _deck(rng: np.random.Generator, kinds: Sequence[Kind]) -> Iterator[Kind]:
-    """Kinds without an end."""
+    """Yield kinds endlessly."""
     yield from (kinds[index] for index in rng.permutation(len(kinds)))
     cards = [kind for kind in kinds for _ in range(_RULES[kind].copies)]
     while True:

@@ -1,4 +1,4 @@
-"""A soak from its first process to its last verdict."""
+"""Runs a soak, from the first process to the last verdict."""
 
 import shutil
 import time
@@ -30,29 +30,29 @@ from zenoh_link.session import open_session
 _TURN_S = 0.02
 _READY_WITHIN_S = 120.0
 _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
-"""After the start, and before the end: the system has time to recover from the last fault."""
+"""Fault-free time after the start, and before the end for recovery from the last fault [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SoakOptions:
-    """What to run and what to break."""
+    """Options of a soak."""
 
     minutes: float
     coordinators: int
-    """One leads, the others stand by."""
+    """One leads, the others are standbys."""
     rate_hz: float
     """Scans a second; each is a step."""
     world: str
     chaos: bool
     fault_every_s: float
     only: tuple[Kind, ...]
-    """Kinds of faults that are injected; empty: all."""
+    """Kinds of faults to inject; empty: all."""
     keep: Path | None
-    """Folder that logs and flight recordings are copied to."""
+    """Folder to which logs and flight recordings are copied."""
 
 
 class NotReadyError(ClusterMclError):
-    """The processes run, but the robot does not find its places."""
+    """The processes run, but the first search does not find all places."""
 
     def __init__(self, *, waited_s: float) -> None:
         self.waited_s = waited_s
@@ -65,7 +65,7 @@ class NotReadyError(ClusterMclError):
 def run_soak(
     options: SoakOptions, settings: Settings, stop: StopFlag, progress: Progress
 ) -> SoakResult:
-    """Run everything, break what is to be broken, and judge.
+    """Run the processes, inject the faults and return the verdicts.
 
     Raises:
         NotReadyError: the robot did not find its first places.
@@ -110,14 +110,14 @@ def run_soak(
 
 
 def _files_in(folder: Path, settings: Settings) -> Settings:
-    """The same settings, with state and flight recording in a folder."""
+    """Return the settings with state and flight recording in a folder."""
     coordinator = msgspec.structs.replace(settings.coordinator, state_folder=str(folder / "state"))
     recorder = msgspec.structs.replace(settings.recorder, folder=str(folder / "flights"))
     return msgspec.structs.replace(settings, coordinator=coordinator, recorder=recorder)
 
 
 class _Soak:
-    """The loop that reads everything and injects the faults."""
+    """The loop that reads all messages and injects the faults."""
 
     def __init__(
         self,
@@ -140,7 +140,7 @@ class _Soak:
         return self._observer.outages.faults
 
     def run(self) -> None:
-        """Until the time is over or the stop flag is set."""
+        """Run until the time is over or the stop flag is set."""
         opened = partial(open_session, self._robot.zenoh, self._robot.robot, self._stop)
         with ExitStack() as sessions:
             listener = sessions.enter_context(closing(Listener(opened)))
@@ -184,7 +184,7 @@ class _Soak:
             self._injector.end_all()
 
     def result(self, clean_end: Verdict) -> SoakResult:
-        """All verdicts, with that on the end."""
+        """Return all verdicts, including that on the clean end."""
         self._stop.take_time()
         options: dict[str, object] = {
             name: value if isinstance(value, bool | int | float) else str(value)
@@ -219,7 +219,7 @@ class _Soak:
             self._progress.on_fault(fault, (fault.at_ns - self._start_ns) / 1e9)
 
     def _turn(self, listener: Listener) -> None:
-        """Restart what has ended, and read what arrived."""
+        """Restart ended processes and read messages."""
         self._fleet.poll()
         for arrived in listener.arrived():
             self._observer.on_arrived(arrived)
@@ -248,7 +248,6 @@ class _Every:
         self._next_ns = 0
 
     def tick(self, now_ns: int) -> None:
-        """Call it if it is due."""
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + self._period_ns
             self._action()

@@ -16,7 +16,7 @@ from soak_test.promise import (
 
 SAME_WITHIN = 1e-9
 _WORKERS_START_S = 2.0
-"""Beyond `BACK_WITHIN_S`: worker processes take longer to start than a coordinator."""
+"""Added to `BACK_WITHIN_S`: workers take longer to start than a coordinator."""
 _REPEATED_WITHIN_S = 30.0
 _KEPT = 4096
 
@@ -42,13 +42,12 @@ class StepsOnce:
         self._breaks: list[Break] = []
 
     def on_scan(self, at_ns: int, step: int) -> None:
-        """A scan arrived; a repeated one changes nothing."""
+        """Take a scan; a repeated one is ignored."""
         self._scans.setdefault(step, at_ns)
         while len(self._scans) > _KEPT:
             self._scans.popitem(last=False)
 
     def on_belief(self, at_ns: int, belief: Belief) -> None:
-        """A belief arrived."""
         now = {place.cluster: place.probability for place in belief.hypotheses}
         if (before := self._seen.get(belief.step)) is not None:
             self._on_repeated(at_ns, belief.step, before, now)
@@ -65,7 +64,6 @@ class StepsOnce:
             self._on_delay(at_ns, belief.step, (at_ns - sent_ns) / 1e9)
 
     def verdict(self) -> Verdict:
-        """Over all steps."""
         ordered = sorted(self._delays_s)
         median_s, p99_s, longest_s = (
             ordered[int(share * (len(ordered) - 1))] if ordered else 0.0

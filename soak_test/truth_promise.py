@@ -1,4 +1,4 @@
-"""Promise: the true place is held, all places that look like it too, and no wrong one is sure."""
+"""Promise: the true place and its look-alikes are kept, and no wrong place is sure."""
 
 import math
 from collections import OrderedDict
@@ -21,7 +21,7 @@ from soak_test.promise import (
 
 SUM_WITHIN = 1e-9
 FOUND_WITHIN_S = 60.0
-"""After a kidnapping: a search takes seconds, and all places alike have to be found."""
+"""Time after a kidnapping in which a search must find all look-alike places [s]."""
 _WAITING_BELIEFS, _KEPT_TRUTHS, _KEPT_ENDS = 64, 4096, 200
 
 
@@ -29,7 +29,7 @@ _WAITING_BELIEFS, _KEPT_TRUTHS, _KEPT_ENDS = 64, 4096, 200
 class _Truth:
     map_from_robot: PoseTuple
     kidnapped: int
-    """How often the robot was moved to another place until then."""
+    """Number of kidnappings until then."""
 
 
 class TruthHeld:
@@ -62,11 +62,10 @@ class TruthHeld:
 
     @property
     def is_complete(self) -> bool:
-        """Whether one belief has held all places: the first search is over."""
+        """Whether one belief had all places: the first search is over."""
         return bool(self._holders)
 
     def on_events(self, events: JobEvents) -> None:
-        """Jobs have begun or ended."""
         for numbered in events.events:
             if isinstance(numbered.event, Ended):
                 self._ends[numbered.event.job_id] = event_text(numbered.event)
@@ -74,7 +73,7 @@ class TruthHeld:
             self._ends.popitem(last=False)
 
     def on_truth(self, stamp_ns: int, map_from_robot: PoseTuple, kidnapped: int) -> None:
-        """Where the robot was when it took a scan."""
+        """Take the true pose of a scan."""
         self._truths[stamp_ns] = truth = _Truth(map_from_robot, kidnapped)
         while len(self._truths) > _KEPT_TRUTHS:
             self._truths.popitem(last=False)
@@ -82,7 +81,7 @@ class TruthHeld:
             self._judge(*waiting, truth)
 
     def on_belief(self, at_ns: int, belief: Belief) -> None:
-        """A belief arrived; it waits where its scan's true pose has not arrived yet."""
+        """Take a belief; it is queued until its scan's true pose arrives."""
         if (truth := self._truths.get(belief.stamp_ns)) is not None:
             self._judge(at_ns, belief, truth)
             return
@@ -92,7 +91,6 @@ class TruthHeld:
             self._breaks.append(Break(at_ns, f"belief of step {lost.step}: of no scan of ours"))
 
     def verdict(self, now_ns: int) -> Verdict:
-        """Over all beliefs."""
         self._judge_search(now_ns)
         ordered = sorted(self._errors_m)
         p99_m = ordered[int(0.99 * (len(ordered) - 1))] if ordered else math.nan
@@ -177,7 +175,7 @@ class TruthHeld:
         return self._ends.get(f"c{cluster}", f"c{cluster} has strayed, or no event says why")
 
     def _judge_search(self, now_ns: int) -> None:
-        """Record a kidnapped robot that was not found in time, once."""
+        """Record once that a kidnapped robot was not found in time."""
         since_ns = self._missed_since_ns
         if since_ns is None or self._breaks[-1:] == [Break(since_ns, _NOT_FOUND)]:
             return
@@ -191,6 +189,6 @@ _NOT_FOUND = f"the robot was kidnapped and not found within {FOUND_WITHIN_S:g} s
 
 
 def _holder(belief: Belief, copy: PoseTuple) -> int | None:
-    """The most probable cluster at a pose; None: there is none. Places of a search do not count."""
+    """Return the most probable cluster at a pose, or None; places of a search do not count."""
     at_pose = (p.cluster for p in belief.hypotheses if pose_error(p.mean, copy).right)
     return next((cluster for cluster in at_pose if cluster >= 0), None)

@@ -43,7 +43,7 @@ class Ends:
 
     def set(self, *, to_router: bool, from_router: bool) -> None:
         set_cables(self._control, [os.getpid()], to_router=to_router, from_router=from_router)
-        self._relay.be_told(WITHIN_S)
+        self._relay.receive_command(WITHIN_S)
 
     def both_ways(self) -> None:
         self.own.sendall(b"a")
