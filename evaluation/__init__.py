@@ -1,1 +1,1 @@
-"""What measures accuracy: one process, baselines, experiments."""
+"""Measures accuracy: localization in one process, baselines, experiments."""

@@ -1,6 +1,6 @@
-"""`clustermcl evaluate`: localize in one process as often as asked, and measure how well.
+"""`clustermcl evaluate`: localizes in one process, repeatedly, and measures the accuracy.
 
-It is one experiment more, made of a person's options instead of taken from the catalogue.
+It runs one experiment built from the options instead of one from the catalogue.
 """
 
 import json
@@ -48,13 +48,13 @@ from protocol.errors import SettingsError
 from recordings.map_file import map_file_of
 
 DEFAULT_STEPS = 300
-"""Of a simulated robot, which never stops by itself."""
+"""Steps of a simulated robot, which never ends by itself."""
 DEFAULT_STEPS_OF_A_START = 60
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvaluateOptions:
-    """What a person asked for."""
+    """Options of the command."""
 
     recording: str
     map_file: str | None = None
@@ -62,25 +62,25 @@ class EvaluateOptions:
     algorithm: str = "cluster-mcl"
     seeds: int = 1
     starts: int | None = None
-    """Runs begin at so many steps of a recording, spread evenly; of a simulated robot, each with
-    a seed of its own."""
+    """Number of runs: from start steps spread evenly over a recording, or with different seeds of
+    a simulated robot."""
     steps: int | None = None
     kidnap_at: int | None = None
     mirrored: bool = False
-    """See every scan and motion in a mirror: how a robot fares that is nowhere in the map."""
+    """Mirror every scan and motion: a robot that is nowhere on the map."""
     jobs: int | None = None
     as_json: bool = False
     """Print JSON instead of tables."""
     output: Path | None = None
-    """Where the same JSON is written; None: nowhere."""
+    """File for the JSON; None: none."""
     record: Path | None = None
-    """Where the run, which must be one, is recorded; None: nowhere."""
+    """File for the recording of a single run; None: none."""
     report_file: Path | None = None
-    """A page of HTML, opened by file."""
+    """File for an HTML page."""
 
 
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
-    """Run all seeds, print tables or JSON, and write what is asked for.
+    """Run all seeds, print tables or JSON, and write the requested files.
 
     Raises:
         ClusterMclError: an input cannot be used, or a run failed.
@@ -91,7 +91,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         if file is not None:
             check_output_file(file)
     if isinstance(case.robot, RecordedRobot):
-        opened(options.recording, settings.bridge)  # says which lines are left out, once
+        opened(options.recording, settings.bridge)  # reports the skipped lines, once
     seeds = range(settings.seed, settings.seed + case.seeds)
     tasks = [
         Task(
@@ -103,7 +103,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         )
         for seed in seeds
     ]
-    steps = _steps_count(tasks[0])  # says what is wrong before any process is started
+    steps = _steps_count(tasks[0])  # raises input errors before any process is started
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
         starts = start_steps(steps, options.starts, case.updates or steps)
         tasks = [replace(task, start_step=start) for start in starts for task in tasks]
@@ -127,7 +127,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.as_json:
         sys.stdout.write(text)
         return
-    console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is no emoji
+    console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is not an emoji
     for heading, columns in {title: _POSES, **_MORE_TABLES}.items():
         console.print(heading, soft_wrap=True)
         console.print(_table(results, columns))
@@ -141,10 +141,10 @@ def _check_record(file: Path, runs: int) -> None:
 
 
 def case_of(options: EvaluateOptions) -> Case:
-    """The experiment that is asked for.
+    """Return the experiment of the options.
 
     Raises:
-        SettingsError: options that do not fit together.
+        SettingsError: options contradict each other.
     """
     robot = _robot_of(options)
     simulated = isinstance(robot, SimulatedRobot)
@@ -164,22 +164,22 @@ def case_of(options: EvaluateOptions) -> Case:
 
 
 def _usual_steps(options: EvaluateOptions, *, simulated: bool) -> int | None:
-    """Steps of a run if a person does not say; None: to the recording's end."""
+    """Return the default number of steps of a run; None: to the recording's end."""
     if options.starts is not None:
         return DEFAULT_STEPS_OF_A_START
     return DEFAULT_STEPS if simulated else None
 
 
 def start_steps(steps: int, starts: int, steps_each: int) -> tuple[int, ...]:
-    """The steps at which runs begin, from the first one on to the last one that leaves room.
+    """Return the start steps of runs, evenly from 0 to the last that leaves a full run.
 
     Args:
-        steps: of the recording.
-        starts: how many are wanted.
-        steps_each: of one run.
+        steps: steps of the recording.
+        starts: number of runs.
+        steps_each: steps of a run.
 
     Raises:
-        SettingsError: the recording has not so many different starts.
+        SettingsError: the recording is too short for this number of starts.
     """
     last = max(steps - steps_each, 0)
     if starts > last + 1:
@@ -213,7 +213,7 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
 
 
 def _steps_count(task: Task) -> int:
-    """How many steps there are for a run, having read every input as far as that takes.
+    """Return the number of available steps, after checking the inputs.
 
     Raises:
         ClusterMclError: an input cannot be used.
@@ -230,10 +230,7 @@ def _steps_count(task: Task) -> int:
 def _all_results(
     tasks: Sequence[Task], steps: int, jobs: int | None
 ) -> tuple[list[dict[str, Any]], list[Trace]]:
-    """The result of every run, in their order, and the steps of those that keep them.
-
-    As many at a time as there are cores.
-    """
+    """Run one task per core; return all results in order, and the steps of runs that keep them."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, Finished] = {}
     with _progress() as progress:
@@ -293,7 +290,7 @@ def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str
 
 
 def _progress() -> Progress:
-    """On standard error, and only where somebody looks."""
+    """Show progress on standard error, if that is a terminal."""
     console = Console(stderr=True, emoji=False)
     return Progress(
         TextColumn("{task.description}"),
@@ -332,7 +329,7 @@ _POSES = {
     "wall s": ("wall_s", ".1f"),
     "cpu s": ("cpu_s", ".1f"),
 }
-"""Columns: the key of a run's number, and its form."""
+"""Columns: the key of a run's measure, and its format."""
 _STATES = {
     "seed": ("seed", "d"),
     "from": ("start_step", "d"),
@@ -362,13 +359,12 @@ _MORE_TABLES = {
 
 
 def _made_by() -> str:
-    """What a report says of its origin."""
+    """Return the report's origin: date, version, command."""
     command = shlex.join(["clustermcl", *sys.argv[1:]])
     return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, version {version('clustermcl')}: {command}"
 
 
 def _table_text(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> TableText:
-    """For the page."""
     rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
     return TableText(list(columns), rows)
 

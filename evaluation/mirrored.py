@@ -1,7 +1,7 @@
-"""The robot of a mirror-image building: a recording becomes a test of a robot that is off the map.
+"""Mirrors a recording, which becomes a test of a robot that is off the map.
 
-It has this sensor's noise, this driver and this map's statistics, and is nowhere in this map,
-unless the map is its own mirror image.
+The mirrored robot has the same sensor noise, driver and building statistics, but is nowhere on the
+map, unless the map is its own mirror image.
 """
 
 import msgspec
@@ -12,7 +12,7 @@ from protocol.steps import LaserBeams, Scan
 
 
 def mirrored(scan: Scan) -> Scan:
-    """The same step, seen in a mirror that lies along the robot's x axis."""
+    """Return the step mirrored at the robot's x axis."""
     others = tuple(msgspec.structs.replace(other, **_beams(other)) for other in scan.others)
     odom_from_robot = _reflected(scan.odom_from_robot)
     return msgspec.structs.replace(
@@ -21,7 +21,7 @@ def mirrored(scan: Scan) -> Scan:
 
 
 def _beams(laser: Scan | LaserBeams) -> dict[str, object]:
-    """Ranges in the opposite order, and where the first of them points."""
+    """Return the ranges in reverse order, and the angle of the first."""
     last_rad = laser.angle_min_rad + laser.angle_step_rad * (laser.ranges.shape[0] - 1)
     return {
         "ranges": ArrayBlob.of(laser.ranges.array()[::-1], "float32"),

@@ -1,4 +1,4 @@
-"""The cloud of ordinary MCL: from particles all over the free space to as many as it keeps."""
+"""The particle set of ordinary MCL, which shrinks from its initial to its final size."""
 
 import math
 
@@ -14,24 +14,24 @@ from particle_filter.settings import FilterSettings
 
 START_PARTICLES_PER_M2, LEAST_START_PARTICLES, MOST_START_PARTICLES = 400.0, 50_000, 2_000_000
 SHRINKING_STEPS = 6
-"""Over so many steps the start's particles become those that are kept."""
+"""Steps over which the number of particles shrinks."""
 RESAMPLE_BELOW_ESS = 0.5
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 
 def start_particles(grid: Grid) -> int:
-    """How many particles it takes to begin anywhere in a map."""
+    """Return the number of particles for a uniform start in a map."""
     free_area_m2 = np.count_nonzero(grid.cells == FREE) * grid.cell_m**2
     wanted = round(free_area_m2 * START_PARTICLES_PER_M2)
     return min(max(wanted, LEAST_START_PARTICLES), MOST_START_PARTICLES)
 
 
 def uniform_over_free_space(grid: Grid, count: int, rng: np.random.Generator) -> Poses:
-    """Stratified over free cells and headings.
+    """Return poses stratified over free cells and headings.
 
     Args:
         grid: the map.
-        count: how many.
+        count: number of poses.
         rng: places each within its stratum.
 
     Returns:
@@ -60,9 +60,9 @@ class OneCloud:
 
     Args:
         model: weighs poses.
-        settings: the filter's numbers.
-        start: (N, 3) poses to begin from.
-        kept: how many particles it has once it has shrunk.
+        settings: the filter's settings.
+        start: (N, 3) initial poses.
+        kept: final number of particles.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class OneCloud:
 
     @property
     def shrunk(self) -> bool:
-        """Whether it has no more particles than it keeps."""
+        """Whether it has shrunk to its final size."""
         return self.steps >= SHRINKING_STEPS
 
     def advance(
@@ -85,7 +85,7 @@ class OneCloud:
         beams: Beams,
         rng: np.random.Generator,
     ) -> Weighed:
-        """One step; the first one does not move, for nothing is known from before."""
+        """Apply one step; the first one has no motion."""
         if odom_from_before is not None:
             self._redraw(rng)
             before_from_after = between(odom_from_before, odom_from_after)
@@ -99,7 +99,7 @@ class OneCloud:
         return result
 
     def _redraw(self, rng: np.random.Generator) -> None:
-        """Resample where fewer are wanted, or where too few count."""
+        """Resample to shrink, or if the effective sample size is too small."""
         progress = min(self.steps / SHRINKING_STEPS, 1.0)
         count = round(self._start_count * (self._kept / self._start_count) ** progress)
         held = len(self.cloud.log_weights)

@@ -1,8 +1,8 @@
-"""Ordinary MCL from the same pieces, to compare with: one cloud, no clusters kept apart.
+"""Ordinary MCL as a baseline, built from the same components: one particle set, no clusters.
 
-It starts with particles all over the free space, shrinks to as many as all clusters have together,
-and is never restarted. Its places are read off the cloud each step, as nav2 does. Its variants
-have what Cluster-MCL and AMCL have beside it: visibility, random particles, and KLD-sampling.
+It starts with particles over the whole free space, shrinks to the number that all clusters have
+together, and is never restarted. Its places are clusters of the particles at each step, as in
+nav2. Variants add visibility, random particles and KLD-sampling.
 """
 
 import math
@@ -35,23 +35,23 @@ from protocol.steps import Scan
 from worker.scan_beams import scan_beams
 
 KLD_ERROR, KLD_LEAST_PARTICLES = 0.05, 500
-"""As nav2's `pf_err` and `min_particles`; the most are as many as without."""
+"""nav2's `pf_err` and `min_particles`; the maximum is the number without KLD-sampling."""
 RAYS_PER_POSE = 6
-"""Each of the many thousand poses follows so many beams for all of them, its neighbours others: a
-pose's weight errs by 0.2 nat, and a step takes a third of the time that half the beams take."""
+"""Beams cast per pose, different ones for neighbouring poses: a weight errs by 0.2 nat, and a step
+takes a third of the time that half of all beams would."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """What is added to ordinary MCL."""
+    """Additions to ordinary MCL."""
 
     visibility: bool = False
-    """Hidden ends of beams count against poses, see `VisibleFieldModel`; not in a beam model,
-    which follows all rays anyway."""
+    """Penalise occluded beam ends, see `VisibleFieldModel`; no effect in a beam model, which casts
+    all rays anyway."""
     recovery: RecoveryGains | None = None
-    """Random particles while scans fit worse than they used to."""
+    """Add random particles while scans fit worse than before."""
     kld: bool = False
-    """As many particles as the spread of the cloud asks for, once it has shrunk."""
+    """KLD-sampling after shrinking."""
 
 
 PLAIN = Variant()
@@ -63,7 +63,7 @@ def outcomes(
     settings: FilterSettings,
     variant: Variant = PLAIN,
 ) -> Iterator[tuple[Scan, Outcome]]:
-    """The belief after every step; arguments as for Cluster-MCL in one process."""
+    """Yield the belief after every step; arguments as for Cluster-MCL in one process."""
     if variant.visibility:
         model = _with_visibility(model, settings)
     one: OneCloud | None = None
@@ -92,13 +92,13 @@ def outcomes(
 
 
 def kept_particles(settings: FilterSettings) -> int:
-    """As many as all clusters have together."""
+    """Return the number of particles that all clusters have together."""
     each = settings.belief.max_clusters * settings.cluster.particles
     return settings.belief.particles or each
 
 
 def _with_visibility(model: SensorModel, settings: FilterSettings) -> SensorModel:
-    """The model that looks for hidden ends, where that is not turned off."""
+    """Return the model that penalises occluded ends, unless that is off."""
     if not isinstance(model, LikelihoodFieldModel) or model.settings.visibility_particles == 0:
         return model
     sensor = msgspec.structs.replace(
@@ -117,9 +117,9 @@ def redrawn(
     *,
     kld: bool,
 ) -> Cloud:
-    """The cloud drawn anew with random particles, or with as many as are needed.
+    """Return the particles resampled with random particles or by KLD-sampling.
 
-    Where neither is asked for it is left as it is: `OneCloud` draws by itself.
+    Without either they are unchanged: `OneCloud` resamples by itself.
     """
     count = len(cloud.log_weights)
     crowded = cloud.effective_sample_size < RESAMPLE_BELOW_ESS * count

@@ -1,4 +1,4 @@
-"""Cluster-MCL as the paper has it to the letter, as far as that is a matter of settings."""
+"""Cluster-MCL exactly as in the paper, as far as settings allow."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -14,15 +14,15 @@ from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
 
 PARTICLES = 300
-"""Of a cluster."""
+"""Particles of a cluster."""
 CLUSTERS = 10
-"""K."""
+"""The paper's K."""
 
 
 def outcomes(
     scans: Iterable[Scan], model: SensorModel, settings: FilterSettings
 ) -> Iterator[tuple[Scan, Outcome]]:
-    """The belief after every step; arguments as for Cluster-MCL in one process."""
+    """Yield the belief after every step; arguments as for Cluster-MCL in one process."""
     settings = to_the_letter(settings)
     if isinstance(model, LikelihoodFieldModel):
         model = replace(model, settings=settings.sensor)
@@ -30,11 +30,11 @@ def outcomes(
 
 
 def to_the_letter(settings: FilterSettings) -> FilterSettings:
-    """The same settings, but for what docs/paper.md calls a departure.
+    """Return the settings without the departures of docs/paper.md.
 
-    Beams are independent and see through walls, every step draws, the prior of a cluster is
-    squared (eq. 17), a step tells all that it seems to tell, K clusters are kept, nobody changes
-    from one to another (eq. 14) and nobody is lifted elsewhere.
+    Beams are independent and ignore occlusion, every step resamples, the prior of a cluster is
+    squared (eq. 17), evidence is not tempered, K clusters are kept, particles never change their
+    cluster (eq. 14) and kidnapping is impossible.
     """
     return changed(
         settings,

@@ -1,4 +1,4 @@
-"""Whether a pose is right: within 1 m and 20 degrees of the truth."""
+"""Pose errors; a pose is right within 1 m and 20 degrees of the truth."""
 
 import math
 from dataclasses import dataclass
@@ -13,22 +13,21 @@ CONFIDENT_PROBABILITY = 0.9
 
 @dataclass(frozen=True, slots=True)
 class PoseError:
-    """How far a pose is from the truth; neither number is negative."""
+    """Distance of a pose to the truth; both numbers are non-negative."""
 
     distance_m: float
     heading_rad: float
 
     @property
     def heading_deg(self) -> float:
-        """The angle in degrees."""
         return math.degrees(self.heading_rad)
 
     @property
     def right(self) -> bool:
-        """Whether that is near enough."""
+        """Whether both errors are within the limits."""
         return self.distance_m <= RIGHT_WITHIN_M and self.heading_rad <= RIGHT_WITHIN_RAD
 
 
 def pose_error(pose: PoseTuple, truth: PoseTuple) -> PoseError:
-    """The distance of two poses, the heading the short way round."""
+    """Return the distance of two poses; the heading error is at most pi."""
     return PoseError(math.dist(pose[:2], truth[:2]), float(heading_distance(pose[2], truth[2])))

@@ -1,4 +1,4 @@
-"""Recordings as the commands use them: opened, their bad lines told, their steps counted."""
+"""Opens recordings for commands, reports bad lines, counts steps."""
 
 import logging
 
@@ -12,7 +12,7 @@ _log = logging.getLogger(__name__)
 
 
 def opened(path: str, settings: BridgeSettings) -> Recording:
-    """Open a recording and warn of the lines that are left out.
+    """Open a recording and warn of skipped lines.
 
     Raises:
         RecordingError: it cannot be used.
@@ -24,7 +24,7 @@ def opened(path: str, settings: BridgeSettings) -> Recording:
 
 
 def counted_steps(path: str, settings: BridgeSettings) -> int:
-    """How many steps a recording makes.
+    """Count the steps of a recording.
 
     Raises:
         RecordingError: it cannot be used.
@@ -33,7 +33,7 @@ def counted_steps(path: str, settings: BridgeSettings) -> int:
 
 
 def left_out(recording: Recording) -> str | None:
-    """The lines of a recording that were not used, in one sentence; None if all were."""
+    """Return a sentence about the skipped lines; None if there are none."""
     skipped = recording.skipped
     if not skipped:
         return None

@@ -1,15 +1,15 @@
-"""Augmented recovery of ordinary MCL: random particles while scans fit worse than they used to."""
+"""Augmented MCL: random particles while scans fit worse than before."""
 
 import math
 from dataclasses import dataclass
 
 _LOWEST_LOG = -700.0
-"""The logarithm of the smallest likelihood that is told from 0."""
+"""The logarithm of the smallest likelihood that differs from 0."""
 
 
 @dataclass(frozen=True)
 class RecoveryGains:
-    """How fast the two averages of the likelihood follow it, a share a step."""
+    """Gains per step of the two running averages of the likelihood."""
 
     slow: float
     fast: float
@@ -17,7 +17,7 @@ class RecoveryGains:
 
 @dataclass
 class Recovery:
-    """Compares the likelihood of late with that of long.
+    """Compares the fast with the slow running average of the likelihood.
 
     References:
         Probabilistic Robotics (2005), table 8.3, with its `w_slow` and `w_fast`.
@@ -28,7 +28,7 @@ class Recovery:
     _fast: float = 0.0
 
     def on_likelihood(self, log_average_likelihood: float) -> None:
-        """Take the logarithm of a scan's likelihood, averaged over the particles."""
+        """Take the logarithm of a scan's mean likelihood over the particles."""
         average = math.exp(max(log_average_likelihood, _LOWEST_LOG))
         if self._slow is None:
             self._slow = self._fast = average
@@ -38,5 +38,5 @@ class Recovery:
 
     @property
     def random_share(self) -> float:
-        """The share of the particles that are to be drawn anywhere; 0 before the first scan."""
+        """Share of the particles to draw uniformly; 0 before the first scan."""
         return max(0.0, 1.0 - self._fast / self._slow) if self._slow else 0.0

@@ -1,4 +1,4 @@
-"""`clustermcl evaluate --report`: one page of HTML with everything in it, opened by file."""
+"""`clustermcl evaluate --report`: a self-contained HTML page."""
 
 import base64
 import html
@@ -15,9 +15,9 @@ from live_view.map_reduction import reduced
 from protocol.steps import MapMessage
 
 DRAWN_RUNS = 12
-"""The first ones are drawn; all are in the table."""
+"""Most runs drawn; the table has all."""
 _WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 54.0, 18.0
-"""Of a plot, and of what is left and below of its lines [px]."""
+"""Size of a plot, and its left and lower margins [px]."""
 _MOST_ERROR_M = 10.0
 _JUMP_M = 2.0
 _TRUE, _RIGHT, _WRONG = "#1a2027", PALETTE[1], "#c0262d"
@@ -58,7 +58,7 @@ code { overflow-wrap: anywhere; }
 """
 
 _Curve = tuple[Sequence[tuple[int, float]], str]
-"""Points (update, value), and a colour."""
+"""Points (update, value) and a colour."""
 
 
 @dataclass(frozen=True)
@@ -76,14 +76,14 @@ def report_page(
     traces: Sequence[Trace],
     tables: Sequence[TableText],
 ) -> str:
-    """The page.
+    """Return the page.
 
     Args:
-        title: what was run, and how it went.
-        made_by: when, by which version and command.
-        grid_map: that all runs were in.
-        traces: of the runs that are drawn.
-        tables: of all runs.
+        title: the experiment and its result.
+        made_by: date, version and command.
+        grid_map: the map of all runs.
+        traces: steps of the drawn runs.
+        tables: tables of all runs.
     """
     small = reduced(to_message(grid_map, "evaluate"))
     runs = "".join(_run(trace, small) for trace in traces if trace.steps)
@@ -102,7 +102,7 @@ def report_page(
 
 
 def _shared_map(grid_map: MapMessage) -> str:
-    """The map in metres, as it lies; once for all runs."""
+    """Return the map in metres, shared by all runs."""
     pixels = io.BytesIO()
     map_picture(grid_map).save(pixels, "PNG", optimize=True)
     picture = base64.b64encode(pixels.getvalue()).decode()
@@ -169,7 +169,7 @@ def _map(steps: Sequence[TraceStep], grid_map: MapMessage) -> str:
 
 
 def _pieces(steps: Sequence[TraceStep]) -> Iterator[tuple[bool, list[tuple[float, float]]]]:
-    """The estimate's way in pieces, each of which is right or wrong."""
+    """Split the estimate's path into right and wrong parts."""
     piece: list[tuple[float, float]] = []
     right = False
     for step in steps:
@@ -186,7 +186,7 @@ def _pieces(steps: Sequence[TraceStep]) -> Iterator[tuple[bool, list[tuple[float
 def _ways(
     points: Sequence[tuple[float, ...]], colour: str, stroke_m: float, *, dotted: bool = False
 ) -> list[str]:
-    """Lines through places; none leads from one to another far away."""
+    """Return lines through places, interrupted at jumps."""
     parts: list[list[tuple[float, ...]]] = []
     for point in points:
         if not parts or math.dist(parts[-1][-1], point) > _JUMP_M:

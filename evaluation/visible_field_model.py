@@ -1,4 +1,4 @@
-"""A likelihood field that takes back, for each pose, what it gave for beams through walls."""
+"""A likelihood field that removes, for each pose, the score of beams through walls."""
 
 from dataclasses import dataclass
 
@@ -11,19 +11,19 @@ from particle_filter.sensor_model import Beams
 
 @dataclass(frozen=True, eq=False)
 class VisibleFieldModel(LikelihoodFieldModel):
-    """Weighs poses by the field and by what the laser can have seen.
+    """Weighs poses by the field and by occlusion.
 
-    Cluster-MCL takes hidden ends back from the evidence of whole clusters, from an average over a
-    few poses (`correction`). One cloud has no evidence of parts, so its poses' own weights carry
-    the same: the same share of the same sum, the same tolerance, but pose by pose.
+    Cluster-MCL corrects the evidence of whole clusters for occluded ends, by an average over a few
+    poses (`correction`). A single particle set has no such evidence, so each pose's weight is
+    corrected: by the same share of the same sum, with the same tolerance.
     """
 
     most_poses: int
-    """Of more, as in the first steps of a search, only the field is asked: rays cost a hundred
-    times as much."""
+    """Most poses for which rays are cast; more, as in a search's first steps, use only the field,
+    which is a hundred times faster."""
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         field = super().log_likelihood(map_from_robot, beams)
         if len(map_from_robot) > self.most_poses:
             return field

@@ -1,1 +1,1 @@
-"""Experiments: what the system is held against, on worlds and recordings, by seed."""
+"""Experiments: Cluster-MCL and baselines on worlds and recordings, by seed."""

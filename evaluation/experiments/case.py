@@ -1,4 +1,4 @@
-"""One experiment: a robot somewhere, how long, how often, and what is asked of it."""
+"""The definition of an experiment: robot, length, number of runs, algorithms."""
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
@@ -27,9 +27,9 @@ Algorithm = Literal[
     "amcl-kld",
 ]
 AMCL_GAINS = RecoveryGains(slow=0.001, fast=0.1)
-"""What Beluga and nav2 recommend."""
+"""The values that Beluga and nav2 recommend."""
 TUNED_GAINS = RecoveryGains(slow=0.01, fast=0.3)
-"""Our own choice, on seeds that no experiment uses; docs/decisions/fair-baselines.md."""
+"""Tuned by us, on seeds that no experiment uses; docs/decisions/fair-baselines.md."""
 Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
 ALGORITHMS: dict[Algorithm, Outcomes] = {
     "cluster-mcl": in_process.outcomes,
@@ -47,15 +47,14 @@ ALGORITHMS: dict[Algorithm, Outcomes] = {
         ordinary_mcl.outcomes, variant=Variant(visibility=True, recovery=AMCL_GAINS, kld=True)
     ),
 }
-"""Cluster-MCL; the same by the paper's letter; ordinary MCL, plain and with visibility; the same
-two with augmented recovery; that with gains of our own, and with KLD-sampling, both with
+"""Cluster-MCL; the same exactly as in the paper; ordinary MCL, plain and with visibility; both
+with augmented recovery; with our recovery gains and visibility; with KLD-sampling and
 visibility."""
 
 BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl-visibility")
-"""What runs beside Cluster-MCL: the paper's own, the filter of the textbooks, and one with all the
-same pieces."""
+"""Baselines: the paper's version, the textbook filter, and one with all our components."""
 ALIKE_BASELINES: tuple[Algorithm, ...] = ("paper-letter", "mcl", "amcl")
-"""In worlds that are symmetric to the last cell, where rays see no more than the field does."""
+"""Baselines in exactly symmetric worlds, where visibility adds no information."""
 NAMES: dict[Algorithm, str] = {
     "cluster-mcl": "Cluster-MCL",
     "paper-letter": "the paper's letter",
@@ -68,21 +67,21 @@ NAMES: dict[Algorithm, str] = {
 }
 
 Role = Literal["training", "validation", "test"]
-"""Training: constants were chosen on it. Validation: it was looked at while they were. Test: no
-choice was ever made on it."""
+"""Training: constants were fitted on it. Validation: it was observed meanwhile. Test: it never
+influenced a choice."""
 
 
 class AfterStep(msgspec.Struct, frozen=True):
-    """The robot is lifted elsewhere after this step; the first step is 0."""
+    """The robot is kidnapped after this step; the first step is 0."""
 
     step: int
 
 
 class OnceRight(msgspec.Struct, frozen=True):
-    """The robot is lifted elsewhere once the estimate was right 40 times in a row."""
+    """The robot is kidnapped once the estimate was right 40 times in a row."""
 
     at_latest: int
-    """Or after so many updates, right or not."""
+    """At the latest it is kidnapped after this many updates."""
 
 
 class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,59 +90,59 @@ class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
     world: str
     """Name of a world, or a map file."""
     map: Path | None = None
-    """What the localizer is given; None: the world's own map."""
+    """Map for the localizer; None: the world's own map."""
     people: int = 0
-    """People who walk about near the robot."""
+    """Number of people who walk near the robot."""
     kidnapping: AfterStep | OnceRight | None = None
 
 
 class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
-    """A robot that was recorded."""
+    """A recorded robot."""
 
     recording: Path
     map: Path
     reference: Path | None
-    """Where it really was; None: nobody knows, and no update is judged."""
+    """Ground truth; None: unknown, and no update is judged."""
 
 
 class Case(msgspec.Struct, frozen=True, kw_only=True):
     """One experiment."""
 
     name: str
-    """What a person types."""
+    """Name on the command line."""
     title: str
-    """One line about it."""
     robot: SimulatedRobot | RecordedRobot
     updates: int | None = None
-    """At most this many a run; None: to the recording's end."""
+    """Most steps of a run; None: to the recording's end."""
     updates_after_event: int | None = None
-    """A run ends this long after the feature was seen or the robot was kidnapped."""
+    """A run ends this number of updates after the feature was seen or the robot was kidnapped."""
     role: Role = "validation"
-    """Of its building, in the choice of the defaults."""
+    """The building's role in the choice of the defaults."""
     seeds: int
-    """Runs of each algorithm by default; all have the same seeds."""
+    """Default number of runs of each algorithm; all use the same seeds."""
     baselines: tuple[Algorithm, ...] = BASELINES
-    """Algorithms that run beside Cluster-MCL."""
+    """Baselines."""
     symmetry: int = 1
     """The map is k-fold symmetric, or nearly so."""
     has_feature: bool = False
-    """Something in the map tells the symmetric poses apart."""
+    """Whether a feature of the map distinguishes the symmetric poses."""
     mirrored: bool = False
-    """The robot of a mirror-image building, which is nowhere in the map; no update is judged."""
+    """Whether the robot is in the mirror image of the building, so nowhere on the map; no update
+    is judged then."""
     settings: tuple[str, ...] = ()
-    """Settings that belong to the experiment, `section.key=value`."""
+    """Settings of the experiment, `section.key=value`."""
 
     @property
     def algorithms(self) -> tuple[Algorithm, ...]:
-        """All that run, Cluster-MCL first."""
+        """All algorithms, Cluster-MCL first."""
         return ("cluster-mcl", *self.baselines)
 
 
 def algorithm_named(name: str) -> Algorithm:
-    """An algorithm by its name.
+    """Return an algorithm by its name.
 
     Raises:
-        SettingsError: there is none of that name.
+        SettingsError: there is no algorithm of this name.
     """
     for algorithm in ALGORITHMS:
         if algorithm == name:

@@ -16,12 +16,12 @@ from evaluation.experiments.case import (
 )
 
 DATA_VARIABLE = "CLUSTERMCL_DATA"
-"""Environment variable that names the folder of recordings."""
+"""Environment variable with the folder of recordings."""
 MAP_FOLDERS = ("carmen-maps", "ros-maps")
 _TRAINING_RECORDINGS = ("intel", "fr101")
-"""On which the evidence model was fitted, next to those of Wean Hall."""
+"""Recordings on which the evidence model was fitted, with those of Wean Hall."""
 _TRAINING_MAPS = ("thickwean", "wean5300")
-"""They show Wean Hall."""
+"""Files that show Wean Hall."""
 _PACKED = ("", ".xz", ".gz")
 
 _GATES = Case(
@@ -146,11 +146,11 @@ _SIMULATED = (
 
 
 def all_cases(folder: Path | None = None) -> tuple[Case, ...]:
-    """All experiments that can be run.
+    """Return all experiments that can be run.
 
     Args:
-        folder: of recordings and maps; None: the one that `CLUSTERMCL_DATA` names. Without one,
-            or where it does not exist, the simulated experiments remain.
+        folder: recordings and maps; None: the folder in `CLUSTERMCL_DATA`. Without an existing
+            folder only the simulated experiments are returned.
     """
     named = os.environ.get(DATA_VARIABLE)
     folder = folder or (Path(named) if named else None)
@@ -160,13 +160,13 @@ def all_cases(folder: Path | None = None) -> tuple[Case, ...]:
 
 
 def recorded_cases(folder: Path | None) -> tuple[Case, ...]:
-    """An experiment for each recording of a folder that has a map and a reference.
+    """Return an experiment for each recording that has a map and a reference trajectory.
 
-    Those of Wean Hall are `wean/robotdata1.log` and so on. Any other is a folder of its own with
-    `log.clf`, `map.yaml` and `groundtruth.tum`; logs may be packed (.gz, .xz).
+    Those of Wean Hall are `wean/robotdata1.log` and so on. Any other has its own folder with
+    `log.clf`, `map.yaml` and `groundtruth.tum`; logs may be compressed (.gz, .xz).
 
     Args:
-        folder: None, or one that does not exist: there are none.
+        folder: the folder; empty result if it is None or does not exist.
     """
     return tuple(_recorded(folder)) if folder is not None and folder.is_dir() else ()
 
@@ -190,7 +190,7 @@ def _recorded(folder: Path) -> Iterator[Case]:
 
 
 def _map_cases(folder: Path) -> Iterator[Case]:
-    """An experiment for each map of a building that no constant was chosen on."""
+    """Return an experiment for each map of a building on which no constant was chosen."""
     for path in (path for name in MAP_FOLDERS for path in sorted((folder / name).glob("*.yaml"))):
         if path.stem not in _TRAINING_MAPS:
             yield Case(
@@ -204,6 +204,6 @@ def _map_cases(folder: Path) -> Iterator[Case]:
 
 
 def _packed(path: Path) -> Path | None:
-    """A file under its name, or packed under it."""
+    """Return the path of a file that may be compressed."""
     candidates = (path.with_name(path.name + ending) for ending in _PACKED)
     return next((each for each in candidates if each.is_file()), None)

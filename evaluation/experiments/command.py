@@ -1,4 +1,4 @@
-"""`clustermcl experiments`: run them into a table, and summarise the table."""
+"""`clustermcl experiments`: runs experiments into a table, and summarises the table."""
 
 import os
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 from protocol.errors import SettingsError
 
 MOST_RUNS, MOST_JOBS = 10_000, 256
-"""Anything beyond is a typing error."""
+"""A larger number is a typing error."""
 
 
 def experiments(
@@ -53,7 +53,7 @@ def experiments(
 
     Ctrl-C ends it; the same command continues it.
     """
-    # What follows takes a second to import; other commands do without.
+    # These imports take a second, which other commands need not spend.
     from rich.console import Console  # noqa: PLC0415 - see above
     from rich.progress import track  # noqa: PLC0415 - see above
 

@@ -20,35 +20,35 @@ from robot_simulator.source import SimulatedSource, simulated_steps, simulated_w
 from sensor_bridge.recorded import steps_of
 
 TrueStep = tuple[Scan, PoseTuple | None]
-"""A step, and where the robot was at its scan; None where nobody knows."""
+"""A step and the true pose at its scan; None where the truth is unknown."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """Where a robot goes in one run."""
+    """The steps of one run."""
 
     map: GridMap
-    """What the localizer is given."""
+    """The map for the localizer."""
     map_name: str
     """Its file or world, for errors."""
     steps: Iterator[TrueStep]
-    """Lazily: the next step is made when it is asked for."""
+    """Lazy: each step is made when it is needed."""
     kidnap: Callable[[], object]
-    """Lift the robot to somewhere far away before the next step; not of a recording."""
+    """Kidnap the robot before the next step; not for a recording."""
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
-    """Begin a run; of a mirrored robot nobody knows where it is, for it is nowhere in the map.
+    """Begin a run. A mirrored robot is nowhere on the map, so its true pose is unknown.
 
     Args:
         case: the experiment.
-        seed: of the simulated robot; a recording is always the same.
+        seed: of the simulated robot; a recording does not depend on it.
         settings: the motion gate.
-        start_step: the first step of a recording that is taken.
+        start_step: the first step used of a recording.
 
     Raises:
-        ClusterMclError: a file cannot be used, or the world does not exist; of a recording this
-            may show at its first step.
+        ClusterMclError: a file cannot be used, or the world does not exist; a recording may
+            raise it at its first step.
     """
     course = _course_of(case, seed, settings, start_step)
     if not case.mirrored:

@@ -31,29 +31,29 @@ from protocol.answers import State
 
 Counts = NDArray[np.float64]
 IN_A_ROW = 5
-"""So many right estimates in a row are no accident."""
+"""This number of right estimates in a row is not accidental."""
 LAST_UPDATES = 10
-"""Who is right on so many at the end is localized."""
+"""A run with this number of right estimates at its end is localized."""
 BINS = 10
 LEAST_PROBABILITY = 0.001
-"""A logarithm of a probability is taken of no less: an update costs at most 6.9 nat."""
+"""Lower bound of probabilities before the logarithm: an update costs at most 6.9 nat."""
 
 
 class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What one run came to. None: it did not happen, or there was nothing to measure it on."""
+    """The measures of one run. None: the event did not occur, or there are no data."""
 
     updates: int
     """Steps of the run."""
     localized: bool
     """The estimates of the last 10 updates (of all, if there were fewer) were right."""
     final_error_m: float | None
-    """Of the last estimate."""
+    """Position error of the last estimate."""
     final_error_rad: float | None
-    """The same of its heading."""
+    """Heading error of the last estimate."""
     settled_at_update: int | None
     """If localized: right for good from this update on."""
     settled_after_s: float | None
-    """Time of that update since the first one."""
+    """Time from the first update to that one."""
     rmse_m: float | None
     """Root mean square error of the position once right for good."""
     confidently_wrong_share: float | None
@@ -68,15 +68,14 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     sure_and_right_at_update: int | None
     """The first update whose estimate is right and has a probability of 0.9 or more."""
     truth_lowest_once_sure: float | None
-    """The lowest probability told of all right places together, from that update on."""
+    """The lowest reported probability of all right places together, from that update on."""
     log_score: float | None
-    """Mean over all judged updates, from the first on, of the natural logarithm of the probability
-    told of all right places together, taken as 0.001 where it is less. 0 is the best."""
+    """Mean over all judged updates of the natural logarithm of the reported probability of all
+    right places together, bounded below by 0.001. 0 is the best."""
     brier: float | None
-    """Mean over the same updates of (1 - p)^2, p the probability told of all right places
-    together, plus the squares of the wrong places' probabilities. What is given to no place, as
-    to "elsewhere", is spread too thin to have a square. 0 is sure and right, 1 is nothing told,
-    2 sure and wrong."""
+    """Brier score, mean over the same updates: (1 - p)^2, with p the reported probability of all
+    right places together, plus the squared probabilities of the wrong places. Probability given
+    to no place, as to "elsewhere", counts 0. 0 is sure and right, 1 no place, 2 sure and wrong."""
     elsewhere_probability: float | None
     """Mean over all updates of the probability that the robot is at none of the places."""
     off_map_probability: float
@@ -89,21 +88,21 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     right_at_100: bool | None
     """Whether the estimate of update 100 was right."""
     right_within: int | None
-    """The first update of the first 5 in a row with right estimates."""
+    """The first update of the first 5 right estimates in a row."""
     bootstrap_update: int | None
     """The update at which the first search ended."""
     copies_found: int | None
-    """How many of the copies were tracked then."""
+    """Number of copies tracked at that update."""
 
     all_tracked_share: float | None
     """Share of the updates after the bootstrap on which all copies were tracked."""
     entropy_mean: float | None
-    """Mean, over the updates after the bootstrap, of the entropy of the copies' probabilities,
-    divided by that of equal ones: 1 is no preference, 0 certainty, or no copy tracked."""
+    """Mean over the updates after the bootstrap of the normalised entropy of the copies'
+    probabilities: 1 is no preference, 0 is certainty or no tracked copy."""
     entropy_min: float | None
-    """The lowest of these entropies."""
+    """The lowest normalised entropy."""
     leader_changes: int
-    """How often the most probable copy was another one than an update before."""
+    """Number of updates at which the most probable copy changed."""
 
     seen_at_update: int | None
     """The update at which the robot sees the feature."""
@@ -113,9 +112,9 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """Updates from seeing the feature to being right for good; 0 if it was right before."""
 
     kidnapped_at_update: int | None
-    """The update after which the robot was lifted to another place."""
+    """The update after which the robot was kidnapped."""
     right_before_kidnap: bool | None
-    """Whether the estimate was right 40 times in a row before that, as it should have been."""
+    """Whether the estimate was right 40 times in a row before, as intended."""
     alarm_after_kidnap: int | None
     """Updates from then to the first one with the state `lost`, `ambiguous` or `searching`."""
     right_after_kidnap: int | None
@@ -132,11 +131,11 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     localized_wrong_share: float
     """Share of the updates with the state `localized` and a wrong estimate."""
     short_beam_share: float | None
-    """Share of the beams that met something 0.3 m or more in front of what the map has there."""
+    """Share of the beams that ended 0.3 m or more before the map's obstacle (occlusion)."""
     wall_s: float
-    """Time the run took, without reading maps."""
+    """Duration of the run without loading maps."""
     cpu_s: float
-    """Processor time of the same, of all threads."""
+    """CPU time of the run, all threads."""
 
 
 def measures_of(
@@ -149,16 +148,16 @@ def measures_of(
     wall_s: float = 0.0,
     cpu_s: float = 0.0,
 ) -> RunMeasures:
-    """All numbers of a run.
+    """Compute the measures of a run.
 
     Args:
-        facts: its updates, in order.
+        facts: its updates in order.
         seen_at_update: when the feature was seen.
         kidnapped_at_update: when the robot was kidnapped.
-        right_before_kidnap: whether the system had been right before.
-        short_beam_share: share of the beams that something stood in the way of.
-        wall_s: how long the run took.
-        cpu_s: processor time that it took.
+        right_before_kidnap: whether the estimate was right before.
+        short_beam_share: share of occluded beams.
+        wall_s: duration of the run [s].
+        cpu_s: CPU time of the run [s].
     """
     held = [step for step in after_bootstrap(facts) if step.judged]
     judged = [step for step in facts if step.judged]
@@ -221,10 +220,10 @@ def measures_of(
 
 
 def calibration_of(facts: Sequence[StepFacts]) -> Counts:
-    """The estimates in each tenth of probability, for reliability diagrams.
+    """Return counts per tenth of probability, for reliability diagrams.
 
     Returns:
-        (3, 10): how many estimates, how many right, and the sum of their probabilities.
+        (3, 10): number of estimates, number of right ones, and sum of their probabilities.
     """
     counts = np.zeros((3, BINS))
     for step in facts:
@@ -235,13 +234,13 @@ def calibration_of(facts: Sequence[StepFacts]) -> Counts:
 
 
 def after_bootstrap(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """From the update on at which the first search has ended."""
+    """Return the updates from the end of the first search."""
     first = next((i for i, step in enumerate(facts) if step.state != "searching"), len(facts))
     return facts[first:]
 
 
 def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """The last updates, with right estimates; none if there are fewer than 10 and not all."""
+    """Return the final run of right estimates; empty if under 10 of them and not all updates."""
     count = sum(1 for _ in takewhile(lambda step: step.right, reversed(judged)))
     return judged[len(judged) - count :] if count >= min(LAST_UPDATES, len(judged)) else ()
 
@@ -252,12 +251,12 @@ def from_sure_on(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
 
 
 def log_score(step: StepFacts) -> float:
-    """Natural logarithm of what is told of the right places; bounded, see `RunMeasures`."""
+    """Natural logarithm of the right places' probability, bounded; see `RunMeasures`."""
     return math.log(max(step.truth_told, LEAST_PROBABILITY))
 
 
 def brier(step: StepFacts) -> float:
-    """Brier's score of what is told, all right places being one; see `RunMeasures`."""
+    """Brier score with all right places as one; see `RunMeasures`."""
     wrong = math.fsum(probability**2 for probability, right in step.told if not right)
     return (1.0 - step.truth_told) ** 2 + wrong
 
@@ -283,7 +282,7 @@ def right_at(facts: Sequence[StepFacts], update: int) -> bool | None:
 
 
 def first_right(facts: Sequence[StepFacts], in_a_row: int = IN_A_ROW) -> int | None:
-    """The first update of the first so many in a row with right estimates."""
+    """Return the first update of the first `IN_A_ROW` right estimates in a row."""
     streak = 0
     for index, step in enumerate(facts):
         streak = streak + 1 if step.right else 0

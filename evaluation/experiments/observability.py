@@ -1,4 +1,4 @@
-"""What a scan can show: whether it tells symmetric places apart, and how much was in its way."""
+"""Observability: whether a scan distinguishes symmetric places, and how much is occluded."""
 
 from collections.abc import Sequence
 
@@ -12,13 +12,13 @@ from protocol.message import PoseTuple
 from protocol.steps import Scan
 
 DISTINGUISHING_BEAMS = 3
-"""So many beams that would be of another length tell two places apart."""
+"""Two places are distinguished by at least this number of beams with different ranges."""
 DISTINGUISHING_M = 0.3
-"""By so much: ten times the noise of a range, and more than a grazing ray's doubt."""
+"""Least difference [m]: ten times the range noise, and more than a grazing ray's error."""
 
 
 class ScanObservability:
-    """Ranges as the map has them.
+    """Compares expected ranges in a map.
 
     Args:
         grid_map: the map.
@@ -29,7 +29,7 @@ class ScanObservability:
         self._grid_from_map = inverse(np.array(grid_map.map_from_grid))
 
     def expected(self, scan: Scan, poses: Sequence[PoseTuple]) -> NDArray[np.float64]:
-        """(N, B) ranges [m] that the scan's beams would have at each of N poses of the robot."""
+        """Return the (N, B) expected ranges of the scan's beams at N poses [m]."""
         beams = scan.ranges.shape[0]
         angles = scan.angle_min_rad + scan.angle_step_rad * np.arange(beams, dtype=np.float64)
         grid_from_laser = compose(
@@ -40,11 +40,10 @@ class ScanObservability:
         )
 
     def distinguishes(self, scan: Scan, places: Sequence[PoseTuple]) -> bool:
-        """Whether a scan taken at the first place looks different from each of the others.
+        """Return whether a scan at the first place would look different from all other places.
 
-        Different is what 3 beams or more show that by the map differ by over 0.3 m; beams that
-        did not return show nothing. What the scan itself measured does not matter: the
-        definition is about what there was to see, not about noise or people.
+        At least `DISTINGUISHING_BEAMS` expected ranges must differ by `DISTINGUISHING_M`; beams
+        without a return are ignored. Measured ranges, so noise and people, do not matter.
 
         Raises:
             ValueError: there is only one place.
@@ -56,7 +55,7 @@ class ScanObservability:
         return bool(np.all(np.count_nonzero(differs, axis=1) >= DISTINGUISHING_BEAMS))
 
     def short_share(self, scan: Scan, map_from_robot: PoseTuple) -> float:
-        """Share of the beams that return from 0.3 m or more in front of what the map has there."""
+        """Return the share of beams that end 0.3 m or more before the map's obstacle."""
         expected = self.expected(scan, [map_from_robot])[0]
         short = _returned(scan) & (scan.ranges.array() < expected - DISTINGUISHING_M)
         return float(np.mean(short))

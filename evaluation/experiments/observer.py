@@ -1,4 +1,4 @@
-"""Watches a run: notes every step, and knows when the robot is kidnapped and when it is over."""
+"""Observes a run: records every step, decides when to kidnap the robot and when to end."""
 
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import AfterStep, Case, OnceRight, RecordedRobot, SimulatedRobot
@@ -12,17 +12,17 @@ from protocol.message import PoseTuple
 from protocol.steps import Scan
 
 GOOD_BEFORE_KIDNAP = 40
-"""The robot is kidnapped after so many right estimates in a row."""
+"""The robot is kidnapped after this number of right estimates in a row."""
 
 
 class Observer:
-    """Told of every step in order.
+    """Receives every step in order.
 
     Args:
         case: the experiment.
         seed: of the run.
-        grid_map: what the localizer was given.
-        with_trace: keep every step for the plots.
+        grid_map: the localizer's map.
+        with_trace: keep every step for plots.
     """
 
     def __init__(self, case: Case, seed: int, grid_map: GridMap, *, with_trace: bool) -> None:
@@ -44,7 +44,7 @@ class Observer:
         self.trace = Trace(seed) if with_trace else None
 
     def on_step(self, scan: Scan, outcome: Outcome, truth: PoseTuple | None) -> None:
-        """Take one step and what the system made of it; `truth` is None where nobody knows."""
+        """Take a step and the resulting belief; `truth` is None if unknown."""
         self._update += 1
         state, places = outcome.state, outcome.hypotheses
         symmetry = self._case.symmetry
@@ -64,7 +64,7 @@ class Observer:
 
     @property
     def kidnap_now(self) -> bool:
-        """Whether the robot shall be lifted elsewhere before the next step."""
+        """Whether to kidnap the robot before the next step."""
         if self._kidnapped_at is not None:
             return False
         match self._kidnapping:
@@ -77,13 +77,12 @@ class Observer:
                 return good or self._update >= at_latest
 
     def kidnapped(self) -> None:
-        """The robot was lifted elsewhere after the last step."""
         self._kidnapped_at = self._update
         self._right_before_kidnap = self._right_in_a_row >= GOOD_BEFORE_KIDNAP
 
     @property
     def over(self) -> bool:
-        """Whether enough updates were made after what the run is about."""
+        """Whether the run has enough updates after its event."""
         event = self._seen_at or self._kidnapped_at
         after = self._case.updates_after_event
         return event is not None and after is not None and self._update >= event + after
@@ -94,7 +93,6 @@ class Observer:
         return calibration_of(self._facts)
 
     def measures(self, wall_s: float, cpu_s: float = 0.0) -> RunMeasures:
-        """What the run came to."""
         shares = self._short_shares
         return measures_of(
             self._facts,
@@ -107,7 +105,7 @@ class Observer:
         )
 
     def _look(self, scan: Scan, copies: tuple[PoseTuple, ...]) -> None:
-        """Note what the scan could show."""
+        """Record occlusion, and when the feature is first observable."""
         if self._observability is None:
             return
         if self._people:

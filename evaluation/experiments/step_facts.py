@@ -1,4 +1,4 @@
-"""What is noted of one step of a run, to compute every number of the run from afterwards."""
+"""The facts recorded of each step, from which the measures of a run are computed."""
 
 import math
 from collections.abc import Sequence
@@ -11,41 +11,40 @@ from protocol.message import PoseTuple
 
 @dataclass(frozen=True, slots=True)
 class StepFacts:
-    """One step."""
+    """The facts of one step."""
 
     update: int
-    """Its place among the steps of the run; the first is 1."""
+    """Number of the step in the run; the first is 1."""
     stamp_ns: int
     """Time of its scan."""
     state: State
     probability: float
-    """Of the estimate, the most probable place; 0 without one."""
+    """Probability of the estimate, the most probable place; 0 without an estimate."""
     error: PoseError | None
-    """Of the estimate; None without one, as while the first search still runs."""
+    """Error of the estimate; None without one, as during the first search."""
     told: tuple[tuple[float, bool], ...]
-    """Of every place told, also by a first search: its probability and whether it is right."""
+    """Probability of each reported place, including a first search's, and whether it is right."""
     elsewhere: float | None
-    """Probability that the robot is at none of the places; None: the belief does not say."""
+    """Probability that the robot is at none of the places; None: not in the belief."""
     copies: tuple[float | None, ...]
-    """For the true pose and each symmetric copy of it: the probability of all places that are
-    right about it together; None where there is no such place. Empty: nobody knows the true
-    pose."""
+    """For the true pose and each symmetric copy: total probability of the places that match it, or
+    None if there is none. Empty: the true pose is unknown."""
     off_map: float = 0.0
     """Probability that the robot is not on the map."""
 
     @property
     def judged(self) -> bool:
-        """The true pose is known. Of a step that is not judged only number, time and state are."""
+        """Whether the true pose is known; if not, only number, time and state are valid."""
         return bool(self.copies)
 
     @property
     def claims(self) -> tuple[tuple[float, bool], ...]:
-        """Of every place held: its probability and whether it is right."""
+        """Probability of each place after the first search, and whether it is right."""
         return () if self.state == "searching" else self.told
 
     @property
     def truth_told(self) -> float:
-        """Probability of all right places together, also of those a first search tells."""
+        """Probability of all right places together, including a first search's."""
         return math.fsum(probability for probability, right in self.told if right)
 
     @property
@@ -65,17 +64,17 @@ class StepFacts:
 
     @property
     def tracked(self) -> bool:
-        """Some place is right."""
+        """Whether some place is right."""
         return self.copies[0] is not None
 
     @property
     def all_tracked(self) -> bool:
-        """For the truth and every symmetric copy of it there is some place."""
+        """Whether the true pose and every symmetric copy have a place."""
         return None not in self.copies
 
     @property
     def leader(self) -> int | None:
-        """The copy with the highest probability; None if there is a place for none."""
+        """Index of the most probable copy; None if no copy has a place."""
         held = [(p, -index) for index, p in enumerate(self.copies) if p is not None]
         return -max(held)[1] if held else None
 
@@ -89,14 +88,14 @@ def facts_of(
     elsewhere: float | None = None,
     off_map: float = 0.0,
 ) -> StepFacts:
-    """Note one step.
+    """Record one step.
 
     Args:
-        update: its place among the steps of the run.
+        update: number of the step in the run.
         stamp_ns: time of its scan.
         state: of the system after it.
         hypotheses: the places held after it, most probable first.
-        copies: the true pose, then its symmetric copies; empty where nobody knows.
+        copies: the true pose, then its symmetric copies; empty if unknown.
         elsewhere: probability that it is at none of the places, where the belief has one.
         off_map: probability that the robot is not on the map.
     """

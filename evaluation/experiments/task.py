@@ -1,4 +1,4 @@
-"""One run of one experiment: an algorithm on a robot's steps, watched from outside."""
+"""One run of an experiment: an algorithm on a robot's steps, with an observer."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -25,37 +25,37 @@ from worker.map_model import default_cache_folder, sensor_model
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What one run is of."""
+    """The specification of a run."""
 
     case: Case
     algorithm: Algorithm
     seed: int
     settings: Settings
-    """With the case's own, but for the seed."""
+    """Settings including the case's, except for the seed."""
     cache_folder: Path = field(default_factory=default_cache_folder)
-    """Where computed fields of maps are kept."""
+    """Folder for computed likelihood fields."""
     start_step: int = 0
-    """The run begins with this step of a recording, as if the robot had been switched on there."""
+    """First step of a recording, as if the robot had been switched on there."""
     with_trace: bool = False
     record: Path | None = None
-    """Where the run is recorded as a bag; None: nowhere."""
+    """File for a bag of the run; None: none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Finished:
-    """What a run came to."""
+    """The result of a run."""
 
     measures: RunMeasures
     calibration: Counts
-    """Of the estimates; see `calibration_of`."""
+    """See `calibration_of`."""
     trace: Trace | None
 
 
 def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finished:
-    """Do one run from its first step to its last.
+    """Run a task from the first step to the last.
 
     Args:
-        task: which.
+        task: the specification.
         on_update: called after each update.
 
     Raises:
@@ -75,7 +75,7 @@ def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finishe
 
 
 class Run:
-    """A run that is about to begin: the robot at its start, the map read, the observer there.
+    """A prepared run, with map, robot and observer.
 
     Raises:
         ClusterMclError: an input cannot be used.
@@ -91,7 +91,7 @@ class Run:
         self._record = task.record
 
     def outcomes(self) -> Iterator[Outcome]:
-        """What the algorithm makes of every step; the next step is taken when it is asked for."""
+        """Yield the algorithm's outcome of every step, lazily."""
         with _recorder(self._record) as recorder:
             yield from self._followed(recorder)
 
@@ -116,7 +116,7 @@ class Run:
         recorder.on_belief(belief_after(scan, outcome, scan.sender))
 
     def _scans(self, truths: dict[int, PoseTuple | None]) -> Iterator[Scan]:
-        """The scans alone, while the truth at each is put aside."""
+        """Yield the scans and store the truth of each."""
         for scan, truth in self.course.steps:
             truths[scan.step] = truth
             yield scan
@@ -127,7 +127,7 @@ def _recorder(file: Path | None) -> AbstractContextManager[RunRecorder | None]:
 
 
 def _model(course: Course, settings: Settings, cache_folder: Path) -> SensorModel:
-    """The map as the sensors see it, from the cache that all runs share."""
+    """Return the sensor model of the map, from the cache that all runs share."""
     try:
         return sensor_model(course.map, settings.sensor, cache_folder)
     except ValueError as error:  # there is nothing in the map to measure against

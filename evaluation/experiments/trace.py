@@ -12,7 +12,7 @@ MOST_PLACES = 12
 
 @dataclass(frozen=True, slots=True)
 class TracePlace:
-    """One place held after a step."""
+    """One place after a step."""
 
     cluster: int
     probability: float
@@ -21,13 +21,13 @@ class TracePlace:
 
 @dataclass(frozen=True, slots=True)
 class TraceStep:
-    """What a step came to."""
+    """One judged step."""
 
     update: int
     truth: PoseTuple
     right: bool
     truth_probability: float
-    """Of all right places together."""
+    """Probability of all right places together."""
     places: tuple[TracePlace, ...]
     """The most probable ones, best first."""
 
@@ -47,7 +47,7 @@ class Trace:
 
     @property
     def finding(self) -> str:
-        """What the run came to, in a few words; of a run with steps."""
+        """One line on the result of a run that has steps."""
         held = sum(step.truth_probability for step in self.steps) / len(self.steps)
         wrong = sum(step.confidently_wrong for step in self.steps) / len(self.steps)
         given = f"the right place was given {held:.0%}"
@@ -55,7 +55,7 @@ class Trace:
 
 
 def places_of(hypotheses: tuple[Hypothesis, ...]) -> tuple[TracePlace, ...]:
-    """The most probable places, as the plots need them."""
+    """Return the most probable places for the plots."""
     return tuple(
         TracePlace(place.cluster, place.probability, (place.mean[0], place.mean[1]))
         for place in hypotheses[:MOST_PLACES]

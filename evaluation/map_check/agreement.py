@@ -1,4 +1,4 @@
-"""Does a recording agree with a map: is the robot found in it, and do its scans fit there?"""
+"""Checks whether a recording agrees with a map: localization, and fit of the scans."""
 
 import itertools
 from collections.abc import Iterable
@@ -24,27 +24,27 @@ from worker.scan_beams import scan_beams
 
 FITS_WITHIN_M = 0.2
 ANOTHER_MAP = 0.5
-"""A recording whose robot is less probably on the map is of another one."""
+"""Off-map probability above which the recording belongs to another map."""
 MOST_STEPS, DECOY_STEPS = 400, 160
-"""Of a recording, and of its mirror image: a minute's work, and enough to tell."""
+"""Steps of the recording and of its mirror image: a minute of computation, and sufficient."""
 
 
 class Agreement(msgspec.Struct, frozen=True, kw_only=True):
-    """What came of localizing with a recording."""
+    """The result of localizing with a recording."""
 
     steps: int
     localized_share: float
-    """Of the steps."""
+    """Share of the steps with the state `localized`."""
     fitting_share: float | None
-    """Of the beams at steps with one probable place, those that end within 0.2 m of an obstacle."""
+    """Share of beams that end within 0.2 m of an obstacle, at steps with one probable place."""
     told_mount: tuple[float, float, float]
-    """`robot_from_laser`, as the recording or the settings say."""
+    """`robot_from_laser` of the recording or the settings."""
     mount: Mount | None
-    """What the map says of it; None: too few such steps, or too few turns, to tell."""
+    """The mount estimated from the map; None: too few such steps, or too few turns."""
     off_map_probability: float
-    """Mean over the steps: that the robot is not on this map."""
+    """Mean probability over the steps that the robot is not on this map."""
     decoy_localized_share: float
-    """Localized share of the mirrored recording: of a robot that is not there."""
+    """Localized share of the mirrored recording, whose robot is not on the map."""
 
     @property
     def is_of_another_map(self) -> bool:
@@ -55,8 +55,8 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
 def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSettings) -> Agreement:
     """Localize with the first steps of a recording, and compare its scans with the map.
 
-    A decoy, the robot of the mirror-image building, is localized beside it: it shows what a robot
-    that is not there comes to in this map with this laser.
+    A decoy, the mirrored recording, is localized too: it shows the localized share of a robot that
+    is not on this map.
 
     Args:
         scans: all steps; at least one.
@@ -103,7 +103,7 @@ def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSetti
 
 
 def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
-    """Whether one place is probable beside all others, be the robot on the map or not."""
+    """Return whether one place is probable compared with the others, given that one is true."""
     if not outcome.hypotheses:
         return False
     here = 1.0 - outcome.elsewhere_probability
@@ -111,7 +111,7 @@ def _has_one_place(outcome: Outcome, settings: FilterSettings) -> bool:
 
 
 def _distances_m(grid_map: GridMap) -> np.ndarray:
-    """(rows, cols) from each cell to the nearest obstacle [m]."""
+    """Return the (rows, cols) distance from each cell to the nearest obstacle [m]."""
     return np.asarray(distance_transform_edt(grid_map.cells != OCCUPIED) * grid_map.cell_m)
 
 

@@ -8,7 +8,7 @@ from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 
 SMALLEST_PIECE_M2 = 0.5
-"""Free ground smaller than this is a speck, and no piece."""
+"""Smaller free components are ignored."""
 
 
 class Ground(msgspec.Struct, frozen=True, kw_only=True):
@@ -23,11 +23,11 @@ class Ground(msgspec.Struct, frozen=True, kw_only=True):
     occupied_share: float
     unknown_share: float
     pieces: int
-    """Of free ground that do not touch; specks are not counted."""
+    """Connected components of free ground, without the smallest."""
     largest_piece_share: float
     """Of the free ground."""
     open_rim_share: float
-    """Of the cells around free ground, those that are unknown: what is there was not mapped."""
+    """Share of the cells next to free ground that are unknown, that is not mapped."""
 
 
 def ground_of(grid_map: GridMap) -> Ground:

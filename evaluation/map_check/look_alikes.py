@@ -1,4 +1,4 @@
-"""Places that look alike: what is seen from one of them would be seen from the others, too."""
+"""Finds look-alike places, from which a scan would be nearly equal."""
 
 import math
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from particle_filter.settings import SensorSettings
 from particle_filter.source_clustering import cluster_by_source_point
 
 MOST_POSES = 1_000_000
-"""Scored for a view; a larger map is searched in wider steps."""
+"""Most poses scored for a view; a larger map is searched on a coarser lattice."""
 ALIKE_SHARE = 0.1
-"""From a place that looks alike, fewer beams than this would be of another length."""
+"""A look-alike place differs in a smaller share of the beams than this."""
 
 _HEADINGS = 60
 _SPACING_M = 0.4
@@ -29,7 +29,7 @@ _APART_M, _APART_RAD = 1.0, 0.5
 
 @dataclass(frozen=True, eq=False)
 class LookAlikes:
-    """One place that was looked at, and all places that look like it."""
+    """A sampled place and all places that look like it."""
 
     places: Poses
     """(N, 3) `map_from_robot`; the place itself comes first."""
@@ -38,13 +38,13 @@ class LookAlikes:
 class LookAlikeSearch:
     """Scores a view from all poses in the free space of a map.
 
-    First all poses on a lattice against a blurred map, then the best ones, improved, by what
-    beams would measure there.
+    First it scores all poses on a lattice against a blurred map, then it refines the best ones
+    and compares their expected ranges.
 
     Args:
         grid_map: the map.
-        viewer: looks at the same map.
-        rng: draws what is tried.
+        viewer: computes views of the same map.
+        rng: source of the random trials.
     """
 
     def __init__(self, grid_map: GridMap, viewer: Viewer, rng: np.random.Generator) -> None:
@@ -62,9 +62,9 @@ class LookAlikeSearch:
         )
 
     def places_like(self, view: View) -> LookAlikes:
-        """All places from which the view's beams would be of the same lengths, nearly all.
+        """Return all places from which nearly all beams of the view have the same range.
 
-        Where next to nothing is seen, there is nothing to compare.
+        A view with almost no returns has none.
         """
         if len(view.hits_in_robot) < _FEWEST_HITS:
             return LookAlikes(view.map_from_robot[None])
@@ -84,7 +84,7 @@ class LookAlikeSearch:
 
 
 def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:
-    """(N, 3) poses all over the free cells, and in all directions."""
+    """Return (N, 3) poses over all free cells and headings."""
     stride = max(1, round(spacing_m / grid_map.cell_m))
     places = np.argwhere(grid_map.cells[stride // 2 :: stride, stride // 2 :: stride] == FREE)
     middles = (places[:, ::-1] * stride + stride // 2 + 0.5) * grid_map.cell_m
@@ -96,7 +96,7 @@ def _lattice(grid_map: GridMap, spacing_m: float) -> Poses:
 
 
 def _best_of_each_place(poses: Poses, scores: np.ndarray) -> Poses:
-    """(K, 3) the best pose of each place, the best place first."""
+    """Return the (K, 3) best pose of each place, best first."""
     order = np.argsort(-scores, kind="stable")
     labels, _ = cluster_by_source_point(
         poses[order], scores[order], _APART_M, _APART_RAD, max_clusters=len(poses)

@@ -1,10 +1,9 @@
-"""Where the laser sits and how odometry errs, from how both moved: hand-eye calibration.
+"""Estimates the laser's mount and the odometry's scale: hand-eye calibration.
 
-What the laser moved by between two steps, as the map shows it, A, and what the robot moved by, as
-odometry has it, B, are one movement seen from two places: with the laser at X on the robot,
-A = X^-1 B X. In the plane that is linear in X's position, and in its heading's cosine and sine
-times the scale of odometry. Turns are the laser's, for odometry drifts in them; where it has
-drifted on the way, its movement is turned back by half of that.
+The laser's motion A between two steps, measured in the map, and the robot's motion B, measured by
+odometry, are one motion in two frames: A = X^-1 B X with the laser's mount X. In the plane this is
+linear in X's position, and in its heading's cosine and sine times the scale of odometry. Turns are
+taken from the laser, because odometry drifts; half of that drift is removed from B.
 """
 
 import math
@@ -17,34 +16,34 @@ from particle_filter.arrays import Poses
 from particle_filter.poses import between, compose, wrap_angle
 
 _APART_STEPS = 5
-"""Movements over so many steps: some metre, much longer than the map's poses err."""
+"""Motions span this number of steps, about a metre: much more than the error of the map poses."""
 _LEAST_MOVEMENTS = 30
 _SOFT_M = 0.05
 _LEAST_TURN_RAD = math.pi
-"""The turns add up to this: without turning, the position of a laser does not show."""
+"""Least sum of the turns: without turning, the laser's position is not observable."""
 
 
 class Mount(msgspec.Struct, frozen=True, kw_only=True):
-    """The laser on the robot, and odometry, as a map and a recording say."""
+    """Mount of the laser and scale of odometry, estimated from a map and a recording."""
 
     robot_from_laser: tuple[float, float, float]
     standard_errors: tuple[float, float, float]
     """[m], [m], [rad]."""
     odometry_distance_scale: float
-    """1.02: odometry says 2 % more than was driven."""
+    """1.02: odometry reports 2 % more than was driven."""
     odometry_turn_scale: float
-    """The same of turns."""
+    """The same for turns."""
 
 
 def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
-    """Estimate both at once.
+    """Estimate mount and scale together.
 
     Args:
-        map_from_laser: (N, 3) where the laser was at steps that follow each other.
+        map_from_laser: (N, 3) laser poses at consecutive steps.
         odom_from_robot: (N, 3) odometry at the same steps.
 
     Returns:
-        None where the recording is too short or turns too little to tell.
+        None if the recording is too short or turns too little.
     """
     laser = between(map_from_laser[:-_APART_STEPS], map_from_laser[_APART_STEPS:])
     robot = between(odom_from_robot[:-_APART_STEPS], odom_from_robot[_APART_STEPS:])
@@ -66,7 +65,7 @@ def mount_of(map_from_laser: Poses, odom_from_robot: Poses) -> Mount | None:
     fit = least_squares(residuals, (0.0, 0.0, 1.0, 0.0), loss="soft_l1", f_scale=_SOFT_M)
     x, y, cos, sin = fit.x.tolist()
     scale = math.hypot(cos, sin)
-    # Movements overlap: so many fewer are independent.
+    # Motions overlap, so only this fraction is independent.
     variance = _APART_STEPS * 2 * fit.cost / max(2 * len(laser) - 4, 1)
     jacobian = np.asarray(fit.jac)
     errors = np.sqrt(np.diag(variance * np.linalg.inv(jacobian.T @ jacobian)))

@@ -1,4 +1,4 @@
-"""From poses that are nearly right to the best ones near them."""
+"""Refines approximate poses by random local search."""
 
 import numpy as np
 
@@ -7,19 +7,19 @@ from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihoo
 
 _TRIES = 200
 _SPREADS = np.array([(s, s, 0.25 * s) for s in (0.4, 0.2, 0.1, 0.05, 0.02)])
-"""[m], [m], [rad]: a quarter, for beams end some metres away."""
+"""[m], [m], [rad]: the heading is scaled by a quarter, because beams end metres away."""
 
 
 def refined(
     poses: Poses, hits_in_robot: Points, field: LikelihoodField, rng: np.random.Generator
 ) -> tuple[Poses, LogWeights]:
-    """Improve each of some poses by trying others near it, nearer and nearer.
+    """Improve each pose by trials in a shrinking neighbourhood.
 
     Args:
         poses: (N, 3).
-        hits_in_robot: (B, 2) where beams ended.
+        hits_in_robot: (B, 2) end points of beams [m].
         field: the map.
-        rng: draws what is tried.
+        rng: source of the trials.
 
     Returns:
         (N, 3) poses, none worse than it was, and their (N,) log-likelihoods.

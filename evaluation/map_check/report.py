@@ -1,4 +1,4 @@
-"""All that is found out about a map, and what a person should know of it."""
+"""The report of `clustermcl check` on a map, with its warnings."""
 
 import math
 from collections.abc import Iterator
@@ -28,17 +28,17 @@ _MOST_SYMMETRIES = 12
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True):
-    """A place that was looked at."""
+    """A sampled place."""
 
     map_from_robot: PoseTuple
     returned_share: float
-    """Of the beams, those that hit something within the laser's range."""
+    """Share of the beams that hit something within the laser's range."""
     look_alikes: tuple[PoseTuple, ...]
-    """Other places from which the same would be seen."""
+    """Number of look-alike places."""
 
 
 class MapReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What `clustermcl check` finds out."""
+    """The results of `clustermcl check`."""
 
     map: str
     ground: Ground
@@ -46,11 +46,11 @@ class MapReport(msgspec.Struct, frozen=True, kw_only=True):
     searched_every_m: float
     places: tuple[Place, ...]
     symmetries: tuple[Symmetry, ...]
-    """The most common first; of a repetitive map, no more than the first dozen."""
+    """The most frequent first, at most a dozen."""
     agreement: Agreement | None
-    """With a recording; None: none was given."""
+    """Agreement with a recording; None: none was given."""
     remarks: tuple[str, ...] = ()
-    """What stands against localizing in this map, in sentences; none: nothing."""
+    """Problems of localizing in this map, as sentences."""
 
 
 def report_of(
@@ -65,12 +65,12 @@ def report_of(
     """Examine a map.
 
     Args:
-        name: of the map, for people.
+        name: displayed name of the map.
         grid_map: the map.
-        laser_range_m: how far the robot's laser sees.
-        places: how many are looked at.
-        seed: of the choice of places.
-        agreement: of a recording with the map; None: there is no recording.
+        laser_range_m: range of the robot's laser.
+        places: number of sampled places.
+        seed: of the sampling.
+        agreement: agreement of a recording with the map, or None.
 
     Raises:
         NoRoomError: no robot fits into the map.

@@ -1,4 +1,4 @@
-"""Symmetries of a map: movements that carry many of its places to places that look alike."""
+"""Symmetries of a map: transforms that map many places to look-alike places."""
 
 import math
 from collections.abc import Sequence
@@ -18,25 +18,25 @@ _MOST = 256
 
 
 class Symmetry(msgspec.Struct, frozen=True, kw_only=True):
-    """The map looks the same after this movement, at some of its places."""
+    """A transform under which some places of the map look the same."""
 
     turn_rad: float
-    """0: it is shifted."""
+    """0: a translation."""
     about_m: tuple[float, float] | None
-    """The point about which it is turned; None: it is shifted."""
+    """Centre of rotation; None: a translation."""
     shift_m: tuple[float, float] | None
-    """None: it is turned."""
+    """Translation; None: a rotation."""
     share: float
-    """Of the places that were looked at."""
+    """Share of the sampled places."""
 
 
 def symmetries_of(found: Sequence[LookAlikes], middle: tuple[float, float]) -> tuple[Symmetry, ...]:
-    """Movements that several of the places have in common, the most common first.
+    """Return transforms that several places share, the most frequent first.
 
     Args:
-        found: places that were looked at.
-        middle: of the map; movements are compared there, where small errors of a turn do
-            least.
+        found: sampled places with their look-alikes.
+        middle: of the map; transforms are compared there, where errors of a rotation have the
+            least effect.
     """
     to_middle = np.array([*middle, 0.0])
     movements, owners = [], []
@@ -64,7 +64,7 @@ def _symmetry(movement: np.ndarray, middle: tuple[float, float], share: float) -
     x, y, turn = movement.tolist()
     if abs(turn) < _NO_TURN_RAD:
         return Symmetry(turn_rad=0.0, about_m=None, shift_m=(x, y), share=share)
-    # The point that stays where it is: p = R p + t.
+    # The fixed point: p = R p + t.
     half, c = 0.5 / math.tan(turn / 2), 0.5
     about = (middle[0] + c * x - half * y, middle[1] + half * x + c * y)
     return Symmetry(turn_rad=turn, about_m=about, shift_m=None, share=share)

@@ -1,4 +1,4 @@
-"""What a robot would see on a short way in a map, by the map itself: no noise, nobody about."""
+"""Expected scans along a short path in a map, without noise and people."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from robot_simulator.free_space import FreeSpace
 
 WAY_M = 4.0
-"""At most. A robot that has driven a little has seen more than one scan shows."""
+"""Most scans of a view: a short path shows more than one scan."""
 _SCANS, _BEAMS = 4, 60
 _ANGLES = np.linspace(-np.pi, np.pi, _BEAMS, endpoint=False)
 _DIFFERS_M = 0.3
@@ -20,29 +20,29 @@ _DIFFERS_M = 0.3
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What was seen on a way, from its end."""
+    """The scans of a path, relative to its end."""
 
     map_from_robot: Pose
-    """(3,) where the robot is at the end of the way."""
+    """(3,) pose at the end of the path."""
     robot_from_scans: Poses
-    """(S, 3) where it scanned on the way, seen from its end."""
+    """(S, 3) poses of the scans relative to that pose."""
     hits_in_robot: Points
-    """(n, 2) where beams ended [m]."""
+    """(n, 2) end points of beams [m]."""
     ranges: NDArray[np.float64]
-    """(S, B) [m]; the laser's range where nothing was hit."""
+    """(S, B) ranges [m]; the laser's maximum range where nothing was hit."""
 
     @property
     def returned_share(self) -> float:
-        """Of all beams, those that hit something."""
+        """Share of the beams that hit something."""
         return len(self.hits_in_robot) / self.ranges.size
 
 
 class Viewer:
-    """Looks at a map from anywhere.
+    """Computes views of a map.
 
     Args:
         grid_map: the map.
-        range_m: how far the laser sees; it sees all around.
+        range_m: range of the laser, which scans 360 degrees.
 
     Raises:
         NoRoomError: no robot fits into the map.
@@ -55,7 +55,7 @@ class Viewer:
         self._free_space = FreeSpace(grid_map)
 
     def random_view(self, rng: np.random.Generator) -> View:
-        """From a way between two random places that are not far from each other."""
+        """Return the view of a path between two random places near each other."""
         x, y, heading = self._free_space.random_pose(rng)
         way = self._free_space.random_path(x, y, WAY_M, rng)
         chosen = way[np.unique(np.linspace(0, len(way) - 1, _SCANS).astype(int))]
@@ -63,7 +63,7 @@ class Viewer:
         return self._view(poses)
 
     def differing_share(self, view: View, places: Poses) -> NDArray[np.float64]:
-        """(N,) share of the view's beams that would be of another length from (N, 3) places."""
+        """Return the (N,) share of the view's beams that differ at (N, 3) places."""
         return np.array(
             [
                 np.mean(np.abs(self._ranges(compose(place, view.robot_from_scans)) - view.ranges)
