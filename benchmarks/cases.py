@@ -1,4 +1,4 @@
-"""What is measured: each kernel beside plain numpy and beside C, on the same numbers."""
+"""The benchmark cases: each kernel next to plain numpy and C, on the same data."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class Case:
     name: str
     unit: str
     units: int
-    """How many units one run does: times are told for one."""
+    """How many units one run does: times are reported per unit."""
     ours: Run
     plain: Run | None = None
     floor: Run | None = None

@@ -40,7 +40,7 @@ def places(scan: Scan, grid_map: GridMap, count: int, seed: int) -> list[PoseTup
     Args:
         scan: of one laser.
         grid_map: where the robot may be anywhere.
-        count: how many to tell.
+        count: number of poses returned.
         seed: of the positions.
     """
     rng, jumps = np.random.default_rng(seed), jump_field(grid_map.cells)

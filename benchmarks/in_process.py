@@ -26,7 +26,7 @@ def steps(
         clusters: tracked, two of three of them in a wrong place.
         particles: of each.
         beams: scored of a scan of 181, or as many as there are.
-        tiles: the map is so many times as wide and as high.
+        tiles: factor for the width and height of the map.
     """
     settings = FilterSettings(
         cluster=ClusterSettings(particles=particles), sensor=SensorSettings(max_beams=beams)

@@ -20,7 +20,7 @@ from robot_simulator.worlds.office import office
 
 
 def site_plan(building: GridMap, side: int, folder: Path) -> Path:
-    """A square map of so many cells on a side; all around the building is unknown."""
+    """A square map of `side` x `side` cells; everything around the building is unknown."""
     cells = np.full((side, side), UNKNOWN, np.int8)
     rows, cols = building.cells.shape
     low, left = (side - rows) // 3, (side - cols) // 3

@@ -120,7 +120,7 @@ def _run(*command: str) -> None:
 def run_stack(
     folder: Path, seconds: float, watched_s: float, settings: Sequence[str], far_workers: int
 ) -> tuple[ByThread, int]:
-    """A stack for so long; `settings` as for `--set`; some workers on the far machine.
+    """Run a stack for this time; `settings` as for `--set`; some workers on the far machine.
 
     Returns:
         What each thread of it took over the last `watched_s`, and when they began [ns].

@@ -47,7 +47,7 @@ COVARIANCE = (0.01, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.001)
 
 
 class Imitation:
-    """A system of so many clusters, which are where the last step says."""
+    """A system with a number of clusters at the last step's places."""
 
     def __init__(self, session: zenoh.Session, clusters: int, drawn: GridMap) -> None:
         self._clusters, self._step = clusters, 0
@@ -82,7 +82,7 @@ class Imitation:
         self._step += 1
 
     def answer(self) -> None:
-        """Whoever has asked meanwhile."""
+        """Queries received meanwhile."""
         while (asked := self._inbox.get(0.0)) is not None:
             match asked:
                 case Asked(key=keys.STATUS):

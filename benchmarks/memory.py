@@ -31,7 +31,7 @@ COMMAND = (sys.executable, "-I", "-m", "clustermcl")
 
 
 def offices(side: int) -> GridMap:
-    """A square map of so many cells of 5 cm: the simulator's office, side by side."""
+    """A square map with cells of 5 cm: copies of the simulator's office."""
     whole = world("office").map
     rows, cols = whole.cells.shape
     cells = np.tile(whole.cells, (side // rows + 1, side // cols + 1))[:side, :side]
@@ -78,7 +78,7 @@ def by_part(up: psutil.Process) -> dict[str, list[float]]:
 
 
 def measured(settings: list[str], seconds: float, timeout_s: float) -> dict[str, list[float]]:
-    """Start a stack, wait until it tracks, and for so long more; prints the peak of the sum."""
+    """Start a stack, wait until it tracks, and then for this time; prints the peak of the sum."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         router = f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -319,7 +319,7 @@ def _start_in_right(grid_map: GridMap, seed: int) -> PoseTuple:
 
 
 def _with_squares(grid_map: GridMap, *, share: float, seed: int) -> GridMap:
-    """Squares were not mapped, until so much of the free ground is unknown."""
+    """Squares are made unknown until this share of the free ground is."""
     cells, rng = grid_map.cells.copy(), np.random.default_rng([seed, 13])
     side, free = round(SQUARE_M / grid_map.cell_m), np.count_nonzero(cells == FREE)
     while np.count_nonzero(cells == FREE) > (1.0 - share) * free:

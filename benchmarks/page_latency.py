@@ -50,7 +50,7 @@ class Listener:
     def late_ms(self, steps: int) -> list[float]:
         """From scan to belief of the steps that come next."""
         late: list[float] = []
-        while self._inbox.get(0.0) is not None:  # what came while nobody measured
+        while self._inbox.get(0.0) is not None:  # messages from before the measurement
             pass
         while len(late) < steps:
             match self._inbox.get(STEP_WITHIN_S):

@@ -14,7 +14,7 @@ import psutil
 
 @dataclass(frozen=True)
 class Spent:
-    """What a thread, or several, took so far."""
+    """CPU time of one or several threads until now."""
 
     cpu_ns: int = 0
     turns: int = 0
@@ -63,7 +63,7 @@ def _kind(pid: int, thread: int, name: str) -> str:
 
 
 def in_between(before: ByThread, after: ByThread) -> ByThread:
-    """What was spent in between, by threads that were there before."""
+    """CPU time spent in between by threads that existed before."""
     return {who: spent - before[who] for who, spent in after.items() if who in before}
 
 

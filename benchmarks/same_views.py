@@ -43,7 +43,7 @@ _BLOCK = (8.0, -2.4, 9.2, -0.8)
 
 
 def block_gone() -> World:
-    """A symmetric hall with two blocks, of which the map lacks the one beside the robot."""
+    """A symmetric hall with two blocks; the map lacks the one next to the robot."""
     blocks, real, mapped = (Canvas(30.0, 22.0) for _ in range(3))
     blocks.block(*_BLOCK)
     blocks.repeat_turned(2)
@@ -146,7 +146,7 @@ class Told:
 
 
 def told(outcome: Outcome, truth: PoseTuple) -> Told:
-    """What a belief is worth, where the truth is known."""
+    """Accuracy of a belief with known ground truth."""
     if not outcome.hypotheses:
         return Told(0.0, 0.0, False, math.nan, math.nan, outcome.state)
     right = [pose_error(each.mean, truth).right for each in outcome.hypotheses]
@@ -176,7 +176,7 @@ def given_place(sigma_m: float, truth: PoseTuple, scan: Scan, seed: int) -> Plac
 
 
 def run(case: Case, seed: int, settings: Settings) -> list[Told]:
-    """What is told at each step."""
+    """Reported values of each step."""
     model = sensor_model(case.world().map, settings.sensor, cache_folder=None)
     process = InProcess(model, msgspec.structs.replace(settings, seed=seed))
     answers = []

@@ -43,9 +43,9 @@ from worker.jobs import running
 from worker.map_model import default_cache_folder, sensor_model
 
 OFFICES = {"5,900": (5, 18), "13,000": (7, 28), "50,000": (14, 54)}
-"""About so many square metres: wings, and rooms on a side of one."""
+"""Area in square metres: number of wings, and rooms on a side of a wing."""
 SYMMETRIES = {"cross": 4, "rectangle": 2, "hall_symmetric": 2}
-"""Worlds that look the same after so many turns."""
+"""Symmetric worlds and their order of symmetry."""
 UPDATES, KIDNAPPED_AT, IN_A_ROW = 200, 60, 5
 
 Result = dict[str, Any]
@@ -78,7 +78,7 @@ class Place:
 
 
 def search(place: Place, seed: int) -> Result:
-    """A first search until it says that it is done; its shards run one after the other."""
+    """Run a first search to its end, its shards one after the other."""
     settings, took_s = place.settings, list[float]()
     rules, most = settings.search, settings.belief.max_clusters
     for scan, truth in place.steps(seed):

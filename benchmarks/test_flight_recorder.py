@@ -56,7 +56,7 @@ STARTED = Started(
 
 
 class Run:
-    """Obedient workers, and a coordinator that is told by `handle` what they say."""
+    """Well-behaved workers, and a coordinator that gets their reports by `handle`."""
 
     def __init__(self, folder: Path | None) -> None:
         self.coordinator: Coordinator = STARTED.coordinator()
@@ -92,7 +92,7 @@ class Run:
         return [*odometry, *ticks, ScanArrived(self._scan()), *arrived]
 
     def tell(self, events: list[Event]) -> None:
-        """A step, as the loop tells it."""
+        """A step as the loop passes it on."""
         for event in events:
             self._tell(event)
 

@@ -1,4 +1,4 @@
-"""The kernels, timed, and held against numpy and C once each."""
+"""Times the kernels and compares each with numpy and C once."""
 
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture

@@ -29,7 +29,7 @@ def belief() -> Belief:
 
 
 def test_a_particle_cloud_of_all_places(benchmark: BenchmarkFixture) -> None:
-    """From what workers told of their particles to the bytes on the wire: under 1 ms."""
+    """From the workers' particle reports to the bytes on the wire: under 1 ms."""
     rng, clouds = np.random.default_rng(1), ClusterParticles()
     for number in range(PLACES):
         told = Particles(

@@ -1,4 +1,4 @@
-"""Compares evidence models on records: chosen on training buildings, told for all."""
+"""Compares evidence models on records: chosen on training buildings, reported for all."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,12 +23,12 @@ TRAINING = {
 MOST_SURE_WRONG = 0.01
 """Of the steps of any group of training records."""
 ALIKE, LEAST_ENTROPY = ("cross", "rectangle", "hall-symmetric"), 0.99
-"""Records of places that nobody can tell apart, and how even they must stay in every run."""
+"""Records of indistinguishable places, and how even they must stay in every run."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What one record of some runs came to."""
+    """The result of one record of some runs."""
 
     replayed: Replayed
     steps: int

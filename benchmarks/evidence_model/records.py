@@ -1,4 +1,4 @@
-"""What is recorded of one run, step by step and cluster by cluster, and its file."""
+"""The record of one run, by step and cluster, and its file format."""
 
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path

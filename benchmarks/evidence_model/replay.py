@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 LEAST_TRUTH = 0.001
 """The logarithmic score takes no probability for smaller."""
 LEAST_SHARE = 1e-12
-"""Of the first scan's posterior; so much is always left for elsewhere, too."""
+"""Floor of the first scan's posterior, also for elsewhere."""
 
 
 Counted = Callable[[Floats, Floats, Floats, Floats], Floats]
@@ -35,7 +35,7 @@ class Rules:
     """Probability that the robot is lifted elsewhere in a step; 0: nothing is elsewhere."""
     elsewhere_poses: int = 2048
     elsewhere_view_m: float = 0.1
-    """What tells of elsewhere is new after so much driving, or turning by twice the number."""
+    """Evidence for elsewhere is new after driving this distance, or turning by twice the number."""
 
 
 @dataclass(frozen=True, eq=False)
