@@ -51,7 +51,7 @@ STARTED = Started(
         ),
     ),
     settings=CoordinatorSettings(),
-    version="benchmark", now_ns=0, term=1, known=None, last_poses={},
+    version="benchmark", now_ns=0, term=1, known=None,
 )  # fmt: skip
 
 

@@ -92,12 +92,12 @@ def _usual_source(map_file: str | None) -> str:
 
 
 def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
-    """The settings of all processes of the demo; nothing of it is kept."""
+    """The settings of all processes of the demo; it keeps no state but in its own folder."""
     rate = usual_rate if options.rate is None else options.rate
     map_file = map_file_of(options.map_file or settings.bridge.map, source)
     bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
-    nothing_kept = msgspec.structs.replace(settings.coordinator, state_folder="off")
-    return msgspec.structs.replace(settings, bridge=bridge, coordinator=nothing_kept)
+    not_the_robots = msgspec.structs.replace(settings.coordinator, state_folder="")
+    return msgspec.structs.replace(settings, bridge=bridge, coordinator=not_the_robots)
 
 
 def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> Show:

@@ -164,10 +164,17 @@ def _remove_orphans(base: Path) -> None:
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:
-    """The same settings, but the processes meet at a socket in a folder: no ports, no strangers."""
+    """The same settings, but the processes meet at a socket in a folder: no ports, no strangers.
+
+    The coordinator's state is kept there too, unless a folder is named:
+    nothing of it is left for another run.
+    """
     router = f"unixsock-stream/{folder}/router.sock"
     zenoh = msgspec.structs.replace(settings.zenoh, router=router, start_router=True)
-    return msgspec.structs.replace(settings, zenoh=zenoh)
+    coordinator = settings.coordinator
+    if not coordinator.state_folder:
+        coordinator = msgspec.structs.replace(coordinator, state_folder=str(folder / "state"))
+    return msgspec.structs.replace(settings, zenoh=zenoh, coordinator=coordinator)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
-from coordinator.last_pose_files import default_state_folder
+from coordinator.state_file import default_state_folder
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings

@@ -4,8 +4,7 @@ No network, no clock: events and the time come in, instructions go out, all of t
 So a failure of a worker or a network is replayed in a unit test.
 """
 
-from collections.abc import Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Sequence
 from typing import assert_never
 
 from coordinator import events
@@ -23,7 +22,7 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from coordinator.pose.last_pose import LastPose
+from coordinator.last_place import LastPlace
 from coordinator.state import CoordinatorState
 from coordinator.take_over import TakeOver
 from particle_filter.settings import FilterSettings
@@ -53,7 +52,7 @@ class Coordinator:
         term: int = 0,
         known: Checkpoint | None = None,
         usual_delay_ns: int | None = None,
-        last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+        kept: Checkpoint | None = None,
     ) -> None:
         """Know nothing yet.
 
@@ -67,10 +66,10 @@ class Coordinator:
             term: see `Term`; raised above all that workers know.
             known: a checkpoint that was heard before the workers are asked.
             usual_delay_ns: see `PoseTracker.begin`; None: nobody knows, or the robot is not live.
-            last_poses: where the robot was at the end of an earlier life, by the map's digest.
+            kept: a checkpoint from the file of this machine, which `state_in` accepts.
         """
         self._sender = sender
-        self._term = Term(term, known)
+        self._term = Term(term, known, kept)
         self._state = CoordinatorState(sender, filter_settings, settings, bridge)
         if usual_delay_ns is not None:
             self._state.pose.begin(usual_delay_ns, now_ns)
@@ -78,9 +77,9 @@ class Coordinator:
         self._take_over = TakeOver(
             self._state,
             self._term,
-            StateRecovery(sender, known, now_ns),
+            StateRecovery(sender, known, kept, now_ns),
             self._answers,
-            last_poses,
+            LastPlace.of(kept) if kept else None,
             settings.last_pose_probability,
         )
         self._checkpoints = CheckpointSeries(sender)
@@ -158,11 +157,6 @@ class Coordinator:
             case _:
                 assert_never(event)
         return []
-
-    @property
-    def pose_outlives_us(self) -> bool:
-        """Whether the last pose is kept for another life of ours, or taken from an earlier one."""
-        return self._state.pose_outlives_us
 
     # --- what the robot does
 

@@ -29,14 +29,19 @@ from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
 from coordinator.free_ground import FreeGround
-from coordinator.instructions import AnswerCommand, Instruction, PublishBelief
+from coordinator.instructions import (
+    AnswerCommand,
+    Instruction,
+    PublishBelief,
+    PublishCheckpoint,
+)
 from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
 from coordinator.membership.membership import Change, Membership
+from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.outgoing import Outgoing
-from coordinator.pose.last_pose import LastPose
-from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.report_sizes import check_places, has_too_large_snapshot
+from coordinator.state_file import StateKeeper
 from coordinator.step_collector import without_snapshot
 from grid_maps.map_message import from_message
 from process_runtime.latency_trace import mark
@@ -44,7 +49,7 @@ from process_runtime.logs import CauseCounter
 from process_runtime.memory import HeapTrimmer
 from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief, Relocalize, SetPose, Status
+from protocol.answers import Relocalize, SetPose, Status
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, MapMismatchError, printable
 from protocol.health import Health
@@ -83,15 +88,16 @@ class CoordinatorLoop:
         self,
         coordinator: Coordinator,
         session: zenoh.Session,
-        keeper: PoseKeeper,
+        keeper: StateKeeper,
         recorder: FlightRecorder,
+        heard: NewestCheckpoint,
         trust: Trust,
         causes: CauseCounter,
         is_anybody_there: Callable[[], bool],
     ) -> None:
         self._is_anybody_there, self._stale = is_anybody_there, StaleSessionDetector()
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
-        self._recorder, self._trust = recorder, trust
+        self._recorder, self._heard, self._trust = recorder, heard, trust
         self._map_reader: threading.Thread | None = None
         self._inbox: Inbox[_InboxEvent] = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
@@ -195,8 +201,10 @@ class CoordinatorLoop:
                 return TimePassed()
             case keys.CHECKPOINT:
                 checkpoint = decode(message.payload, Checkpoint)
-                believed = self._trust.believes(checkpoint)
-                return CheckpointHeard(checkpoint) if believed else TimePassed()
+                if not self._trust.believes(checkpoint):
+                    return TimePassed()
+                self._heard.hear(checkpoint, now_ns)
+                return CheckpointHeard(checkpoint)
             case WorkerKey(worker, WorkerTopic.STATE):
                 self._heap.on_large_message(now_ns / 1e9)
                 return WorkerToldState(worker, told_by(message.payload, self._trust))
@@ -317,16 +325,10 @@ class CoordinatorLoop:
         if self._coordinator.outranked_by is not None:
             return
         cleared = self._fencing.cleared(instructions, time.monotonic_ns())
-        self._outgoing.carry_out(cleared)
         for instruction in cleared:
-            if isinstance(instruction, PublishBelief):
-                self._health.happened("beliefs")
-                self._keep(instruction.belief)
-
-    def _keep(self, belief: Belief) -> None:
-        """Remember where the robot is, where that is sure."""
-        if not self._coordinator.pose_outlives_us:
-            return
-        pose = LastPose.of(belief, self._coordinator.map_digest)
-        if pose is not None:
-            self._keeper.offer(pose)
+            match instruction:
+                case PublishCheckpoint(checkpoint):
+                    self._keeper.offer(checkpoint)
+                case PublishBelief():
+                    self._health.happened("beliefs")
+        self._outgoing.carry_out(cleared)

@@ -12,14 +12,13 @@ import zenoh
 
 from coordinator.failover.trust import Trust
 from coordinator.key_file import read_key
-from coordinator.last_pose_files import default_state_folder, read_all
 from coordinator.loop import CoordinatorLoop
 from coordinator.newest_checkpoint import NewestCheckpoint
-from coordinator.pose_keeper import PoseKeeper
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
 from coordinator.standby import StandbyLoop
+from coordinator.state_file import StateKeeper, default_state_folder, read
 from particle_filter.settings import FilterSettings
 from process_runtime.logs import CauseCounter
 from process_runtime.main import Invocation, process_main
@@ -67,13 +66,12 @@ def run_coordinator(invocation: Invocation) -> None:
         time.time_ns,
         lambda error: causes.warn(_log, error.cause, error, time.monotonic()),
     )
-    is_deposed = False
+    is_deposed, newest = False, NewestCheckpoint()
     while not stop.is_set():
         with (
             open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
             metrics_served(settings.metrics, session),
         ):
-            known = NewestCheckpoint()
             # Who has deposed this one may be about to begin, and shows itself only then.
             if is_deposed or is_alive(
                 session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s
@@ -92,12 +90,13 @@ def run_coordinator(invocation: Invocation) -> None:
                     settings.coordinator.take_over_after_s,
                     trust,
                     partial(sees, keys.COORDINATOR_ALIVE),
+                    newest,
                 )
                 if not standby.run(stop):
                     continue
-                known = standby.newest
                 _log.warning("the coordinator is dead: taking over")
-            is_deposed = lead(invocation, session, known, trust, causes)
+            known, newest = newest, NewestCheckpoint()
+            is_deposed = lead(invocation, session, known, newest, trust, causes)
             may_wait = True  # another acts: whatever this one was told, it may only wait
 
 
@@ -105,10 +104,20 @@ def lead(
     invocation: Invocation,
     session: zenoh.Session,
     known: NewestCheckpoint,
+    heard: NewestCheckpoint,
     trust: Trust,
     causes: CauseCounter,
 ) -> bool:
-    """Coordinate until told to stop, or until another coordinator acts: that is true then."""
+    """Coordinate until told to stop, or until another coordinator acts: that is true then.
+
+    Args:
+        invocation: of the process.
+        session: to the robot's other processes.
+        known: what others published before.
+        heard: told of what others publish meanwhile, from which this one may carry on later.
+        trust: which checkpoints are believed.
+        causes: counts what is refused.
+    """
     settings = invocation.settings
     folder = state_folder(settings.coordinator)
     robot = settings.robot.name
@@ -122,16 +131,16 @@ def lead(
         term=time.time_ns() // 1_000,
         known=known.checkpoint,
         usual_delay_ns=known.usual_delay_ns,
-        last_poses=read_all(folder, robot) if folder else {},
+        kept=read(folder, robot) if folder else None,
     )
     coordinator = started.coordinator()
-    keeper = PoseKeeper(folder, robot, settings.coordinator.save_pose_every_s)
+    keeper = StateKeeper(folder, robot, started.kept)
     recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
     with recorder.running():
         sees = partial(is_there, settings.zenoh, settings.robot, invocation.stop)
         is_anybody_there = partial(sees, keys.ALL_WORKERS_ALIVE)
         loop = CoordinatorLoop(
-            coordinator, session, keeper, recorder, trust, causes, is_anybody_there
+            coordinator, session, keeper, recorder, heard, trust, causes, is_anybody_there
         )
         loop.run(invocation.stop)
     if coordinator.outranked_by is None:
@@ -141,14 +150,14 @@ def lead(
 
 
 def state_folder(settings: CoordinatorSettings) -> Path | None:
-    """Where the last pose is kept; None for nowhere."""
+    """Where the state is kept; None for nowhere."""
     named = settings.state_folder
-    if named == "off" or settings.save_pose_every_s == 0.0:
+    if named == "off":
         return None
     try:
         return Path(named).expanduser() if named else default_state_folder()
     except RuntimeError as error:  # a service without a home
-        _log.warning("the last pose is not kept: %s; set coordinator.state_folder", error)
+        _log.warning("the state is not kept: %s; set coordinator.state_folder", error)
         return None
 
 

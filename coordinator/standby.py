@@ -32,21 +32,22 @@ class StandbyLoop:
         take_over_after_s: float,
         trust: Trust,
         is_another_there: Callable[[], bool],
+        newest: NewestCheckpoint,
     ) -> None:
-        """Know nothing yet.
+        """Begin to listen.
 
         Args:
             session: of this process.
             take_over_after_s: see `FailureDetector`.
             trust: which checkpoints are believed.
             is_another_there: whether somebody who hears well sees a coordinator.
+            newest: of the checkpoints heard before; those that come are added.
         """
         self._session, self._trust = session, trust
         self._is_another_there, self._stale = is_another_there, StaleSessionDetector()
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
-        self.newest = NewestCheckpoint()
-        """Of those heard."""
+        self._newest = newest
 
     def run(self, stop: StopFlag) -> bool:
         """Wait; True when it is time to take over, False when told to stop or deaf."""
@@ -82,5 +83,5 @@ class StandbyLoop:
             return
         if not self._trust.believes(checkpoint):
             return
-        if self.newest.hear(checkpoint, now_ns):
+        if self._newest.hear(checkpoint, now_ns):
             self._detector.sign_of_life(now_ns)

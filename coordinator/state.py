@@ -114,13 +114,12 @@ class CoordinatorState:
         """Whether others have to be told before anything that is decided leaves this process."""
         return self._changed
 
-    @property
-    def pose_outlives_us(self) -> bool:
-        """Whether the last pose is of use to another life of ours, and that of an earlier one here.
+    def place_counts(self, was_live: bool) -> bool:
+        """Whether the robot's place in an earlier life may be its place now.
 
         A recording or a simulation begins where it begins, unless a person names a folder for it.
         """
-        return self.pose.live or self._is_folder_named
+        return (was_live and self.pose.live) or self._is_folder_named
 
     # --- what happens
 

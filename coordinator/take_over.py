@@ -4,14 +4,14 @@ Before it begins it decides nothing. Workers that appear later are asked too, wh
 may matter: a belief that has never had clusters is given up for one that has.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from coordinator.answers import Answers
 from coordinator.belief.prior_pose import PriorPose
-from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told, best_first
+from coordinator.failover.state_recovery import ORDERS_AFTER_NS, StateRecovery, Told
 from coordinator.failover.term import Term
 from coordinator.instructions import FetchScans, Instruction
-from coordinator.pose.last_pose import LastPose
+from coordinator.last_place import LastPlace
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import is_bulky, without_snapshot
 from protocol.steps import Scan
@@ -31,7 +31,7 @@ class TakeOver:
         term: of this coordinator; it begins here.
         recovery: whom to ask.
         answers: tell what is believed after another's state was taken over.
-        last_poses: where the robot was at the end of an earlier life, by the map's digest.
+        last_place: where the robot was at the end of an earlier life; None: nobody knows.
         last_pose_probability: given to it when the first search ends; 0: it is not used.
     """
 
@@ -41,11 +41,11 @@ class TakeOver:
         term: Term,
         recovery: StateRecovery,
         answers: Answers,
-        last_poses: Mapping[str, LastPose],
+        last_place: LastPlace | None,
         last_pose_probability: float,
     ) -> None:
         self._state, self._term, self._recovery, self._answers = state, term, recovery, answers
-        self._last_poses, self._last_pose_probability = last_poses, last_pose_probability
+        self._last_place, self._last_pose_probability = last_place, last_pose_probability
         self._early_reports: list[tuple[Report, str]] = []
 
     # --- what is heard
@@ -70,11 +70,11 @@ class TakeOver:
             self._recovery.answered(worker, told)
         if not self._term.begun:
             return []
-        self._recovery.forget_checkpoints()
         resumed = list[Instruction]()
         if not self._state.founded:
-            founded = [one for one in told.checkpoints if one.founded]
-            resumed = self._resume_best(best_first(founded), now_ns)
+            founded = [one for one in self._recovery.checkpoints if one.founded]
+            resumed = self._resume_best(founded, now_ns)
+        self._recovery.forget_checkpoints()
         if not resumed:
             self._hear_out(worker, told, now_ns)
         return resumed
@@ -106,7 +106,10 @@ class TakeOver:
 
     def proceed(self, now_ns: int) -> list[Instruction]:
         """Ask whom there is to ask, and begin when nobody is waited for any longer."""
-        instructions = list[Instruction](self._recovery.questions(self._term.number, now_ns))
+        applied = self._state.collector.applied
+        own_step = applied.step if applied else -1
+        questions = self._recovery.questions(self._term.number, own_step, now_ns)
+        instructions = list[Instruction](questions)
         if not self._term.begun and self._recovery.is_over(now_ns):
             instructions += self._begin(now_ns)
         if self._term.begun and self._state.founded:
@@ -142,10 +145,12 @@ class TakeOver:
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
         """Where the robot was at the end of an earlier life, as one place that is possible."""
-        counts = self._state.pose_outlives_us and not self._state.commands.forgets
-        last = self._last_poses.get(scan.map_digest) if counts else None
-        probability = self._last_pose_probability
-        return last.as_prior_at(scan, probability) if last and probability > 0.0 else None
+        last, probability = self._last_place, self._last_pose_probability
+        if last is None or probability == 0.0 or self._state.commands.forgets:
+            return None
+        if last.map_digest != scan.map_digest or not self._state.place_counts(last.live):
+            return None
+        return last.as_prior_at(scan, probability)
 
     def _resume_best(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
         """Carry on from the first of them that can be used; nothing is done if none can."""

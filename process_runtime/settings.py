@@ -135,15 +135,13 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     state_folder: Annotated[
         str,
         described(
-            "folder for the last pose of a live robot; empty: the user's state folder; off: none"
+            "folder for the state, with which a restarted coordinator continues; empty: the user's "
+            "state folder; off: none"
         ),
     ] = ""
-    save_pose_every_s: Annotated[
-        float, described("shortest time between two writes of the last pose; 0: never", "s", ge=0)
-    ] = 5.0
     last_pose_probability: Annotated[
         float,
-        described("probability of the last pose after the first search; 0: none", ge=0, le=0.5),
+        described("probability of the last place after the first search; 0: none", ge=0, le=0.5),
     ] = 0.1
     keep_pose_on_new_map: Annotated[
         bool,

@@ -97,13 +97,15 @@ def _(message: OrderAnswer) -> str | None:
 
 @problem_of.register
 def _(message: TakeOver) -> str | None:
-    return number_problem("term", message.term)
+    return number_problem("term", message.term) or number_problem("since", message.since, least=-1)
 
 
 @problem_of.register
 def _(message: WorkerState) -> str | None:
-    # The coordinator checks its jobs and reports one by one, and uses the valid ones.
-    return number_problem("term", message.term)
+    # Of what it holds, a coordinator leaves out what cannot be, and believes the rest.
+    return number_problem("term", message.term) or first_problem(
+        number_problem("term", term) for term in (message.founded, *message.terms)
+    )
 
 
 @problem_of.register

@@ -198,9 +198,9 @@ Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport
 class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     """The coordinator's state, except for the particles, which the workers have.
 
-    Published on ``checkpoint`` after each step, before its belief, and at least twice a second as
-    a heartbeat. Workers and standby coordinators keep the newest. Losing one costs nothing: later
-    steps are applied again from the workers' reports.
+    From the coordinator on ``checkpoint``, after each step before its belief, and at least twice
+    a second, as a sign of life. Standby coordinators keep the newest, workers its term;
+    losing one costs nothing, for the steps since are applied again from the workers' reports.
     """
 
     term: int
@@ -231,6 +231,8 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
     """
 
     term: int
+    since: int = -1
+    """The step from which the coordinator may carry on: it needs the reports on later ones."""
     term_proof: bytes = b""
     """As in `WorkOrder`."""
 
@@ -242,12 +244,12 @@ class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     """The highest term that the worker knows, including that of the `TakeOver`."""
     incarnation: int
     holds: tuple[Assignment, ...]
-    """Its jobs, in a form from which another worker could continue them."""
-    checkpoint: bytes
-    """The newest checkpoint that it received, still encoded; empty: none."""
+    """Its jobs, each from where another worker could carry on."""
     reports: tuple[bytes, ...]
-    """Its encoded reports since the oldest of these checkpoints; earlier ones of searches too."""
-    earlier: tuple[bytes, ...] = ()
-    """Older checkpoints, newest first, in case the newest one is unusable."""
+    """Its reports since the step asked for, as they went out; of searches, some before."""
+    terms: tuple[int, ...] = ()
+    """Those that it has heard of, also from coordinators that have not begun."""
+    founded: int = 0
+    """The highest term of a checkpoint that was founded; 0: it has heard none."""
     term_proof: bytes = b""
     """The proof that was received with the term."""

@@ -14,7 +14,7 @@ _OWN_PARTICLES = "the number of particles is per cluster: cluster.particles"
 _OWN_RECOVERY = "clusters that do not fit are replaced, and searches start, without it"
 _OWN_RESAMPLING = "a cluster is resampled below cluster.resample_below_ess"
 _OWN_BEAM_SKIP = "the sensor model handles obstacles that are not in the map: sensor.hidden_weight"
-_OWN_MEMORY = "the coordinator stores the last pose: coordinator.state_folder"
+_OWN_MEMORY = "the coordinator keeps its state: coordinator.state_folder"
 _PLANE = "the robot drives in a plane"
 _ROS_ONLY = "it configures ROS's own middleware"
 
@@ -129,14 +129,6 @@ def _sensor_model(name: str) -> str:
     return _one_of(_SENSOR_MODELS, name)
 
 
-def _period_of(rate_hz: float) -> float:
-    return 1.0 / rate_hz if rate_hz > 0.0 else 0.0
-
-
-def _rate_of(period_s: float) -> float:
-    return 1.0 / period_s if period_s > 0.0 else 0.0
-
-
 def _root(variance: float) -> float:
     if variance < 0.0:
         raise ValueError("a variance must not be negative")
@@ -189,7 +181,6 @@ _ALL = (
         _motion_model,
         _nav2_motion_model,
     ),
-    Parameter("save_pose_rate", 0.5, "coordinator.save_pose_every_s", _period_of, _rate_of),
     Parameter("pointcloud_topic", "", "ros2.pointcloud_topic"),
     Parameter("min_height", 0.1, "ros2.min_height_m"),
     Parameter("max_height", 1.0, "ros2.max_height_m"),
@@ -210,7 +201,9 @@ _ALL = (
     *_without(_OWN_RESAMPLING, resample_interval=1),
     *_without(_OWN_BEAM_SKIP, do_beamskip=False, beam_skip_distance=0.5),
     *_without(_OWN_BEAM_SKIP, beam_skip_threshold=0.3, beam_skip_error_threshold=0.9),
-    *_without(_OWN_MEMORY, initialize_at_saved_pose=False, saved_pose_filepath=""),
+    *_without(
+        _OWN_MEMORY, initialize_at_saved_pose=False, save_pose_rate=0.5, saved_pose_filepath=""
+    ),
     Parameter("initial_pose.z", 0.0, reason=_PLANE),
     Parameter("freespace_downsampling", False, reason="the whole map is searched"),
     *_without(_ROS_ONLY, bond_heartbeat_period=0.1, introspection_mode="disabled"),

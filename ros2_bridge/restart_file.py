@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import msgspec
 
-from coordinator.last_pose_files import default_state_folder
+from coordinator.state_file import default_state_folder
 from process_runtime.settings import Settings
 from ros2_bridge.bond import TIMEOUT_S
 from ros2_bridge.lifecycle import State
@@ -84,7 +84,7 @@ class RestartFile:
 
 
 def restart_file(settings: Settings, node: str) -> RestartFile:
-    """The file of a node, in the coordinator's folder for the last pose.
+    """The file of a node, in the coordinator's folder for its state.
 
     Args:
         settings: of all processes.

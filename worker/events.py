@@ -21,11 +21,9 @@ class ScanArrived:
 
 @dataclass(frozen=True)
 class CheckpointHeard:
-    """A coordinator has published what it would need to carry on."""
+    """A coordinator has published its state: it has begun, and lives."""
 
     checkpoint: Checkpoint
-    payload: bytes
-    """The same as it came."""
 
 
 @dataclass(frozen=True)

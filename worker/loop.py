@@ -169,7 +169,7 @@ class WorkerLoop:
             self._warn(error)
             return
         self._pause.believed(checkpoint.step, founded=checkpoint.founded)
-        self._tell(CheckpointHeard(checkpoint, payload))
+        self._tell(CheckpointHeard(checkpoint))
 
     def _on_query(self, asked: Asked) -> None:
         match keys.parsed(asked.key):

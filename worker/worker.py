@@ -91,8 +91,8 @@ class Worker:
         match event:
             case ScanArrived(scan, dropped):
                 return self._on_scan(scan, dropped)
-            case CheckpointHeard(checkpoint, payload):
-                self._fence.keep(checkpoint, payload)
+            case CheckpointHeard(checkpoint):
+                self._fence.on_checkpoint(checkpoint)
                 return []
             case OrderAsked(question, order):
                 return self._on_order(question, order)
@@ -286,10 +286,10 @@ class Worker:
             term=self._fence.term,
             incarnation=self._incarnation,
             holds=self._table.holds(),
-            checkpoint=self._fence.checkpoint,
-            earlier=self._fence.earlier,
+            terms=self._fence.terms,
+            founded=self._fence.founded,
             term_proof=self._fence.term_proof,
-            reports=tuple(map(encode, self._table.reports_since(self._fence.step))),
+            reports=tuple(map(encode, self._table.reports_since(take_over.since))),
         )
 
 

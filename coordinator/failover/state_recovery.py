@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from itertools import chain
 from typing import TypeVar
 
 import msgspec
@@ -18,8 +17,6 @@ ASK_AGAIN_NS = 200_000_000
 """A worker whose token is there may not serve the question yet."""
 ORDERS_AFTER_NS = 2_000_000_000
 """A worker that does not say what it does gets orders all the same after so long."""
-MAX_EARLIER = 3
-"""Checkpoints of one worker's beside the newest; see `worker.term_fence`."""
 MAX_HEARD = 4
 """Checkpoints that others publish while this coordinator has not begun."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
@@ -35,16 +32,10 @@ class Told(msgspec.Struct, frozen=True):
     """A worker's answer, decoded."""
 
     term: int
-    holds: tuple[Assignment, ...]
-    checkpoint: Checkpoint | None
-    reports: tuple[Report, ...]
-    earlier: tuple[Checkpoint, ...] = ()
-    """Others to carry on from."""
-
-    @property
-    def checkpoints(self) -> tuple[Checkpoint, ...]:
-        """All of them."""
-        return ((self.checkpoint,) if self.checkpoint else ()) + self.earlier
+    holds: tuple[Assignment, ...] = ()
+    reports: tuple[Report, ...] = ()
+    terms: tuple[int, ...] = ()
+    founded: int = 0
 
 
 def told_by(payload: bytes, trust: Trust) -> Told:
@@ -55,15 +46,13 @@ def told_by(payload: bytes, trust: Trust) -> Told:
             be believed, is left out.
     """
     state = decode(payload, WorkerState)
-    packed = [one for one in (state.checkpoint, *state.earlier[:MAX_EARLIER]) if one]
-    checkpoints = [one for one in _decoded(packed, Checkpoint) if trust.believes(one)]
     reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
     return Told(
         term=trust.term(state),
         holds=_possible(state.holds),
-        checkpoint=checkpoints[0] if checkpoints else None,
         reports=tuple(reports),
-        earlier=tuple(checkpoints[1:]),
+        terms=state.terms,
+        founded=state.founded,
     )
 
 
@@ -88,16 +77,32 @@ def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
 
 
 class StateRecovery:
-    """Who has to be asked, who has answered, and what is the newest checkpoint."""
+    """Who has to be asked, who has answered, and which checkpoints there are to carry on from.
 
-    def __init__(self, sender: str, known: Checkpoint | None, now_ns: int) -> None:
+    What others have published meanwhile can be carried on from. What the file holds may be of
+    another life of the whole system: it counts as soon as a worker knows its term, and as long as
+    none knows of a belief of a later one.
+
+    Args:
+        sender: of this coordinator.
+        known: what another published last, as this one stood by.
+        kept: what the file holds.
+        now_ns: by the clock of all events.
+    """
+
+    def __init__(
+        self, sender: str, known: Checkpoint | None, kept: Checkpoint | None, now_ns: int
+    ) -> None:
         self._sender = sender
         self._began_ns = now_ns
         self._asked_ns: dict[str, int | None] = {}
         self._told: dict[str, Told] = {}
         self._heard = deque([known] if known else [], MAX_HEARD)
-        self._kept: dict[str, tuple[Checkpoint, ...]] = {}
-        """By the worker that told them, also if it has gone since."""
+        self._kept = kept
+        self._is_of_this_life = False
+        """What is kept."""
+        self._founded = 0
+        """The highest term of a belief that a worker has heard of."""
 
     @property
     def told(self) -> Mapping[str, Told]:
@@ -107,7 +112,11 @@ class StateRecovery:
     @property
     def checkpoints(self) -> list[Checkpoint]:
         """Those of other coordinators, the best to carry on from first."""
-        return best_first(chain(self._heard, *self._kept.values()))
+        kept = [self._kept] if self._kept and self._counts(self._kept) else []
+        return best_first([*self._heard, *kept])
+
+    def _counts(self, kept: Checkpoint) -> bool:
+        return self._is_of_this_life and self._founded <= kept.term
 
     def expect(self, worker: str) -> None:
         """A worker is there and has to be asked."""
@@ -124,28 +133,30 @@ class StateRecovery:
         self._heard.append(checkpoint)
 
     def answered(self, worker: str, told: Told) -> None:
-        """A worker has answered; one that has started anew meanwhile knows less than before."""
+        """A worker has answered."""
         self._asked_ns.pop(worker, None)
-        self._told[worker] = msgspec.structs.replace(told, checkpoint=None, earlier=())
-        known = chain(told.checkpoints, self._kept.get(worker, ()))
-        self._kept[worker] = tuple(best_first(known)[: MAX_EARLIER + 1])
+        self._told[worker] = told
+        self._founded = max(self._founded, told.founded)
+        self._is_of_this_life |= self._kept is not None and self._kept.term in told.terms
 
     def forget_checkpoints(self) -> None:
         """This coordinator has begun, from one of them or from none: they are of no use."""
         self._heard.clear()
-        self._kept.clear()
+        if self._kept and self._counts(self._kept):
+            self._kept = None
 
     def forget_told(self) -> None:
         """This coordinator has a belief of its own: nobody carries on from theirs any more."""
         self._told.clear()
+        self._kept = None
 
     def ask_all_again(self) -> None:
         """All must be asked anew: the term was too low."""
         for worker in (*self._asked_ns, *self._told):
             self._asked_ns[worker] = None
 
-    def questions(self, term: int, now_ns: int) -> list[AskState]:
-        """Whom to ask now, in the name of a term."""
+    def questions(self, term: int, applied: int, now_ns: int) -> list[AskState]:
+        """Whom to ask now, in the name of a term; `applied` is this one's own last step."""
         due = [
             worker
             for worker, asked_ns in sorted(self._asked_ns.items())
@@ -153,7 +164,10 @@ class StateRecovery:
         ]
         for worker in due:
             self._asked_ns[worker] = now_ns
-        return [AskState(worker, TakeOver(sender=self._sender, term=term)) for worker in due]
+        others = [*self._heard, *([self._kept] if self._kept else [])]
+        since = min((one.step for one in others), default=applied)
+        question = TakeOver(sender=self._sender, term=term, since=since)
+        return [AskState(worker, question) for worker in due]
 
     def is_over(self, now_ns: int) -> bool:
         """Whether to wait for no more workers before beginning.

@@ -16,17 +16,18 @@ class Term:
 
     Args:
         number: proposed by a clock [us].
-        known: a checkpoint of another's term, which this one stands above.
+        known: checkpoints of others' terms, which this one stands above.
     """
 
-    def __init__(self, number: int, known: Checkpoint | None) -> None:
+    def __init__(self, number: int, *known: Checkpoint | None) -> None:
         self._number = number
         self._own_us = number % APART_US
         """Two that hear of the same term at once must not be raised to the same one."""
         self._begun = False
         self._outranked_by: int | None = None
-        if known is not None:
-            self.hear(known.term)
+        for checkpoint in known:
+            if checkpoint is not None:
+                self.hear(checkpoint.term)
 
     @property
     def number(self) -> int:

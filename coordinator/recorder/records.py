@@ -17,7 +17,6 @@ from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
 from coordinator.events import Event
 from coordinator.membership.jobs import JobState
-from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Belief
@@ -44,7 +43,7 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
     term: int
     known: Checkpoint | None
     usual_delay_ns: int | None = None
-    last_poses: dict[str, LastPose]
+    kept: Checkpoint | None = None
     bridge: BridgeSettings = BridgeSettings()
 
     def coordinator(self) -> Coordinator:

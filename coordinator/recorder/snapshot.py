@@ -42,7 +42,9 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_asked_ns": dict[str, int | None],
             "_told": dict[str, Told],
             "_heard": list[Checkpoint],
-            "_kept": dict[str, tuple[Checkpoint, ...]],
+            "_kept": Checkpoint | None,
+            "_is_of_this_life": bool,
+            "_founded": int,
         },
         "_checkpoints": {"_last": Checkpoint | None, "_last_ns": int},
         "_step_resets": {

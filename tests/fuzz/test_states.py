@@ -21,8 +21,7 @@ from coordinator.events import (
 )
 from coordinator.failover.state_recovery import Told
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
-from coordinator.last_pose_files import file_of, read_all, write
-from coordinator.pose.last_pose import LastPose
+from coordinator.state_file import file_of, read, write
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, SetPose
 from protocol.codec import decode, encode
@@ -31,11 +30,6 @@ from tests.fuzz.any_message import values_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import Mutation, damaged, mutations, with_other_numbers
 from tests.unit.coordinator.living import SETTINGS, Living, scan_of, symmetric_room
-
-LAST = LastPose(
-    map_digest="ab" * 32, stamp_ns=7, odom_from_robot=(1.0, 2.0, 3.0),
-    map_from_robot=(4.0, 5.0, 6.0), covariance=(0.1,) * 9, probability=0.99,
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +57,8 @@ def real_checkpoints() -> list[Checkpoint]:
     for step in range(14):
         living.drive(step)
         if step in (1, 6, 11, 13):
-            found.append(decode(living.state("w0").checkpoint, Checkpoint))
+            assert living.kept is not None
+            found.append(living.kept)
     living.command(given_pose("1"))
     for name in list(living.workers)[1:]:
         living.kill_worker(name)
@@ -82,7 +77,7 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     coordinator = Coordinator(
         "c", SETTINGS, CoordinatorSettings(), "test", 0, term=1, known=checkpoint
     )
-    nothing = Told(term=0, holds=(), checkpoint=None, reports=())
+    nothing = Told(term=0)
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     told = (
         *(WorkerJoined("w0"), WorkerToldState("w0", nothing), TimePassed(), *scans),
@@ -141,12 +136,15 @@ def test_a_state_of_deep_nesting_is_refused() -> None:
 
 
 @cases(0.02)
-@given(st.lists(mutations(), max_size=3))
-def test_a_damaged_last_pose_is_never_believed(folder: Path, damages: list[Mutation]) -> None:
-    write(folder, "robot", LAST)
-    path = file_of(folder, "robot", LAST.map_digest)
+@given(st.sampled_from(range(4)), st.lists(mutations(), max_size=3))
+def test_a_damaged_state_file_is_never_believed(
+    folder: Path, which: int, damages: list[Mutation]
+) -> None:
+    kept = real_checkpoints()[which]
+    write(folder, "robot", kept, sync=False)
+    path = file_of(folder, "robot")
     content = path.read_bytes()
     for damage in damages:
         content = damage(content)
     path.write_bytes(content)
-    assert read_all(folder, "robot") in ({}, {LAST.map_digest: LAST})
+    assert read(folder, "robot") in (None, kept)

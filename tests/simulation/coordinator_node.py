@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
 TICK_S = 0.19
 ALIVE = "coordinator"
+WRITING_S = 0.02
 
 
 class CoordinatorNode(Node):
@@ -58,6 +59,8 @@ class CoordinatorNode(Node):
         self._newest = NewestCheckpoint()
         self._promptest_s = math.inf
         self._is_deposed = False
+        self.file: Checkpoint | None = None
+        """It outlives the process."""
 
     @property
     def laws(self) -> Laws:
@@ -77,7 +80,6 @@ class CoordinatorNode(Node):
     def start(self) -> None:
         """Look whether somebody coordinates."""
         self.coordinator = self._detector = None
-        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
         if not self.linked:
             self.later(TICK_S, self.start)
         elif self._is_deposed or any(
@@ -90,7 +92,7 @@ class CoordinatorNode(Node):
             self._lead()
 
     def _lead(self) -> None:
-        self._detector, self._is_deposed = None, False
+        self._detector, self._is_deposed, self._has_written = None, False, False
         self.session += 1
         started = Started(
             sender=self.name,
@@ -102,10 +104,11 @@ class CoordinatorNode(Node):
             term=self._now_us() + 1_009 * self.session + int(self.name[-1]),
             known=self._newest.checkpoint,
             usual_delay_ns=self._newest.usual_delay_ns,
-            last_poses={},
+            kept=self.file,
         )
         self.coordinator = started.coordinator()
         self._life = self.laws.life(self.name, started, self.coordinator, self._promptest_s)
+        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
         self._membership, self._fencing = Membership(), SelfFencing(self.now_ns)
         self._simulation.network.watch(self)
         self.later(TICK_S, self._tick)
@@ -132,6 +135,7 @@ class CoordinatorNode(Node):
         """Be killed."""
         super().end()
         self._is_deposed = False
+        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
 
     # --- what arrives
 
@@ -171,10 +175,11 @@ class CoordinatorNode(Node):
         """Another coordinator's."""
         if not self.trust.believes(checkpoint):
             return
+        if is_newest := self._newest.hear(checkpoint, self.now_ns):
+            self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
         if self._detector is not None:
-            if self._newest.hear(checkpoint, self.now_ns):
+            if is_newest:
                 self._detector.sign_of_life(self.now_ns)
-                self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
         else:
             self.tell(events.CheckpointHeard(checkpoint))
 
@@ -194,11 +199,11 @@ class CoordinatorNode(Node):
         """A worker has an order, or refuses it."""
         self.tell(events.OrderAnswered(worker, replace(answer, term=self.trust.term(answer))))
 
-    def on_state(self, worker: str, state: WorkerState, best_heard: tuple[bool, int, int]) -> None:
+    def on_state(self, worker: str, state: WorkerState, heard_term: int) -> None:
         """A worker tells what it knows."""
         if self._life is not None and self.coordinator is not None:
             if not self.coordinator.begun:
-                self._life.must_know = max(self._life.must_know, best_heard)
+                self._life.heard_terms.append(heard_term)
             self.tell(events.WorkerToldState(worker, told_by(encode(state), self.trust)))
 
     def on_pose_asked(self) -> None:
@@ -246,6 +251,7 @@ class CoordinatorNode(Node):
                 case PublishBelief(belief):
                     self.laws.believed(belief)
                 case PublishCheckpoint(checkpoint):
+                    self._keep_later(checkpoint)
                     simulation.publish_checkpoint(self, self.trust.signed(checkpoint))
                 case SendOrder(worker, order):
                     simulation.send_order(self, worker, self.trust.signed(order))
@@ -264,6 +270,19 @@ class CoordinatorNode(Node):
                             bridge.history(first, last)
                         ),
                     )
+
+    def _keep_later(self, checkpoint: Checkpoint) -> None:
+        """The first is written at once; a thread writes others, unless the process dies before."""
+
+        def write() -> None:
+            if self.file is None or checkpoint.rank > self.file.rank:
+                self.file = checkpoint
+                self._has_written = True
+
+        if self._has_written:
+            self.later(self._simulation.rng.uniform(0.0, WRITING_S), write)
+        else:
+            write()
 
     def _arrived(self, scans: tuple[Scan, ...]) -> Callable[[], None]:
         return lambda: self.tell(events.HistoryArrived(scans))

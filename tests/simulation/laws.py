@@ -52,8 +52,8 @@ class Life:
     """Also what those before it decided, from which it carries on."""
     by_serial: dict[int, int] = field(default_factory=dict)
     """How many decisions a checkpoint holds."""
-    must_know: tuple[bool, int, int] = NOBODY
-    """The best checkpoint in the hands of those who answered before it began."""
+    heard_terms: list[int] = field(default_factory=list)
+    """Of each worker that answered before it began: that of the last belief it had in its hands."""
     begun_from: tuple[bool, int, int] | None = None
     carried_on: list["Life"] = field(default_factory=list)
     """Those before it, from which it carries on."""
@@ -91,6 +91,16 @@ class Life:
         self.begun_from = checkpoint.rank
         self.carried_on = [*life.carried_on, life]
         self.decided = life.decided[: life.by_serial[checkpoint.serial]]
+
+    @property
+    def must_know(self) -> tuple[bool, int, int]:
+        """The best checkpoint that it had in its hands, and that was of this life of the system."""
+        known, kept = self.started.known, self.started.kept
+        ranks = [known.rank] if known else []
+        newest = max(self.heard_terms, default=0)
+        if kept and newest and (kept.term == newest or self.laws.ruled(newest) == self.name):
+            ranks.append(kept.rank)
+        return max(ranks, default=NOBODY)
 
     def decisions_until(self, step: int) -> int:
         """How many there are with that of a step."""
@@ -199,6 +209,10 @@ class Laws:
         for given in order.begin:
             holder, _ = self.given.setdefault((given.job_id, given.epoch), (worker, life))
             demand(holder == worker, "a job has one worker in an epoch, whoever gives it")
+
+    def ruled(self, term: int) -> str:
+        """The process whose term it was."""
+        return self._rules[term].name
 
     def _rules_alone(self, life: Life, term: int) -> None:
         demand(self._rules.setdefault(term, life) is life, "one coordinator rules in a term")

@@ -76,10 +76,10 @@ class WorkerNode(Node):
     def __init__(self, name: str, simulation: "Simulation", offset_s: float) -> None:
         super().__init__(name, simulation.clock, offset_s)
         self._simulation = simulation
-        self._unread: deque[tuple[Checkpoint, bytes]] = deque(maxlen=KEPT_CHECKPOINTS)
+        self._unread: deque[Checkpoint] = deque(maxlen=KEPT_CHECKPOINTS)
         self.core = Worker(name, 0)
-        self.best_heard = (False, 0, 0)
-        """The highest rank of a checkpoint that this process has had in its hands."""
+        self.heard_term = 0
+        """The highest of a founded checkpoint that this process has had in its hands."""
         self._questions = dict[int, Asker]()
         self._is_searching = False
 
@@ -88,7 +88,7 @@ class WorkerNode(Node):
         self.core = Worker(self.name, self.life)
         self._is_searching = False
         self._unread.clear()
-        self.best_heard = (False, 0, 0)
+        self.heard_term = 0
         self._simulation.network.declare(self, self.name)
 
     def on_scan(self, scan: Scan) -> None:
@@ -96,9 +96,9 @@ class WorkerNode(Node):
         self._tell(events.ScanArrived(scan))
         self.later(QUIET_S, self._read_checkpoints)
 
-    def on_checkpoint(self, checkpoint: Checkpoint, payload: bytes) -> None:
+    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         """A coordinator decides, or lives."""
-        self._unread.append((checkpoint, payload))
+        self._unread.append(checkpoint)
         self.later(10 * QUIET_S, self._read_checkpoints)
 
     def on_order(self, asker: Asker, order: WorkOrder) -> None:
@@ -126,9 +126,10 @@ class WorkerNode(Node):
 
     def _read_checkpoints(self) -> None:
         while self._unread:
-            checkpoint, payload = self._unread.popleft()
-            self.best_heard = max(self.best_heard, checkpoint.rank)
-            self._tell(events.CheckpointHeard(checkpoint, payload))
+            checkpoint = self._unread.popleft()
+            if checkpoint.founded:
+                self.heard_term = max(self.heard_term, checkpoint.term)
+            self._tell(events.CheckpointHeard(checkpoint))
 
     def _tell(self, event: events.Event) -> None:
         for instruction in self.core.handle(event):

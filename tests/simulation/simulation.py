@@ -183,13 +183,12 @@ class Simulation:
 
     def publish_checkpoint(self, source: CoordinatorNode, checkpoint: Checkpoint) -> None:
         """A coordinator's state, as bytes."""
-        payload = encode(checkpoint)
-        heard = decode(payload, Checkpoint)
+        heard = decode(encode(checkpoint), Checkpoint)
         for worker in self._shuffled(self.workers.values()):
             self.network.send(
                 source,
                 worker,
-                lambda worker=worker: worker.on_checkpoint(heard, payload),  # type: ignore[misc]
+                lambda worker=worker: worker.on_checkpoint(heard),  # type: ignore[misc]
             )
         for node in self.coordinators.values():
             if node is not source:
@@ -213,8 +212,8 @@ class Simulation:
 
     def answer_state(self, source: WorkerNode, asker: Asker, state: WorkerState) -> None:
         """A worker's answer."""
-        node, best = self.coordinators[asker.name], source.best_heard
-        heard = asker.waiting(node, lambda: node.on_state(source.name, state, best))
+        node, term = self.coordinators[asker.name], source.heard_term
+        heard = asker.waiting(node, lambda: node.on_state(source.name, state, term))
         self.network.send(source, node, heard)
 
     def ask_bridge(self, source: Node, answer: Callable[[Bridge], Action]) -> None:

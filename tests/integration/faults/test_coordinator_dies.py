@@ -35,12 +35,9 @@ PACED = msgspec.structs.replace(
 """As fast as the workers follow, with searches and newcomers all along."""
 PATIENT = msgspec.structs.replace(
     SMALL,
-    coordinator=CoordinatorSettings(
-        step_deadline_s=10.0, search_deadline_s=10.0, state_folder="off"
-    ),
+    coordinator=CoordinatorSettings(step_deadline_s=10.0, search_deadline_s=10.0),
 )
-"""So that a busy machine costs no report, and no last pose of another test is a hypothesis: what is
-compared is what was decided."""
+"""So that a busy machine costs no report: what is compared is what was decided."""
 
 
 def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:

@@ -14,6 +14,7 @@ import pytest
 import zenoh
 
 from coordinator.failover.trust import Trust
+from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.standby import StandbyLoop
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
@@ -189,7 +190,7 @@ def test_one_that_stands_by_and_hears_nothing_takes_over_only_where_nobody_is(
         looked.append(time.monotonic())
         return is_another_there
 
-    loop, stop = StandbyLoop(open_client(), 1.0, trust, look), StopFlag()
+    loop, stop = StandbyLoop(open_client(), 1.0, trust, look, NewestCheckpoint()), StopFlag()
     thread = threading.Thread(target=lambda: over.append(loop.run(stop)))
     thread.start()
     try:

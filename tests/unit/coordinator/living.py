@@ -1,7 +1,7 @@
 """A whole system without processes: workers, a bridge's map and history, and one coordinator.
 
 What is sent is carried over as bytes. The coordinator may be thrown away between any two of its
-instructions, and rebuilt from what the workers know.
+instructions, and made again from the file that it left and what the workers know.
 """
 
 from collections import deque
@@ -136,6 +136,8 @@ class Living:
         self.beliefs: dict[int, list[Belief]] = {}
         self._model, self._now_ns, self._term = model, 0, 0
         self._queue: deque[Callable[[], None]] = deque()
+        self.file: bytes | None = None
+        """The checkpoint that outlives the coordinator."""
         self.dies_in: int | None = None
         """Instructions until the coordinator dies; None: it lives."""
         self.coordinator: Coordinator | None = None
@@ -152,8 +154,8 @@ class Living:
         """Of a coordinator with this key."""
         return Trust(key, "robot", lambda: 0, lambda error: self.refused.append(error.cause))
 
-    def revive(self) -> None:
-        """Start a coordinator that knows nothing."""
+    def revive(self, known: Checkpoint | None = None) -> None:
+        """Start a coordinator that knows the file, and what it has heard as it stood by."""
         self._term += 1
         started = Started(
             sender="coordinator",
@@ -162,14 +164,24 @@ class Living:
             version="test",
             now_ns=self._now_ns,
             term=self._term,
-            known=None,
-            last_poses={},
+            known=known,
+            kept=self.kept,
         )
         self.coordinator = self._made(started)
         for worker in list(self.workers):
             self._tell(lambda c, now, w=worker: c.handle(WorkerJoined(w), now))  # type: ignore[misc] # a default
         self._tell(lambda c, now: c.handle(TimePassed(), now))
         self.settle()
+
+    @property
+    def kept(self) -> Checkpoint | None:
+        """What the file holds."""
+        return decode(self.file, Checkpoint) if self.file else None
+
+    def _keep(self, checkpoint: Checkpoint) -> None:
+        kept = self.kept
+        if kept is None or checkpoint.rank > kept.rank:
+            self.file = encode(checkpoint)
 
     def drive(self, step: int, *, stamp_ns: int | None = None, like: int | None = None) -> None:
         """One step: its scan reaches the workers, and the coordinator if it lives.
@@ -243,8 +255,9 @@ class Living:
             case PublishBelief(belief=belief):
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
             case PublishCheckpoint(checkpoint=checkpoint):
+                self._keep(checkpoint)
                 payload = encode(self.trust.signed(checkpoint))
-                heard = worker_events.CheckpointHeard(decode(payload, Checkpoint), payload)
+                heard = worker_events.CheckpointHeard(decode(payload, Checkpoint))
                 for worker in self.workers:
                     self.tell_worker(worker, heard)
             case FetchScans(first=first, last=last):

@@ -27,7 +27,7 @@ from protocol.work import Checkpoint, ElsewhereJob
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.reports import literal_bayes, scan
 
-NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
+NOTHING = Told(term=0)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,8 @@ def state() -> CheckpointState:
     living = Living(symmetric_room())
     for step in range(11):
         living.drive(step)
-    return from_bytes(msgspec.msgpack.decode(living.state("w0").checkpoint)["state"])
+    assert living.kept is not None
+    return from_bytes(living.kept.state)
 
 
 def changed(state: CheckpointState, **fields: object) -> bytes:

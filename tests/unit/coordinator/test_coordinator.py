@@ -1,8 +1,5 @@
 """Whole stories of the coordinator: events in, instructions out, no network."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import msgspec
 import pytest
 
@@ -32,14 +29,13 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from coordinator.pose.last_pose import LastPose
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
 from protocol.codec import decode, encode
 from protocol.job_events import Began, Ended, JobEvents
 from protocol.steps import OdometryReading
-from protocol.work import OrderAnswer, Report, SearchJob, WorkOrder
+from protocol.work import Checkpoint, OrderAnswer, Report, SearchJob, WorkOrder
 from tests.unit.coordinator.reports import (
     NO_SPREAD,
     free_everywhere,
@@ -60,7 +56,8 @@ class Story:
         self,
         *workers: str,
         rules: CoordinatorSettings = CoordinatorSettings(),  # noqa: B008 - frozen
-        last_poses: Mapping[str, LastPose] = MappingProxyType({}),
+        kept: Checkpoint | None = None,
+        known: Checkpoint | None = None,
         **belief: object,
     ) -> None:
         settings = FilterSettings(
@@ -68,9 +65,10 @@ class Story:
             belief=literal_bayes(**{"max_clusters": 3, **belief}),
         )
         self.coordinator = Coordinator(
-            "coordinator", settings, rules, "test", 0, last_poses=last_poses
+            "coordinator", settings, rules, "test", 0, known=known, kept=kept
         )
         self.has_map = True
+        self.checkpoints: list[Checkpoint] = []
         self.epochs: dict[str, int] = {}
         self.places: dict[str, str] = {}
         self.beliefs: list[Belief] = []
@@ -84,13 +82,15 @@ class Story:
                 case PublishBelief(belief=belief):
                     self.beliefs.append(decode(encode(belief), Belief))
                     self.told.append(belief)
+                case PublishCheckpoint(checkpoint=checkpoint):
+                    self.checkpoints.append(checkpoint)
                 case PublishEvents(events=events):
                     self.told.append(decode(encode(events), JobEvents))
                 case FetchMap() if self.has_map:
                     ground = free_everywhere(self.coordinator.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
                 case AskState(worker=worker):
-                    nothing = Told(term=0, holds=(), checkpoint=None, reports=())
+                    nothing = Told(term=0)
                     self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:
@@ -428,15 +428,15 @@ def test_a_region_that_the_settings_do_not_name_is_refused() -> None:
 
 
 def test_a_last_pose_counts_nothing_after_relocalize() -> None:
-    last = LastPose(
-        map_digest="map", stamp_ns=0, odom_from_robot=(5.0, 0.0, 0.0),
-        map_from_robot=(9.0, 9.0, 0.0), covariance=NO_SPREAD, probability=0.99,
-    )  # fmt: skip
+    earlier = Story("a")
+    earlier.follow(earlier.coordinator.handle(ScanArrived(scan(0, live=True)), 0))
+    found = searched("s0.0", 0, {(9.0, 9.0, 0.0): 0.9}, epoch=earlier.epochs["s0.0"])
+    earlier.report(found, at_s=0.1)
     for commands, causes in (
         ((), {"first search", "prior pose"}),
         ((Relocalize(sender="client", command_id="1"),), {"first search"}),
     ):
-        story = Story(last_poses={"map": last})
+        story = Story(kept=earlier.checkpoints[-1])
         for command in commands:
             commanded(story.coordinator, command)
         story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
@@ -452,10 +452,8 @@ def test_whoever_takes_over_before_the_first_scan_knows_what_was_commanded() -> 
     command = given("1", map_from_robot=(1.0, 2.0, 0.5))
     instructions = story.coordinator.handle(CommandArrived(command), 0)
     (published,) = [one for one in instructions if isinstance(one, PublishCheckpoint)]
-    heir = Story()
-    heir.coordinator.handle(WorkerJoined("a"), 0)
-    told = Told(term=0, holds=(), checkpoint=published.checkpoint, reports=())
-    heir.follow(heir.coordinator.handle(WorkerToldState("a", told), 0))
+    heir = Story(known=published.checkpoint)
+    heir.follow(heir.coordinator.handle(WorkerJoined("a"), 0))
     searched_everywhere(heir)
     assert heir.beliefs[0].hypotheses[0].mean == (1.0, 2.0, 0.5)
 

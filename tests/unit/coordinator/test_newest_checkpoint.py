@@ -19,8 +19,8 @@ def published() -> Published:
     living = Living(symmetric_room())
     for step in range(3):
         living.drive(step)
-    packed = msgspec.msgpack.decode(living.state("w0").checkpoint)
-    known = from_bytes(packed["state"])
+    assert living.kept is not None
+    known = from_bytes(living.kept.state)
     assert known.collector.applied is not None
 
     def published(

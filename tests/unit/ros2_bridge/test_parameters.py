@@ -4,10 +4,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
-from coordinator.process import state_folder
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
@@ -98,7 +96,6 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
     assert settings.sensor.model == "likelihood_field"
     assert settings.sensor.max_range_m == Settings().sensor.max_range_m
     assert settings.bridge.gate_distance_m == 0.3
-    assert settings.coordinator.save_pose_every_s == 2.0
     assert settings.ros2 == Ros2Settings(
         enabled=True,
         base_frame="base_link",
@@ -148,18 +145,6 @@ def test_the_namespace_of_the_root_key_is_the_nodes_and_so_is_its_tf(
     assert Topics(ros2).tf.name == ("tf" if namespace else "/tf")
     assert Topics(ros2).tf_static.name == ("tf_static" if namespace else "/tf_static")
     assert bool(read.notes) == bool(namespace)
-
-
-@pytest.mark.parametrize(("rate", "period_s"), [(0.0, 0.0), (-1, 0.0), (0.5, 2.0)])
-def test_a_rate_of_0_or_less_turns_saving_the_pose_off(
-    tmp_path: Path, rate: float, period_s: float
-) -> None:
-    text = f"amcl:\n  ros__parameters: {{save_pose_rate: {rate}}}\n"
-    settings = load_settings(None, [], beneath=read_nav2_params(write(tmp_path, text)).values)
-    assert settings.coordinator.save_pose_every_s == period_s
-    kept = msgspec.structs.replace(settings.coordinator, state_folder=str(tmp_path))
-    assert state_folder(kept) == (tmp_path if period_s else None)
-    assert PARAMETERS["save_pose_rate"].value(settings) == max(rate, 0.0)
 
 
 def test_yaml_aliases_that_expand_without_limit_are_refused(tmp_path: Path) -> None:

@@ -490,16 +490,17 @@ def test_an_answer_to_a_question_that_was_asked_anew_since_is_not_waited_for(
 # --- a coordinator takes over
 
 
-def test_a_new_coordinator_is_told_jobs_checkpoint_and_the_reports_since(
+def test_a_new_coordinator_is_told_jobs_terms_and_the_reports_since(
     tracking: Worker,
 ) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
     said = [do for step in (1, 2, 3) for do in tracking.handle(ScanArrived(scan(step)))]
-    assert told(tracking, CheckpointHeard(checkpoint, b"as it came")) == []
-    (answer,) = told(tracking, StateAsked(9, TakeOver(sender="next", term=2)))
+    assert told(tracking, CheckpointHeard(checkpoint)) == []
+    (answer,) = told(tracking, StateAsked(9, TakeOver(sender="next", term=2, since=1)))
     assert isinstance(answer, Answer)
     state = answer.message
     assert isinstance(state, WorkerState)
-    assert (state.term, state.incarnation, state.checkpoint) == (2, 7, b"as it came")
+    assert (state.term, state.incarnation) == (2, 7)
+    assert (state.terms, state.founded) == ((1, 2), 1)
     assert [held.job_id for held in state.holds] == ["c0"]
     assert len(state.reports) == len(said) - 1

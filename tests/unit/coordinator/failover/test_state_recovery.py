@@ -16,11 +16,19 @@ from tests.unit.coordinator.reports import elsewhere
 
 BEGAN_NS = 5_000_000_000
 KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
-NOTHING = Told(term=0, holds=(), checkpoint=None, reports=())
+NOTHING = Told(term=0)
+KEPT = KNOWN
 
 
-def asked(*workers: str, known: Checkpoint | None = None) -> StateRecovery:
-    recovery = StateRecovery("c", known, BEGAN_NS)
+def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> Told:
+    """By a worker that has worked for whoever wrote the file, unless it says otherwise."""
+    return Told(term=9, terms=terms, founded=founded)
+
+
+def asked(
+    *workers: str, known: Checkpoint | None = None, kept: Checkpoint | None = None
+) -> StateRecovery:
+    recovery = StateRecovery("c", known, kept, BEGAN_NS)
     for worker in workers:
         recovery.expect(worker)
     return recovery
@@ -53,13 +61,36 @@ def test_busy_workers_that_are_silent_are_waited_for_lest_all_is_forgotten() -> 
     assert is_over_after(recovery, UNKNOWN_NS)
 
 
-def test_what_a_worker_has_told_counts_also_when_it_has_started_anew_and_knows_nothing() -> None:
-    recovery, older = asked("w1"), replace(KNOWN, step=2, serial=0)
-    recovery.answered("w1", replace(NOTHING, checkpoint=KNOWN))
-    recovery.ask_all_again()
-    recovery.answered("w1", NOTHING)
-    recovery.answered("w1", replace(NOTHING, checkpoint=older))
-    assert recovery.checkpoints == [KNOWN, older]
+def test_the_file_counts_as_soon_as_a_worker_knows_its_term() -> None:
+    recovery = asked("w1", "w2", kept=KEPT)
+    assert recovery.checkpoints == [], "all may have been started again"
+    assert is_over_after(recovery, SILENT_NS)
+    recovery.answered("w1", of_it(terms=(9,), founded=0))
+    assert recovery.checkpoints == []
+    recovery.answered("w2", of_it())
+    assert recovery.checkpoints == [KEPT]
+    recovery.forget("w2")
+    assert recovery.checkpoints == [KEPT], "also when that one has gone since"
+
+
+def test_the_file_counts_nothing_where_a_later_coordinator_had_a_belief() -> None:
+    recovery = asked("w1", "w2", kept=KEPT)
+    recovery.answered("w1", of_it())
+    recovery.answered("w2", of_it(terms=(1, 5, 9), founded=5))
+    assert recovery.checkpoints == []
+
+
+def test_one_that_took_over_without_a_belief_leaves_the_file_as_it_is() -> None:
+    recovery = asked("w1", kept=KEPT)
+    recovery.answered("w1", of_it(terms=(1, 5, 9)))
+    assert recovery.checkpoints == [KEPT]
+
+
+def test_reports_are_asked_for_since_the_oldest_step_to_carry_on_from() -> None:
+    newer = replace(KNOWN, step=8, serial=4)
+    for known, kept, since in ((None, None, 5), (newer, None, 8), (newer, KEPT, 3)):
+        (question,) = asked("w1", known=known, kept=kept).questions(7, 5, BEGAN_NS)
+        assert (question.question.term, question.question.since) == (7, since)
 
 
 def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
@@ -67,9 +98,9 @@ def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
     beyond = replace(good, job=ElsewhereJob(first_step=MAX_STEP))
     told = WorkerState(
         sender="w", term=7, incarnation=1, holds=(beyond, good),
-        checkpoint=encode(KNOWN), reports=(encode(elsewhere(3, -1.0)), b"no report"),
+        terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
     read = told_by(encode(told), Trust(None, "robot", lambda: 0, lambda _: None))
     assert read.holds == (good,)
-    assert read.checkpoint == KNOWN
+    assert (read.terms, read.founded) == ((1, 7), 1)
     assert read.reports == (elsewhere(3, -1.0),)

@@ -2,9 +2,7 @@
 
 from msgspec.structs import replace
 
-from coordinator.failover.state_recovery import told_by
 from coordinator.failover.trust import Trust
-from protocol.codec import encode
 from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
 
 KEY, OTHER_KEY = b"k" * 32, b"o" * 32
@@ -24,12 +22,8 @@ def answer(term: int, proof: bytes) -> OrderAnswer:
     return OrderAnswer(sender="w", order=1, incarnation=1, jobs=(), term=term, term_proof=proof)
 
 
-def state(term: int, proof: bytes, *checkpoints: Checkpoint) -> WorkerState:
-    newest, *earlier = [encode(checkpoint) for checkpoint in checkpoints] or [b""]
-    return WorkerState(
-        sender="w", term=term, term_proof=proof, incarnation=1, holds=(), reports=(),
-        checkpoint=newest, earlier=tuple(earlier),
-    )  # fmt: skip
+def state(term: int, proof: bytes) -> WorkerState:
+    return WorkerState(sender="w", term=term, term_proof=proof, incarnation=1, holds=(), reports=())
 
 
 def test_what_one_coordinator_has_signed_the_others_believe() -> None:
@@ -88,11 +82,3 @@ def test_without_a_key_nothing_is_signed_and_all_is_believed_that_can_be() -> No
     assert not judge.trust.believes(replace(CHECKPOINT, term=2**53 - 1))
     assert judge.trust.term(answer(2**53 - 1, b"")) == 0
     assert [cause.rpartition(": ")[2] for cause in judge.causes] == ["term far ahead"] * 2
-
-
-def test_what_is_not_to_be_believed_is_left_out_of_what_a_worker_tells() -> None:
-    judge = Judge()
-    signed = judge.trust.signed(CHECKPOINT)
-    forged = replace(signed, serial=99)
-    told = told_by(encode(state(99, b"", forged, signed, forged)), judge.trust)
-    assert (told.term, told.checkpoint, told.earlier) == (0, signed, ())

@@ -45,7 +45,7 @@ BLOCKS: list[list[Record]] = [
 def head(version: str = VERSION) -> Head:
     started = Started(
         sender="coordinator", filter_settings=FilterSettings(), settings=CoordinatorSettings(),
-        version=version, now_ns=0, term=7, known=None, last_poses={},
+        version=version, now_ns=0, term=7, known=None,
     )  # fmt: skip
     return Head(
         version=version,

@@ -140,7 +140,7 @@ def test_each_coordinator_says_where_it_took_over(model: SensorModel, tmp_path: 
     acts = [happening for happening in happenings if isinstance(happening, CoordinatorActs)]
     assert acts == [
         CoordinatorActs("coordinator", 1, None),
-        CoordinatorActs("coordinator", 2, 11),
+        CoordinatorActs("coordinator", 2_000_002, 11),
     ]
     assert Happened("worker left", "w1") in happenings
     assert [h.about for h in happenings if h == Happened("worker joined", "w2")] == ["w2"] * 2

@@ -1,17 +1,18 @@
 """Where the robot was last: one hypothesis at the next start, also after a power cut."""
 
 import math
+from dataclasses import dataclass
 
-import msgspec
 import numpy as np
 
 from coordinator.belief.given_places import diagonal
 from coordinator.belief.prior_pose import PriorPose
+from coordinator.checkpoint import state_in
 from particle_filter.poses import between, compose
-from protocol.answers import Belief
 from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import Scan
+from protocol.work import Checkpoint
 
 MOVED_BY_HAND = diagonal(0.5, 0.26)
 """While nobody looked, the robot may have been pushed so far: as when a person says where it is."""
@@ -19,29 +20,35 @@ ODOMETRY_STARTS_WITHIN = (0.5, 0.5)
 """Odometry this near to its origin [m], [rad] has probably been set to it."""
 
 
-class LastPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The most probable place, when it was the only probable one."""
+@dataclass(frozen=True)
+class LastPlace:
+    """The most probable place of an earlier life of the whole system."""
 
     map_digest: str
-    stamp_ns: int
+    live: bool
+    """Whether it was a robot's, no recording's or simulation's."""
     odom_from_robot: PoseTuple
     map_from_robot: PoseTuple
     covariance: Covariance
-    probability: float
 
     @classmethod
-    def of(cls, belief: Belief, map_digest: str) -> "LastPose | None":
-        """The most probable place of a belief; None where it is not sure."""
-        if belief.state != "localized":
+    def of(cls, checkpoint: Checkpoint) -> "LastPlace | None":
+        """The most probable place in a checkpoint; None where it has none.
+
+        Raises:
+            ValueError: as `state_in`.
+        """
+        state = state_in(checkpoint)
+        applied, clusters = state.collector.applied, state.ensemble.clusters
+        if applied is None or not clusters:
             return None
-        best = belief.hypotheses[0]
+        best = max(clusters, key=lambda cluster: cluster.log_probability)
         return cls(
-            map_digest=map_digest,
-            stamp_ns=belief.stamp_ns,
-            odom_from_robot=belief.odom_from_robot,
+            map_digest=state.map_digest,
+            live=applied.live,
+            odom_from_robot=applied.odom_from_robot,
             map_from_robot=best.mean,
             covariance=best.covariance,
-            probability=best.probability,
         )
 
     def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
@@ -64,13 +71,6 @@ class LastPose(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
             covariance=(a, b, c, d, e, f, g, h, i),
             probability=probability,
         )
-
-    def problem(self) -> str | None:
-        """Why this cannot be a pose; None where it can."""
-        numbers = (*self.odom_from_robot, *self.map_from_robot, *self.covariance)
-        if not all(map(math.isfinite, numbers)):
-            return "a number in it is not finite"
-        return None
 
 
 def _starts_anew(before: PoseTuple, now: PoseTuple) -> bool:

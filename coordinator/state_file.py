@@ -1,0 +1,204 @@
+"""The coordinator's state on disk: the next process carries on from it, also after a power cut.
+
+A file is written beside its name and renamed: whoever reads finds the old one or the new one,
+whole. Its checksum tells a damaged one, which is named in the log and replaced by the next state.
+"""
+
+import hashlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from urllib.parse import quote
+
+import msgspec
+
+from coordinator.checkpoint import state_in
+from protocol.codec import decode, encode
+from protocol.errors import MalformedMessageError
+from protocol.limits import max_bytes
+from protocol.terms import check_term
+from protocol.work import Checkpoint
+
+MAX_FILE_BYTES = max_bytes(Checkpoint) + 1_024
+SYNC_EVERY_S = 1.0
+"""A killed process loses nothing that was written; a power cut at most this much [s]."""
+LEFT_AFTER_S = 60.0
+"""Writing takes milliseconds: a part of a file that is older was left behind."""
+
+_log = logging.getLogger(__name__)
+
+
+class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    sha256: bytes
+    """Of the checkpoint."""
+    checkpoint: bytes
+    """The message, as it is published."""
+
+
+def default_state_folder() -> Path:
+    """The user's folder for state, by the XDG rule."""
+    base = os.environ.get("XDG_STATE_HOME")
+    return (Path(base) if base else Path.home() / ".local" / "state") / "clustermcl"
+
+
+def file_of(folder: Path, robot: str) -> Path:
+    """Where a robot's state is kept."""
+    return folder / f"state-{quote(robot, safe='')}.msgpack"
+
+
+def read(folder: Path, robot: str) -> Checkpoint | None:
+    """The newest state kept of a robot; None where there is none, or none that can be used."""
+    path = file_of(folder, robot)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+        return _checkpoint_in(data)
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, MalformedMessageError) as error:
+        _log.warning("%s is not carried on from: %s", path, error)
+        return None
+
+
+def _checkpoint_in(data: bytes) -> Checkpoint:
+    if len(data) > MAX_FILE_BYTES:
+        raise ValueError(f"larger than {MAX_FILE_BYTES} bytes")
+    kept = msgspec.msgpack.decode(data, type=_File)  # its errors are ValueErrors
+    if hashlib.sha256(kept.checkpoint).digest() != kept.sha256:
+        raise ValueError("its checksum is wrong")
+    checkpoint = decode(kept.checkpoint, Checkpoint)
+    check_term(checkpoint, time.time_ns())
+    state_in(checkpoint)
+    return checkpoint
+
+
+def write(folder: Path, robot: str, checkpoint: Checkpoint, *, sync: bool) -> None:
+    """Keep a state in place of the one before.
+
+    Args:
+        folder: where to; made if it is not there.
+        robot: whose state.
+        checkpoint: the state.
+        sync: wait until it is on the disk, so that it survives a power cut.
+
+    Raises:
+        OSError: the folder cannot be written, or the disk is full; the file before is as it was.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    target = file_of(folder, robot)
+    part = target.with_suffix(f".{os.getpid()}.part")
+    message = encode(checkpoint)
+    data = _File(sha256=hashlib.sha256(message).digest(), checkpoint=message)
+    try:
+        number = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(number, "wb") as file:
+            file.write(msgspec.msgpack.encode(data))
+            file.flush()
+            if sync:
+                os.fsync(number)
+        part.replace(target)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+    if sync:
+        _sync_folder(folder)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the new name to the disk too."""
+    number = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(number)
+    finally:
+        os.close(number)
+
+
+def remove_leftovers(folder: Path, robot: str) -> None:
+    """Remove parts of files that a process left when it was killed while it wrote.
+
+    A younger part may be another coordinator's, at work.
+    """
+    for part in folder.glob(f"{file_of(folder, robot).stem}.*.part"):
+        with suppress(OSError):  # gone already, or a folder that cannot be written
+            if time.time() - part.stat().st_mtime > LEFT_AFTER_S:
+                part.unlink()
+
+
+class StateKeeper:
+    """Writes the newest state in a thread of its own: a slow disk delays no belief.
+
+    Args:
+        folder: where to; None: nowhere.
+        robot: whose state.
+        kept: what the file holds; a state of a lower rank does not replace it.
+    """
+
+    def __init__(self, folder: Path | None, robot: str, kept: Checkpoint | None) -> None:
+        self._folder, self._robot = folder, robot
+        self._rank = kept.rank if kept else None
+        self._changed = threading.Condition()
+        self._newest: Checkpoint | None = None
+        self._closed = self._failed = False
+        self._is_first = True
+
+    def offer(self, checkpoint: Checkpoint) -> None:
+        """A state is about to be published; if it is a newer one, it is written soon.
+
+        The first is written at once: as soon as workers know of it, no older file counts.
+        """
+        if self._folder is None or (self._rank is not None and checkpoint.rank <= self._rank):
+            return
+        self._rank = checkpoint.rank
+        if self._is_first:
+            self._is_first = False
+            self._write(self._folder, checkpoint, sync=False)
+            return
+        with self._changed:
+            self._newest = checkpoint
+            self._changed.notify()
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Write while the context lasts; what is newest is written on the way out."""
+        if self._folder is None:
+            yield
+            return
+        thread = threading.Thread(target=self._run, args=(self._folder,), name="state-keeper")
+        thread.start()
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._closed = True
+                self._changed.notify()
+            thread.join()
+
+    def _run(self, folder: Path) -> None:
+        remove_leftovers(folder, self._robot)
+        sync_at_s, unsynced, closed = time.monotonic(), None, False
+        while not closed:
+            wait_s = max(sync_at_s - time.monotonic(), 0.0) if unsynced else None
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._newest is not None, wait_s)
+                checkpoint, self._newest = self._newest or unsynced, None
+                closed = self._closed
+            if checkpoint is not None:
+                sync = closed or time.monotonic() >= sync_at_s
+                self._write(folder, checkpoint, sync=sync)
+                unsynced = None if sync else checkpoint
+                if sync:
+                    sync_at_s = time.monotonic() + SYNC_EVERY_S
+
+    def _write(self, folder: Path, checkpoint: Checkpoint, *, sync: bool) -> None:
+        """Write; a disk that cannot be written is told once, and tried again."""
+        try:
+            write(folder, self._robot, checkpoint, sync=sync)
+            self._failed = False
+        except OSError as error:
+            if not self._failed:
+                _log.warning("the state cannot be kept in %s: %s", folder, error)
+            self._failed = True

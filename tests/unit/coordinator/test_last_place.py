@@ -1,0 +1,58 @@
+"""Where the robot was in an earlier life: one place that is possible, for whom it can be one."""
+
+import math
+
+import pytest
+
+from coordinator.events import ScanArrived, WorkerJoined
+from coordinator.last_place import LastPlace
+from process_runtime.settings import CoordinatorSettings
+from tests.unit.coordinator.reports import scan, searched
+from tests.unit.coordinator.states import checkpoint_at
+from tests.unit.coordinator.test_coordinator import NORTH, SOUTH, Story
+
+EAST = (10.0, 5.0, math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("was_live", "live", "state_folder", "digest", "counts"),
+    [
+        pytest.param(True, True, "", "map", True, id="a live robot"),
+        pytest.param(True, False, "", "map", False, id="a recording after it"),
+        pytest.param(False, True, "", "map", False, id="after a recording"),
+        pytest.param(False, False, "kept", "map", True, id="a recording in a folder of its own"),
+        pytest.param(True, True, "", "another", False, id="in another map"),
+    ],
+)
+def test_where_it_was_in_an_earlier_life_is_possible(
+    was_live: bool, live: bool, state_folder: str, digest: str, counts: bool
+) -> None:
+    rules = CoordinatorSettings(state_folder=state_folder)
+    story = Story(rules=rules, kept=checkpoint_at(EAST, live=was_live))
+    story.follow(story.coordinator.handle(WorkerJoined("a"), 0))
+    story.follow(story.coordinator.handle(ScanArrived(scan(0, live=live, digest=digest)), 0))
+    found = searched("s0.0", 0, {NORTH: 0.5, SOUTH: 0.5}, epoch=story.epochs["s0.0"])
+    story.report(found, at_s=0.1)
+    places = {place.mean for place in story.beliefs[-1].hypotheses}
+    assert places == ({NORTH, SOUTH, EAST} if counts else {NORTH, SOUTH})
+
+
+def test_odometry_that_goes_on_carries_the_place_on() -> None:
+    last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
+    assert last is not None
+    prior = last.as_prior_at(scan(9, x_m=4.0), 0.1)
+    assert prior.map_from_robot == pytest.approx((10.0, 6.0, math.pi / 2))
+    assert prior.odom_from_robot == (4.0, 0.0, 0.0)
+    assert prior.covariance[0] > last.covariance[0]
+
+
+def test_odometry_that_starts_anew_leaves_the_robot_where_it_stood() -> None:
+    last = LastPlace.of(checkpoint_at(EAST, x_m=3.0))
+    assert last is not None
+    assert last.as_prior_at(scan(0, x_m=0.1), 0.1).map_from_robot == pytest.approx(EAST)
+
+
+def test_who_only_searched_leaves_no_place() -> None:
+    story = Story("a")
+    story.scan(0, at_s=0.0)
+    assert LastPlace.of(story.checkpoints[-1]) is None

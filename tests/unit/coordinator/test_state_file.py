@@ -1,0 +1,168 @@
+import errno
+import os
+import stat
+import time
+from pathlib import Path
+
+import pytest
+from msgspec.structs import replace
+
+from coordinator.state_file import MAX_FILE_BYTES, StateKeeper, file_of, read, write
+from protocol.terms import MAX_AHEAD_US
+from protocol.work import Checkpoint
+from tests.unit.coordinator.states import checkpoint_at
+
+STATE = checkpoint_at((10.0, 5.0, 0.0))
+
+
+def test_what_was_written_is_read_by_its_owner_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "new"
+    write(folder, "robot", STATE, sync=True)
+    assert read(folder, "robot") == STATE
+    (file,) = folder.iterdir()
+    assert file == file_of(folder, "robot"), "no part of a file is left"
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+
+
+def test_each_robot_has_a_file_of_its_own(tmp_path: Path) -> None:
+    for serial, robot in enumerate(("a", "a/b")):
+        write(tmp_path, robot, replace(STATE, serial=serial), sync=False)
+    assert [kept and kept.serial for kept in (read(tmp_path, "a"), read(tmp_path, "a/b"))] == [0, 1]
+    assert read(tmp_path, "c") is None
+    assert read(tmp_path / "none", "a") is None
+
+
+@pytest.mark.parametrize("cut_at", [0, 1, 40, 200, -2])
+def test_a_file_cut_off_is_named_and_ignored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, cut_at: int
+) -> None:
+    write(tmp_path, "robot", STATE, sync=False)
+    file = file_of(tmp_path, "robot")
+    file.write_bytes(file.read_bytes()[:cut_at])
+    assert read(tmp_path, "robot") is None
+    assert str(file) in caplog.text
+
+
+def test_a_flipped_bit_is_noticed_wherever_it_is(tmp_path: Path) -> None:
+    write(tmp_path, "robot", STATE, sync=False)
+    file = file_of(tmp_path, "robot")
+    whole = file.read_bytes()
+    for at in range(0, len(whole), 7):
+        broken = bytearray(whole)
+        broken[at] ^= 1 << (at % 8)
+        file.write_bytes(broken)
+        assert read(tmp_path, "robot") is None
+
+
+def test_no_more_of_a_file_is_read_than_a_state_may_have(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with file_of(tmp_path, "robot").open("wb") as file:
+        file.truncate(MAX_FILE_BYTES * 1_000)
+    assert read(tmp_path, "robot") is None
+    assert f"larger than {MAX_FILE_BYTES} bytes" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("state", "named"),
+    [
+        (replace(STATE, state=b"rubbish"), "not a coordinator's state"),
+        (replace(STATE, step=3), "a checkpoint of step 3 with another's state"),
+        (replace(STATE, term=time.time_ns() // 1_000 + 2 * MAX_AHEAD_US), "ahead of the clock"),
+    ],
+)
+def test_a_state_that_cannot_be_is_named_and_ignored(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, state: Checkpoint, named: str
+) -> None:
+    write(tmp_path, "robot", state, sync=False)
+    assert read(tmp_path, "robot") is None
+    assert named in caplog.text
+
+
+def test_the_newest_state_is_in_the_file_at_the_end(tmp_path: Path) -> None:
+    keeper = StateKeeper(tmp_path, "robot", None)
+    with keeper.running():
+        for serial in range(5, 25):
+            keeper.offer(replace(STATE, serial=serial))
+    kept = read(tmp_path, "robot")
+    assert kept is not None
+    assert kept.serial == 24
+
+
+def test_each_state_is_written_at_once_and_the_disk_waited_for_once_a_second(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    synced: list[float] = []
+    monkeypatch.setattr(os, "fsync", lambda _: synced.append(time.monotonic()))
+    keeper = StateKeeper(tmp_path, "robot", None)
+    began_s = time.monotonic()
+    with keeper.running():
+        for serial in range(3, 15):
+            keeper.offer(replace(STATE, serial=serial))
+            while (kept := read(tmp_path, "robot")) is None or kept.serial != serial:
+                assert time.monotonic() - began_s < 30.0
+        while len(synced) < 4:  # the first, and the last of the burst a second later
+            assert time.monotonic() - began_s < 30.0
+        took_s = time.monotonic() - began_s
+    assert took_s >= 1.0
+    assert len(synced) <= 2 * (took_s + 2), "file and folder"
+
+
+def test_a_belief_on_disk_gives_way_to_none_without_clusters(tmp_path: Path) -> None:
+    """A coordinator that finds no worker searches; the next one may find them all."""
+    write(tmp_path, "robot", STATE, sync=False)
+    keeper = StateKeeper(tmp_path, "robot", STATE)
+    with keeper.running():
+        keeper.offer(replace(STATE, term=STATE.term + 1, founded=False))
+    assert read(tmp_path, "robot") == STATE
+    newer = replace(STATE, term=STATE.term + 1, serial=0)
+    with (again := StateKeeper(tmp_path, "robot", STATE)).running():
+        again.offer(newer)
+    assert read(tmp_path, "robot") == newer
+
+
+def test_the_first_is_in_the_file_before_others_know_of_it(tmp_path: Path) -> None:
+    StateKeeper(tmp_path, "robot", None).offer(STATE)
+    assert read(tmp_path, "robot") == STATE
+
+
+def test_a_folder_of_none_keeps_nothing() -> None:
+    with (keeper := StateKeeper(None, "robot", None)).running():
+        keeper.offer(STATE)
+
+
+def test_a_disk_that_cannot_be_written_is_told_once_and_harms_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    occupied = tmp_path / "file"
+    occupied.write_text("not a folder")
+    keeper = StateKeeper(occupied, "robot", None)
+    with keeper.running():
+        for serial in range(3, 6):
+            keeper.offer(replace(STATE, serial=serial))
+    assert caplog.text.count("cannot be kept") == 1
+
+
+def test_what_a_killed_process_left_is_removed_at_the_next_start(tmp_path: Path) -> None:
+    write(tmp_path, "robot", STATE, sync=False)
+    old, new, others = (tmp_path / f"state-{name}.part" for name in ("robot.1", "robot.2", "r2.1"))
+    for part in (old, new, others):
+        part.write_bytes(b"half of i")
+    for part in (old, others):
+        os.utime(part, (0.0, 0.0))
+    with StateKeeper(tmp_path, "robot", None).running():
+        pass
+    assert not old.exists()
+    assert new.exists(), "another coordinator may be writing it"
+    assert others.exists(), "another robot's"
+    assert read(tmp_path, "robot") == STATE
+
+
+def test_a_full_disk_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_number: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space left"):
+        write(tmp_path, "robot", STATE, sync=True)
+    assert list(tmp_path.iterdir()) == []
