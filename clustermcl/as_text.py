@@ -9,12 +9,12 @@ from protocol.job_events import NumberedEvent, event_text
 from protocol.message import Covariance, PoseTuple
 
 SILENT_AFTER_S = 3.0
-"""A process says each second how it is; three missed words are worth a remark."""
+"""Processes publish their health every second; three missing messages are remarked on."""
 OFF_MAP = 0.5
-"""Of not being on this map: with more it is said."""
+"""Above this probability, the text includes 'probably not on this map'."""
 
 DOUBT = 0.01
-"""Of being elsewhere: less is not worth a line."""
+"""Below this probability, the text does not mention other places."""
 
 
 def pose_text(pose: PoseTuple) -> str:
@@ -37,11 +37,11 @@ def spread_text(covariance: Covariance) -> str:
 
 
 def pose_lines(answer: PoseAnswer) -> Iterator[str]:
-    """Where the robot is now, and what stands against believing it."""
+    """The robot's pose, and reasons to doubt it."""
     if answer.freshness == "none":
         yield f"{answer.state}: no scan has arrived yet"
     elif answer.map_from_robot is None or answer.covariance is None:
-        yield f"{answer.state}: no place is held possible yet (step {answer.step})"
+        yield f"{answer.state}: no place is known yet (step {answer.step})"
     else:
         yield (
             f"{answer.state} with probability {answer.probability:.2f}: "
@@ -82,11 +82,11 @@ def _doubts(answer: PoseAnswer) -> Iterator[str]:
 
 
 def _last_scan(scan_age_s: float) -> str:
-    return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan came yet"
+    return f"the last scan is {scan_age_s:.1f} s old" if scan_age_s >= 0.0 else "no scan yet"
 
 
 def progress_text(search_progress: float) -> str:
-    """How near a search is to its end, with a space before; nothing where it has not begun."""
+    """Progress of a search after a space; empty before it has begun."""
     return f" {100.0 * search_progress:.0f} %" if search_progress > 0.0 else ""
 
 
@@ -108,7 +108,7 @@ def belief_line(belief: Belief) -> str:
 
 
 def is_unweighed(belief: Belief) -> bool:
-    """Whether no worker has weighed any of the places: odometry alone has moved them."""
+    """Whether no worker has weighed any place, so that all are dead reckoning."""
     jobs = {f"c{hypothesis.cluster}" for hypothesis in belief.hypotheses}
     return bool(jobs) and jobs <= set(belief.missing)
 
@@ -119,7 +119,7 @@ def event_line(numbered: NumberedEvent) -> str:
 
 
 def status_lines(status: Status) -> Iterator[str]:
-    """How the system is."""
+    """State, steps, workers and processes of the system."""
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
     search += progress_text(status.search_progress)
@@ -130,7 +130,7 @@ def status_lines(status: Status) -> Iterator[str]:
         f"{status.reports_missing} reports missing"
     )
     if status.overloaded:
-        yield "          overloaded: steps wait, so scans are left out and searches put off"
+        yield "          overloaded: steps wait, so scans are dropped and searches postponed"
     yield f"clusters  {status.clusters}{search}"
     yield f"map       {status.map_digest[:12] or 'not known yet'}"
     yield f"running   {status.uptime_s:.0f} s, version {status.version}"

@@ -1,4 +1,4 @@
-"""`clustermcl check`: is a map fit for localizing, and does a recording agree with it."""
+"""`clustermcl check`: whether a map is suitable, and whether a recording matches it."""
 
 import math
 import sys
@@ -21,7 +21,7 @@ from recordings.map_file import load_map_with_obstacles
 from sensor_bridge.recorded import steps_of
 
 MOST_CELLS = 2**26
-"""What is looked at takes some 42 bytes a cell."""
+"""Limit for the known cells; the check needs about 42 bytes per cell."""
 EXIT_ANOTHER_MAP = 1
 """The recording is probably of another map."""
 _MOST_GROUPS, _MOST_PLACES, _MOST_SYMMETRIES = 3, 8, 4
@@ -39,12 +39,12 @@ def run_check(
     """Examine a map and print what was found.
 
     Raises:
-        ClusterMclError: the map or the recording cannot be used, or no robot fits into the map.
+        ClusterMclError: the map or the recording is unusable, or no robot fits into the map.
     """
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:
         rows, cols = grid_map.cells.shape
-        problem = f"{cols} x {rows} cells are known; check looks at {MOST_CELLS} at most"
+        problem = f"{cols} x {rows} cells are known; the limit of check is {MOST_CELLS}"
         raise MapFileError(map_file, f"{problem}: cut the map or use larger cells")
     agreement = None
     if recording is not None:
@@ -66,7 +66,7 @@ def run_check(
 
 
 def lines_of(report: MapReport) -> Iterator[str]:
-    """The report for people."""
+    """The report as text."""
     ground = report.ground
     yield (
         f"{report.map}: {ground.cols} x {ground.rows} cells of {ground.cell_m} m, "
@@ -78,7 +78,7 @@ def lines_of(report: MapReport) -> Iterator[str]:
     if report.agreement is not None:
         yield from _agreement(report.agreement)
     if not report.remarks:
-        yield "Nothing stands against localizing in this map."
+        yield "The map is suitable for localization."
     for remark in report.remarks:
         yield f"* {remark}"
 
@@ -87,11 +87,11 @@ def _looks(report: MapReport) -> Iterator[str]:
     looked_at = len(report.places)
     alone = sum(not place.look_alikes for place in report.places)
     how = f"a laser that sees {report.laser_range_m} m all around, up to {WAY_M:.0f} m of driving"
-    yield f"{alone} of {looked_at} places look like no other ({how})"
+    yield f"{alone} of {looked_at} places are unique ({how})"
     for symmetry in report.symmetries[:_MOST_SYMMETRIES]:
-        yield f"  {_symmetry(symmetry)}: so it is with {symmetry.share:.0%} of the places"
+        yield f"  {_symmetry(symmetry)}: holds for {symmetry.share:.0%} of the places"
     if len(report.symmetries) > _MOST_SYMMETRIES:
-        yield "  and so on: the map repeats itself"
+        yield "  and more: the map repeats itself"
     shown: set[int] = set()
     for place in sorted(report.places, key=lambda place: -len(place.look_alikes)):
         count = 1 + len(place.look_alikes)
@@ -127,7 +127,7 @@ def _agreement(agreement: Agreement) -> Iterator[str]:
     if agreement.fitting_share is not None:
         yield f"  {agreement.fitting_share:.0%} of the beams end where the map has an obstacle"
     if agreement.mount is None:
-        yield "  laser and odometry cannot be judged: it is not localized or turns for long enough"
+        yield "  laser and odometry cannot be checked: the robot is localized or turns too briefly"
         return
     x, y, heading = agreement.mount.robot_from_laser
     x_off, y_off, heading_off = agreement.mount.standard_errors

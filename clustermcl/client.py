@@ -1,4 +1,4 @@
-"""The Python client: ask a running system where the robot is, and tell it what a person knows."""
+"""The Python client of a running system: queries and commands."""
 
 import math
 import os
@@ -47,7 +47,7 @@ _SENDER = "client"
 
 
 class NotLocalizedError(ClusterMclError):
-    """The robot was not localized in time; `answer` says where it may be."""
+    """The robot was not localized in time; `answer` is the last pose."""
 
     def __init__(self, *, answer: PoseAnswer, waited_s: float) -> None:
         self.answer, self.waited_s = answer, waited_s
@@ -60,8 +60,8 @@ class NotLocalizedError(ClusterMclError):
 class Client:
     """A connection to the system of one robot; use it in a ``with`` block.
 
-    Questions and commands are repeated until they are answered or their time is over; a command
-    carries an id, so that its repetition does nothing more. Give one client to one thread.
+    Queries and commands are repeated until they are answered or time out; a command has an id, so
+    that a repetition has no effect. Use a client in one thread only.
 
         with Client(robot="r1") as client:
             print(client.pose().map_from_robot)
@@ -71,12 +71,12 @@ class Client:
             defaults, with `CLUSTERMCL_ROBOT` and `CLUSTERMCL_ROUTER` of the environment.
         robot: the robot's name, instead of that of the settings.
         router: the router's endpoint, such as ``tcp/192.168.1.10:7447``, instead of theirs.
-        timeout_s: of connecting, and of each question and command [s]. None:
+        timeout_s: of connecting, and of each query and command [s]. None:
             `zenoh.connect_timeout_s`, and `zenoh.query_timeout_s`.
-        stop: looked at while waiting; a wait then ends with `StoppedError`.
+        stop: ends a wait with `StoppedError` when set.
 
     Raises:
-        SettingsError: a name, an endpoint or a time-out cannot be used.
+        SettingsError: a name, an endpoint or a time-out is invalid.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Client:
 
         Raises:
             UnreachableError: there is no router.
-            SettingsError: the endpoint or the robot's name cannot be used.
+            SettingsError: the endpoint or the robot's name is invalid.
         """
         zenoh_settings, robot = self._settings.zenoh, self._settings.robot
         within_s = zenoh_settings.connect_timeout_s
@@ -135,7 +135,7 @@ class Client:
         """Where the robot is now.
 
         Raises:
-            UnreachableError: nobody answers; so for all questions and commands.
+            UnreachableError: no answer in time; so for all queries and commands.
         """
         return self._ask(keys.POSE, PoseAnswer)
 
@@ -144,21 +144,21 @@ class Client:
         return self._ask(keys.HYPOTHESES, Hypotheses)
 
     def events(self) -> JobEvents:
-        """The last clusters and searches that began or ended, and why, oldest first."""
+        """The last events of clusters and searches, oldest first."""
         return self._ask(keys.EVENTS, JobEvents)
 
     def status(self) -> Status:
-        """How the system is."""
+        """State, workers and counters of the system."""
         return self._ask(keys.STATUS, Status)
 
     def map(self, *, timeout_s: float = 30.0) -> GridMap:
         """The map that all poses are in; its cells are checked against its digest.
 
         Args:
-            timeout_s: how long a large map may take over a slow link.
+            timeout_s: a large map over a slow link takes a while [s].
 
         Raises:
-            MalformedMessageError: what the bridge sent is no map, or not the one it announced.
+            MalformedMessageError: the bridge's answer is not a map, or does not match its digest.
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
@@ -171,23 +171,24 @@ class Client:
         covariance: Covariance | None = None,
         stamp_ns: int | None = None,
     ) -> None:
-        """Say where the robot is; believed with the probability `belief.set_pose_probability`.
+        """Give the robot's pose; its probability becomes `belief.set_pose_probability`.
 
-        The state is `searching` until a scan confirms it. Before the first scan, or the map, it
-        is remembered until then.
+        The state is `searching` until a scan confirms it. Before the first scan or the map arrives,
+        the pose is kept and applied then.
 
         Args:
             map_from_robot: x [m], y [m], heading [rad].
-            position_sigma_m: how sure of x and of y.
-            heading_sigma_rad: how sure of the heading.
-            covariance: how sure of all three, row by row; it stands in for both sigmas.
-            stamp_ns: when the robot was there, by its own clock; the odometry since is added.
+            position_sigma_m: standard deviation of x and of y.
+            heading_sigma_rad: standard deviation of the heading.
+            covariance: 3 x 3, row by row; replaces both sigmas.
+            stamp_ns: time of the pose by the robot's clock; the odometry since then is added.
                 None: now.
 
         Raises:
-            CommandRefusedError: the map has no free ground within 3 sigma, or odometry of that time
-                is not known any more.
-            ValueError: a number is not finite, a sigma not positive, or the covariance none.
+            CommandRefusedError: the map has no free space within 3 sigma, or the odometry of that
+                time is no longer known.
+            ValueError: a number is not finite, a sigma is not positive, or the covariance is not
+                positive semi-definite.
         """
         command = SetPose(
             sender=_SENDER,
@@ -199,15 +200,15 @@ class Client:
             stamp_ns=stamp_ns,
         )
         if problem := problem_of(command):
-            raise ValueError(f"{map_from_robot} cannot be told: {problem}")
-        self._tell(keys.SET_POSE, command)
+            raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
+        self._send(keys.SET_POSE, command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:
-        """Have it forget all places, the last of an earlier life too, and search.
+        """Forget all places, including the stored last pose, and search.
 
         Args:
-            near: x, y and radius of where to search [m]; None: everywhere.
-            region: the name of one of `search.regions`, likewise; empty: everywhere.
+            near: x, y and radius of the circle to search [m]; None: everywhere.
+            region: the one of `search.regions` to search; empty: everywhere.
 
         Raises:
             ValueError: `near` is not a circle.
@@ -215,25 +216,25 @@ class Client:
         if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
             raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
         command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near, region=region)
-        self._tell(keys.RELOCALIZE, command)
+        self._send(keys.RELOCALIZE, command)
 
     def update(self) -> None:
-        """Have it look once more now: the next scan becomes a step, also if the robot stands."""
-        self._tell(keys.UPDATE, Update(sender=_SENDER, command_id=_new_id()))
+        """Make a step of the next scan although the robot stands."""
+        self._send(keys.UPDATE, Update(sender=_SENDER, command_id=_new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
-        """Lift the simulated robot to another place; None: somewhere far away."""
+        """Move the simulated robot without odometry; None: to a random pose far away."""
         command = Kidnap(sender=_SENDER, command_id=_new_id(), map_from_robot=map_from_robot)
-        self._tell(keys.KIDNAP, command)
+        self._send(keys.KIDNAP, command)
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
         """Wait until the robot is localized and its pose is fresh.
 
         Args:
-            timeout_s: how long to wait [s].
+            timeout_s: limit for the wait [s].
 
         Raises:
-            NotLocalizedError: it was not, in that time.
+            NotLocalizedError: the time is over.
         """
         deadline_s = time.monotonic() + timeout_s
         while True:
@@ -246,9 +247,9 @@ class Client:
             self._stop.check()
 
     def beliefs(self, *, timeout_s: float | None = None) -> Iterator[Belief]:
-        """Every belief from now on, without an end; a slow reader misses the oldest.
+        """Every belief from now on, without end; a slow reader misses the oldest.
 
-        Beliefs of a coordinator that was taken over from are left out.
+        Beliefs of a coordinator that has been replaced are skipped.
 
         Args:
             timeout_s: how long to wait for each belief [s]; None: without limit. A robot
@@ -259,13 +260,13 @@ class Client:
             StoppedError: the client's stop flag is set.
         """
         published = self._published(keys.BELIEF, Belief, timeout_s)
-        self.pose()  # raises where there is no robot
+        self.pose()  # raises if there is no robot
         return _of_newest_term(published)
 
     def follow_events(self, *, timeout_s: float | None = None) -> Iterator[NumberedEvent]:
-        """The events that are kept, and then each as it happens, without an end.
+        """The stored events, and then each as it happens, without end.
 
-        Events that were lost on their way are asked for.
+        Events that were lost on the way are queried.
 
         Args:
             timeout_s: how long to wait for each event [s]; None: without limit.
@@ -292,7 +293,7 @@ class Client:
                 heard = self.events()
 
     def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A]:
-        """What is published on a key from this call on; a slow reader misses the oldest."""
+        """Messages published on a key from this call on; a slow reader misses the oldest."""
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)
@@ -322,7 +323,7 @@ class Client:
             raise ValueError("the client is not connected: use it in a with block")
         return self._open
 
-    def _tell(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
+    def _send(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
         done = self._ask(key, CommandDone, command)
         if done.problem:
             raise CommandRefusedError(command=key, problem=done.problem)
@@ -334,7 +335,7 @@ class Client:
         message: Message | None = None,
         timeout_s: float | None = None,
     ) -> A:
-        """Ask until answered: just after a link came up, a query may find nobody.
+        """Repeat a query until answered: just after connecting, queryables may not be known yet.
 
         An answer may take `timeout_s`; None: `zenoh.query_timeout_s`, or less near the deadline.
         """
@@ -350,12 +351,12 @@ class Client:
             except UnreachableError as error:
                 now_s = time.monotonic()
                 if now_s + _PAUSE_S >= deadline_s:
-                    raise self._nobody(key, now_s - asked_s, error) from error
+                    raise self._unreachable(key, now_s - asked_s, error) from error
             self._stop.wait(_PAUSE_S)
             self._stop.check()
             now_s = time.monotonic()
 
-    def _nobody(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
+    def _unreachable(self, key: str, waited_s: float, error: UnreachableError) -> UnreachableError:
         bridges = dict.fromkeys((keys.MAP, keys.UPDATE), "bridge")
         who = ({keys.KIDNAP: "simulator"} | bridges).get(key, "coordinator")
         router = self._settings.zenoh.router

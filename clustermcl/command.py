@@ -1,4 +1,4 @@
-"""The command a person types: the table of all commands, and what ends each."""
+"""The command `clustermcl`: the table of its subcommands, and the exit codes."""
 
 import sys
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from process_runtime.output import standard_output, written_output
 from process_runtime.stop import StoppedError
 from protocol.errors import ClusterMclError, UnreachableError
 
-EXIT_NOBODY, EXIT_INTERRUPTED = 3, 130
-"""No router, or nobody behind it, answers; Ctrl-C, or a pipe whose reader has gone."""
+EXIT_UNREACHABLE, EXIT_INTERRUPTED = 3, 130
+"""No router or no process answers; Ctrl-C, or the reader of a pipe has gone."""
 
 
 class _Commands(VerbosityGroup):
-    """Lists the commands in their groups, each with one line."""
+    """Lists the commands in groups, one line each."""
 
     def format_commands(self, _context: Any, formatter: Any) -> None:
         longest = max(map(len, self.commands))
@@ -42,12 +42,12 @@ app = typer.Typer(
 )
 _NUMBERS_MAY_BE_NEGATIVE = {"ignore_unknown_options": True}
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
-    "Begin here": {
+    "Start here": {
         "demo": running.demo,
         "up": running.up,
         "view": running.serve_view,
     },
-    "Ask a running system": {
+    "Query a running system": {
         "pose": query.pose,
         "hypotheses": query.hypotheses,
         "watch": query.watch,
@@ -56,7 +56,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "snapshot": query.snapshot,
         "record": recordings.record,
     },
-    "Tell it something": {
+    "Control a running system": {
         "set-pose": control.set_pose,
         "relocalize": control.relocalize,
         "update": control.update,
@@ -75,7 +75,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "ros2": running.ros2,
     },
 }
-"""In the order of the help."""
+"""The groups in the order of the help."""
 for _group, _commands in COMMANDS.items():
     for _name, _command in _commands.items():
         app.command(
@@ -85,7 +85,7 @@ for _group, _commands in COMMANDS.items():
         )(_command)
 
 
-def _say_version(asked: bool) -> None:
+def _print_version(asked: bool) -> None:
     if asked:
         standard_output().write(f"clustermcl {version('clustermcl')}\n")
         raise typer.Exit
@@ -95,14 +95,16 @@ def _say_version(asked: bool) -> None:
 def _common(
     _version: Annotated[
         bool,
-        typer.Option("--version", callback=_say_version, is_eager=True, help="Say it and exit."),
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Show the version and exit."
+        ),
     ] = False,
 ) -> None:
-    """Take what stands before the command."""
+    """Declare the options before the subcommand."""
 
 
 def main() -> None:
-    """Run the command; errors that a person can mend are one line and exit code 2, or 3."""
+    """Run the command; print a `ClusterMclError` as one line and exit with 2 or 3."""
     set_verbosity()
     try:
         with written_output():
@@ -111,7 +113,7 @@ def main() -> None:
         sys.exit(EXIT_INTERRUPTED)
     except ClusterMclError as error:
         sys.stderr.write(f"clustermcl: {' '.join(str(error).split())}\n")
-        sys.exit(EXIT_NOBODY if isinstance(error, UnreachableError) else EXIT_ERROR)
+        sys.exit(EXIT_UNREACHABLE if isinstance(error, UnreachableError) else EXIT_ERROR)
     except BrokenPipeError:  # the reader of a pipe has seen enough
         sys.stderr.close()
         sys.exit(EXIT_INTERRUPTED)

@@ -1,4 +1,4 @@
-"""What a shell offers when TAB is pressed after an option; only then is it computed."""
+"""Completions that a shell offers for the values of options, computed on demand."""
 
 from collections.abc import Iterator
 from pathlib import Path

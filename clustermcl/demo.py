@@ -35,7 +35,7 @@ _POLL_S = 0.05
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
-    """Run a demo to its end and print what came of it.
+    """Run a demo to its end and print the result.
 
     Raises:
         ClusterMclError: an input cannot be used, or a process failed.
@@ -97,7 +97,7 @@ def _page_at(view_at: str) -> Address:
 
 
 def _say_where(page: Address, check: Callable[[], None]) -> None:
-    """Say what to open, once it can be."""
+    """Print the link once the page is served."""
     while True:
         check()
         try:

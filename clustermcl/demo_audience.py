@@ -1,4 +1,4 @@
-"""Who hears what a demo's processes say, until the last belief."""
+"""Receive the messages of a demo's processes, until the last belief."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Publisher, Received, Token, subscribe, watch
 
 LOCALIZED_STEPS = 20
-"""A simulated robot that has been localized for so long has shown what there is to see."""
+"""The demo of a simulated robot ends after this many localized steps."""
 
 _SILENCE_S = 60.0
 _KEPT_TRUTHS = 64
@@ -27,15 +27,15 @@ _POLL_S = 0.05
 
 
 class StalledError(ClusterMclError):
-    """The processes run but nothing comes of it."""
+    """The processes run, but no belief arrives."""
 
     def __init__(self, *, silent_s: float) -> None:
         self.silent_s = silent_s
-        super().__init__(f"no belief has come for {silent_s:.0f} s")
+        super().__init__(f"no belief has arrived for {silent_s:.0f} s")
 
 
 class Audience:
-    """Listens to the beliefs, and to the truth where there is one."""
+    """Receives the beliefs, the events and the ground truth."""
 
     def __init__(
         self, session: zenoh.Session, show: Show, view: View, check: Callable[[], None]
@@ -52,14 +52,14 @@ class Audience:
         watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
 
     def wait_for_workers(self, count: int) -> None:
-        """Wait until all are there: a step that nobody reports on would be lost."""
+        """Wait for all workers: a step without a report would be lost."""
         while len(self._alive) < count:
             self._view.starting(len(self._alive), count)
             self._hear()
         self._view.starting(count, count)
 
     def follow(self) -> DemoSummary:
-        """Hear beliefs until the last one."""
+        """Receive beliefs until the last one."""
         heard_s = time.monotonic()
         while not self._over():
             if self._hear():
@@ -69,7 +69,7 @@ class Audience:
         return self._summary
 
     def truth_of(self, belief: Belief) -> PoseTuple | None:
-        """Where the robot was at the step of a belief; None where nobody knows."""
+        """Ground truth at the step of a belief; None: unknown."""
         if self._show.reference is not None:
             return self._show.reference.pose_at(belief.stamp_ns)
         deadline_s = time.monotonic() + 1.0
@@ -88,7 +88,7 @@ class Audience:
         return summary.belief.last
 
     def _hear(self) -> bool:
-        """Take what came, waiting a moment for it; whether it was a belief."""
+        """Wait briefly for a message and handle it; return whether it was a belief."""
         self._check()
         match self._inbox.get(_POLL_S):
             case Token(key=key, alive=alive):

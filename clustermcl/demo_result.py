@@ -1,4 +1,4 @@
-"""What a demo came to, in words and as JSON."""
+"""The result of a demo, as text and as JSON."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a demo is going to show: its options, checked before anything is started."""
+"""The options of a demo, checked before any process is started."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,17 +18,17 @@ from robot_simulator.source import simulated_world
 
 DEFAULT_SOURCE = f"{SIMULATED}cross_feature"
 SIMULATION_RATE = 0.0
-"""Of the demo in a terminal: as fast as the workers follow, so that it is told in seconds."""
+"""In a terminal: as fast as the workers follow, so that it takes seconds."""
 VIEWED_RATE = 2.0
-"""Of a robot that a person watches: twice real time, some 3 steps a second."""
+"""On a page: twice real time, about 3 steps a second."""
 DEFAULT_SIMULATION_STEPS = 300
 VIEWED_SIMULATION_STEPS = 10_000
-"""Of a robot that a person watches: about an hour, unless it is ended before."""
+"""On a page: about an hour, unless it is interrupted."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DemoOptions:
-    """What a person asked for."""
+    """Options of the command."""
 
     recording: str | None = None
     """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, if
@@ -50,7 +50,7 @@ class DemoOptions:
 
 @dataclass(frozen=True)
 class Show:
-    """What is going to be shown."""
+    """A demo with checked options."""
 
     settings: Settings
     title: str

@@ -1,4 +1,4 @@
-"""What a demo has seen: beliefs one after another, remembered as far as its summary tells."""
+"""The summary of a demo's beliefs and events."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ HELD_PROBABILITY = 0.02
 
 
 class DemoSummary:
-    """Told of every belief; of constant size, however long the run."""
+    """Summarizes beliefs and events in constant memory."""
 
     def __init__(self) -> None:
         self.belief: Belief | None = None
@@ -47,13 +47,13 @@ class DemoSummary:
 
     @property
     def localized_steps(self) -> int:
-        """For how many steps the robot has been localized without a gap."""
+        """Number of consecutive localized steps."""
         if self.belief is None or self.localized_since is None:
             return 0
         return self.belief.step - self.localized_since + 1
 
     def lines(self) -> Iterator[str]:
-        """What was seen, for people."""
+        """The summary as text."""
         if self._first_places_step is not None:
             yield f"The search found its first places at step {self._first_places_step}."
         if self.ambiguous_steps:

@@ -1,4 +1,4 @@
-"""What a person sees while a demo runs: a live table, or lines where there is no terminal."""
+"""The output of a running demo: a live table, or lines without a terminal."""
 
 import math
 from collections import deque
@@ -33,7 +33,7 @@ _COLUMNS = (
 
 
 class View(Protocol):
-    """Told what happens; a context that begins and ends the showing."""
+    """Shows what happens, within a ``with`` block."""
 
     def __enter__(self) -> Self:
         """Begin."""
@@ -47,7 +47,7 @@ class View(Protocol):
         """End."""
 
     def starting(self, ready: int, workers: int) -> None:
-        """So many of the workers are ready."""
+        """`ready` of the workers are ready."""
 
     def believed(self, belief: Belief, truth: PoseTuple | None) -> None:
         """A step was applied; `truth` is where the robot really was, if that is known."""
@@ -92,12 +92,12 @@ class LineView(NoView):
         return self
 
     def starting(self, ready: int, workers: int) -> None:
-        """Say the beginning and the end of it."""
+        """Print the first and the last state of the start."""
         if ready in (0, workers):
             self._say((ready,), f"{ready} of {workers} workers are ready")
 
     def believed(self, belief: Belief, truth: PoseTuple | None) -> None:  # noqa: ARG002 - the view's
-        """Say what is news."""
+        """Print changes, and a line now and then."""
         news = (
             *(belief.state, is_unweighed(belief), len(belief.hypotheses)),
             belief.step // _LINE_EVERY_STEPS,
@@ -105,7 +105,7 @@ class LineView(NoView):
         self._say(news, belief_line(belief))
 
     def happened(self, event: NumberedEvent) -> None:
-        """Say why a place came or went."""
+        """Print why a place began or ended."""
         if not event.event.is_search:
             self._print(event_line(event))
 
@@ -166,7 +166,7 @@ class LiveView:
         self._progress.update(self._task, completed=belief.step + 1, description="steps")
 
     def happened(self, event: NumberedEvent) -> None:
-        """Show why places came or went of late."""
+        """Show why places began or ended recently."""
         if not event.event.is_search:
             self._events.append(event_line(event))
 

@@ -1,4 +1,4 @@
-"""The library: Cluster-MCL in the caller's process, of the same objects as the processes use."""
+"""The library: Cluster-MCL in the caller's process, with the same classes as the service."""
 
 import io
 import uuid
@@ -136,7 +136,7 @@ class ClusterMCL:
         return self._maker.dropped
 
     def update(self, reading: Reading, *, force: bool = False) -> Belief | None:
-        """Take the next reading.
+        """Process the next reading.
 
         Args:
             reading: scan, odometry or both, in the order of time.
@@ -156,7 +156,7 @@ class ClusterMCL:
         return None if scan is None else self._advanced(scan)
 
     def finish(self) -> Iterator[Belief]:
-        """No reading follows: the beliefs of scans that still waited for later odometry."""
+        """After the last reading: the beliefs of scans that still waited for later odometry."""
         while (scan := self._maker.finish()) is not None:
             yield self._advanced(scan)
 
@@ -183,7 +183,7 @@ class ClusterMCL:
             covariance=covariance,
         )
         if problem := problem_of(command):
-            raise ValueError(f"{map_from_robot} cannot be told: {problem}")
+            raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
         self._carry_out(command)
 
     def relocalize(self, near: Circle | None = None, region: str = "") -> None:

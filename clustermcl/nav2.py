@@ -1,4 +1,4 @@
-"""Settings that stand on a robot's own `nav2_params.yaml`."""
+"""Settings based on a robot's `nav2_params.yaml`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from ros2_bridge.nav2_params import read_nav2_params
 def settings_with_nav2(
     nav2_params: Path | None, settings_file: Path | None, assignments: Sequence[str]
 ) -> tuple[Settings, list[str]]:
-    """The settings: what nav2 says of AMCL, over it the file, over it the assignments.
+    """Load settings: assignments override the file, the file overrides nav2's parameters.
 
     Args:
         nav2_params: of the robot; None: defaults.
@@ -19,11 +19,11 @@ def settings_with_nav2(
         assignments: ``section.key=value``.
 
     Returns:
-        the settings, and a line for each thing that is not as nav2's file says.
+        The settings, and a line for each parameter that has no or another effect here.
 
     Raises:
-        InputFileError: a file cannot be read, or is not what it should be.
-        SettingsError: a value is out of its range.
+        InputFileError: a file is unreadable or malformed.
+        SettingsError: a value is out of range.
     """
     if nav2_params is None:
         return load_settings(settings_file, assignments), []

@@ -29,7 +29,7 @@ from protocol.message import Circle, Covariance, PoseTuple
 
 
 def print_pose(settings: Settings, *, as_json: bool) -> bool:
-    """Where the robot is now; whether a pose is known, by fresh data, and not lost."""
+    """Print the robot's pose; return whether it is known, fresh and not lost."""
     with Client(settings) as client:
         answer = client.pose()
     _print(pose_answer_object(answer) if as_json else pose_lines(answer))
@@ -38,7 +38,7 @@ def print_pose(settings: Settings, *, as_json: bool) -> bool:
 
 
 def print_hypotheses(settings: Settings, *, above: float, as_json: bool) -> None:
-    """All places where it may be with a probability above one, for planners that must be safe."""
+    """Print all places of at least the probability `above`."""
     with Client(settings) as client:
         answer = client.hypotheses()
     kept = tuple(place for place in answer.hypotheses if place.probability >= above)
@@ -47,28 +47,27 @@ def print_hypotheses(settings: Settings, *, above: float, as_json: bool) -> None
 
 
 def print_status(settings: Settings, *, as_json: bool) -> None:
-    """How the system is."""
     with Client(settings) as client:
         answer = client.status()
     _print(status_object(answer) if as_json else status_lines(answer))
 
 
 def print_events(settings: Settings, *, as_json: bool) -> None:
-    """Which clusters and searches began and ended of late, and why."""
+    """Print the last events of clusters and searches."""
     with Client(settings) as client:
         answer = client.events()
     _print(events_object(answer) if as_json else map(event_line, answer.events))
 
 
 def follow_events(settings: Settings, *, as_json: bool) -> None:
-    """The same, and each from now on, until interrupted."""
+    """Print the last events, and each new one, until interrupted."""
     with Client(settings) as client:
         for event in client.follow_events():
             _print(event_object(event) if as_json else [event_line(event)])
 
 
 def watch(settings: Settings, *, as_json: bool) -> None:
-    """Every belief from now on, until interrupted."""
+    """Print every new belief, until interrupted."""
     with Client(settings) as client:
         for belief in client.beliefs():
             _print(belief_object(belief) if as_json else [belief_line(belief)])
@@ -83,7 +82,6 @@ def set_pose(
     covariance: Covariance | None,
     stamp_ns: int | None,
 ) -> None:
-    """Say where the robot is, or was."""
     with Client(settings) as client:
         client.set_pose(
             map_from_robot,
@@ -92,7 +90,7 @@ def set_pose(
             covariance=covariance,
             stamp_ns=stamp_ns,
         )
-    _say(settings, f"was given {pose_text(map_from_robot)}")
+    _report(settings, f"was given {pose_text(map_from_robot)}")
 
 
 def relocalize(settings: Settings, near: Circle | None, region: str) -> None:
@@ -102,25 +100,22 @@ def relocalize(settings: Settings, near: Circle | None, region: str) -> None:
     where = f"in region {region}" if region else "everywhere"
     if near is not None:
         where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
-    _say(settings, f"has forgotten all places, and is searched for {where}")
+    _report(settings, f"has forgotten all places, and is searched for {where}")
 
 
 def update(settings: Settings) -> None:
-    """Make a step of the next scan."""
     with Client(settings) as client:
         client.update()
-    _say(settings, "makes a step of its next scan")
+    _report(settings, "makes a step of its next scan")
 
 
 def kidnap(settings: Settings) -> None:
-    """Lift the simulated robot to somewhere far away."""
     with Client(settings) as client:
         client.kidnap()
-    _say(settings, "was lifted to somewhere far away")
+    _report(settings, "was moved far away")
 
 
-def _say(settings: Settings, what: str) -> None:
-    """What a command has done."""
+def _report(settings: Settings, what: str) -> None:
     if not is_quiet():
         _print([f"robot {settings.robot.name!r} {what}"])
 

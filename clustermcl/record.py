@@ -1,4 +1,4 @@
-"""`clustermcl record`: what a robot's system sees and believes, into one file."""
+"""`clustermcl record`: record map, scans, odometry and beliefs in one file."""
 
 import logging
 import signal
@@ -33,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 
 def run_record(settings: Settings, path: Path) -> int:
-    """Record until interrupted; how many steps there were.
+    """Record until interrupted; return the number of steps.
 
     Raises:
         ClusterMclError: there is no router, or the file cannot be written.
@@ -51,11 +51,11 @@ def run_record(settings: Settings, path: Path) -> int:
 
 @contextmanager
 def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
-    """Record while the context lasts; all that was published until its end is in the file.
+    """Record everything that is published within the ``with`` block.
 
     Args:
-        session: of the caller's own.
-        path: of the file; None: nothing is recorded.
+        session: of the caller.
+        path: of the file; None: do not record.
 
     Raises:
         OutputError: the file cannot be written.
@@ -85,14 +85,14 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
 
 
 class Listener:
-    """Hears all that is recorded, from its making on."""
+    """Subscribes to everything that is recorded."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session, self._causes = session, CauseCounter()
         self._inbox: Events = Inbox(_KEPT)
         self._last: Scan | None = None
         self.steps = 0
-        """Written so far."""
+        """Number of steps written."""
         for kind, key in (
             ("scan", keys.SCAN),
             ("odometry", keys.ODOMETRY),
@@ -101,7 +101,7 @@ class Listener:
             subscribe(session, key, self._inbox, kind)
 
     def write(self, recorder: RunRecorder, stop: StopFlag) -> None:
-        """Write what is heard until told to stop, and then what has been heard by then."""
+        """Write messages until `stop` is set, then the rest of the inbox."""
         while True:
             event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
             if isinstance(event, Received):
@@ -124,7 +124,7 @@ class Listener:
     def _on_scan(self, recorder: RunRecorder, scan: Scan) -> None:
         last = self._last
         if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
-            return  # sent once more
+            return  # a repetition
         for one in (*self._lost_before(scan), scan):
             if recorder.wants_map(one):
                 self._tell_map(recorder, one)
@@ -133,7 +133,7 @@ class Listener:
         self._last = scan
 
     def _lost_before(self, scan: Scan) -> tuple[Scan, ...]:
-        """Steps whose scans were lost on their way; the bridge has them still."""
+        """Steps whose scans were lost on the way, queried from the bridge."""
         if self._last is None or scan.step <= self._last.step + 1:
             return ()
         selector = keys.scan_history(self._last.step + 1, scan.step - 1)

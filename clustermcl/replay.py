@@ -1,4 +1,4 @@
-"""`clustermcl replay`: a flight recording, computed again and told in lines."""
+"""`clustermcl replay`: recompute a flight recording and print what happened."""
 
 import math
 from dataclasses import dataclass
@@ -21,16 +21,15 @@ from recordings.map_file import load_map
 
 @dataclass
 class Comparison:
-    """How many beliefs are the recorded ones."""
+    """Counts of beliefs that equal the recorded ones, or differ."""
 
     coordinators: int = 0
     beliefs: int = 0
     different: int = 0
     not_recorded: int = 0
-    """Computed, but the recording ends just before it."""
+    """Computed, but the recording ends before them."""
 
     def add(self, happening: Happening) -> None:
-        """Count one."""
         match happening:
             case CoordinatorActs():
                 self.coordinators += 1
@@ -40,7 +39,6 @@ class Comparison:
                 self.not_recorded += same is None
 
     def text(self) -> str:
-        """The result, in one line."""
         of = f"{self.beliefs} beliefs, {self.coordinators} coordinators that began"
         if self.different:
             return f"{of}: {self.different} beliefs are NOT the recorded ones"
@@ -57,20 +55,20 @@ def print_replay(
     map_file: Path | None,
     as_json: bool,
 ) -> bool:
-    """Replay a recording; all of it is computed, also what is not printed.
+    """Replay a whole recording, and print part of it.
 
     Args:
         folder: of the recording.
-        first_step: print from here on; None: from the beginning.
-        last_step: print up to here; None: to the end.
-        map_file: the map that all must have happened in.
-        as_json: print an object a line.
+        first_step: print from this step on; None: from the beginning.
+        last_step: print up to this step; None: to the end.
+        map_file: the map that the run must have had.
+        as_json: print one object per line.
 
     Returns:
-        Whether every belief is the recorded one.
+        Whether every belief equals the recorded one.
 
     Raises:
-        FlightRecordingError: there is no recording, or one that cannot be read.
+        FlightRecordingError: there is no recording, or it cannot be read.
         MapFileError: the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step
@@ -91,7 +89,7 @@ def print_replay(
 
 
 def _clock(wall_ns: int) -> str:
-    """In UTC, as robots log it and without a guess of where they were."""
+    """The time in UTC."""
     return datetime.fromtimestamp(wall_ns / 1e9, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 

@@ -1,4 +1,4 @@
-"""`clustermcl snapshot`: one picture, or one page, of now."""
+"""`clustermcl snapshot`: save the current state as a picture or a page."""
 
 from datetime import UTC, datetime
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""All processes of one robot on this machine: started, looked after, and ended."""
+"""Start, supervise and stop all processes of one robot on this machine."""
 
 import fcntl
 import logging
@@ -87,37 +87,35 @@ class Stack:
         self._supervisor = Supervisor([*others, self._child("worker"), source])
 
     def start_all(self) -> None:
-        """Start everything."""
         self.start_without_coordinator()
         self.start_coordinator()
 
     def start_without_coordinator(self) -> None:
-        """Start all but the coordinator, for which the source waits with its first step."""
+        """Start all but the coordinator; the source waits for it with its first step."""
         self._supervisor.start()
 
     def start_coordinator(self) -> None:
-        """Start the coordinator, and with it the way of the robot."""
+        """Start the coordinator, so that the source starts to send steps."""
         self._supervisor.add(self._coordinator)
 
     def ended(self) -> list[ChildExit]:
-        """Restart whose time has come; who has ended since the last call."""
+        """Restart processes that are due; return those that ended since the last call."""
         return self._supervisor.poll(time.monotonic())
 
     def pids(self) -> dict[str, int]:
-        """Process ids of those that run: router, worker (their parent), coordinator, source."""
+        """Ids of the running processes: router, worker (their parent), coordinator, source."""
         return self._supervisor.pids()
 
     def check(self) -> None:
-        """Look after the processes.
+        """Supervise the processes.
 
         Raises:
-            ProcessEndedError: one has ended, with its last words.
+            ProcessEndedError: one has ended; the error has its last log lines.
         """
         for ended in self.ended():
             raise ProcessEndedError(ended)
 
     def stop(self) -> None:
-        """End all."""
         self._supervisor.stop()
 
     def _child(self, module: str, *arguments: str, name: str | None = None) -> ChildSpec:
@@ -131,12 +129,11 @@ class Stack:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder for sockets and logs; nothing of it is left.
+    """A folder for sockets and logs, removed at the end.
 
-    Only a SIGKILL leaves it behind. It is locked as long as its process lives, so the next one
-    sees that nobody needs it any more, and removes it.
+    After a SIGKILL it remains, without the lock of its process; the next process removes it.
     """
-    # The longest name in it is that of the socket; a path too long for one would not do.
+    # The path of the router's socket is the longest, and limited by the operating system.
     base = Path(tempfile.gettempdir())
     room = SOCKET_PATH_MAX_BYTES - len("/clustermcl-12345678/router.sock")
     folder = base if len(os.fsencode(base)) <= room else Path("/tmp")
@@ -150,7 +147,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def _remove_orphans(base: Path) -> None:
-    """Remove our folders whose process was killed; the kernel has unlocked them."""
+    """Remove the folders of killed processes, whose locks the kernel has released."""
     for folder in base.glob(f"{_FOLDER_PREFIX}*"):
         try:
             about = folder.lstat()
@@ -159,15 +156,15 @@ def _remove_orphans(base: Path) -> None:
             with (folder / _LOCK).open() as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 shutil.rmtree(folder)
-        except OSError:  # in use, no folder of ours, or somebody else is just removing it
+        except OSError:  # in use, not our folder, or just being removed by another process
             continue
 
 
 def meeting_in(folder: Path, settings: Settings) -> Settings:
-    """The same settings, but the processes meet at a socket in a folder: no ports, no strangers.
+    """The same settings with the router at a Unix socket in a folder, private to its user.
 
-    The coordinator's state is kept there too, unless a folder is named:
-    nothing of it is left for another run.
+    The coordinator's state is kept there too, unless the settings name a folder, so that nothing
+    remains for another run.
     """
     router = f"unixsock-stream/{folder}/router.sock"
     zenoh = msgspec.structs.replace(settings.zenoh, router=router, start_router=True)
@@ -179,7 +176,7 @@ def meeting_in(folder: Path, settings: Settings) -> Settings:
 
 @contextmanager
 def running(stack: Stack) -> Iterator[Stack]:
-    """End the stack on the way out, however that is."""
+    """Stop the stack at the end of the ``with`` block."""
     try:
         yield stack
     finally:

@@ -28,12 +28,12 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
     Args:
         settings: of all of them.
-        view_at: ``HOST:PORT`` where a page draws it, and says its link; None: nowhere.
-        allow_commands: the page obeys buttons also away from loopback.
+        view_at: ``HOST:PORT`` of the page; None: no page.
+        allow_commands: the page accepts commands from other machines too.
 
     Raises:
-        ClusterMclError: the map, the recording or the endpoint cannot be used.
-        ProcessEndedError: a process refuses to start all the same.
+        ClusterMclError: the map, the recording or the endpoint is unusable.
+        ProcessEndedError: a process refused to start.
     """
     _refuse_what_cannot_run(settings)
     page = None if view_at is None else _page_arguments(view_at, allow_commands=allow_commands)
@@ -55,7 +55,7 @@ def run_up(settings: Settings, *, view_at: str | None = None, allow_commands: bo
 
 
 def command_for(command: str, settings: Settings) -> str:
-    """A command as it is typed to find this robot: without what it would do by itself."""
+    """The command line for this robot, without options that have their defaults."""
     usual, words = Settings(), ["clustermcl", command]
     if settings.robot.name != usual.robot.name:
         words += ["--robot", settings.robot.name]
@@ -70,7 +70,7 @@ def _page_arguments(view_at: str, *, allow_commands: bool) -> list[str]:
 
 
 def _recorded(settings: Settings) -> Settings:
-    """With a flight recorder, unless another folder or none is asked for."""
+    """Add the default folder of the flight recorder, unless the settings have one."""
     if settings.recorder.folder:
         return settings
     try:
@@ -83,7 +83,7 @@ def _recorded(settings: Settings) -> Settings:
 
 
 def _refuse_what_cannot_run(settings: Settings) -> None:
-    """Say what is wrong in one line, before processes say it in theirs."""
+    """Check the settings before starting processes, for a single clear error."""
     as_zenoh(client_configuration(settings.zenoh, settings.robot))
     if settings.ros2.enabled:
         check_ros2(settings)
@@ -102,7 +102,7 @@ def _refuse_what_cannot_run(settings: Settings) -> None:
 
 
 def _refuse_map(map_file: str) -> None:
-    """Refuse a map that is not named or cannot be used."""
+    """Refuse a missing or unusable map."""
     if not map_file:
         raise SettingsError(key="bridge.map", problem=NO_MAP)
     load_map_with_obstacles(map_file)

@@ -13,17 +13,16 @@ _QUIET, _NORMAL, _VERBOSE = "error", "warning", "info"
 
 
 def set_verbosity(level: str = _NORMAL) -> None:
-    """Say on standard error what is at least this severe."""
+    """Log messages of at least this level to standard error."""
     configure_logging("clustermcl", level)
 
 
 def is_verbose() -> bool:
-    """Whether a person wants to hear more than usual."""
     return logging.getLogger().level < logging.WARNING
 
 
 def log_settings() -> list[str]:
-    """The level for processes that a command starts, as settings that others may override."""
+    """The log level for processes that a command starts, as assignments of settings."""
     if is_quiet():
         return [f"log.level={_QUIET}"]
     return ["log.level=debug"] if is_verbose() else []
@@ -47,7 +46,7 @@ def _options(
             "-q",
             callback=_quiet,
             expose_value=False,
-            help="Say nothing but the answer, and errors.",
+            help="Print only the answer and errors.",
         ),
     ] = False,
     _be_verbose: Annotated[
@@ -57,15 +56,14 @@ def _options(
             "-v",
             callback=_verbose,
             expose_value=False,
-            help="Say more; processes that are started log all they do.",
+            help="Print more; started processes log at level debug.",
         ),
     ] = False,
-) -> None:
-    """Both options, for those who take them from here."""
+) -> None: ...
 
 
 class VerbosityGroup(TyperGroup):
-    """A group that takes both options itself, and has each of its commands take them."""
+    """A group with both options, which also adds them to each of its commands."""
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

@@ -1,4 +1,4 @@
-"""`clustermcl view`: the page that draws the clusters, until Ctrl-C."""
+"""`clustermcl view`: serve the page that shows the clusters, until Ctrl-C."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ from robot_simulator.source import simulated_world
 
 @dataclass(frozen=True, kw_only=True)
 class ViewOptions:
-    """What a person asked for."""
+    """Options of the command."""
 
     listen: str
     allow_commands: bool = False
@@ -35,19 +35,19 @@ class ViewOptions:
     certificate: Path | None = None
     private_key: Path | None = None
     robots: Sequence[str] = ()
-    """Names; none: the one of the settings."""
+    """Names of robots; empty: the one in the settings."""
     recording: Path | None = None
-    """A flight recorder's folder, or a file in it, or a recorded bag; None: a system that runs."""
+    """A flight recorder's folder, or a file in it, or a bag; None: show a running system."""
     map_file: Path | None = None
-    """Of the recording; None: the one that its settings name."""
+    """Map of the recording; None: the one named by its settings."""
 
 
 def run_view(settings: Settings, options: ViewOptions) -> None:
-    """Serve the page; it waits for the system, and for its return.
+    """Serve the page; it waits for the system, also after a loss.
 
     Raises:
-        SettingsError: the address, a certificate or a name cannot be used.
-        InputFileError: there is no recording, or one that cannot be read.
+        SettingsError: the address, a certificate or a name is invalid.
+        InputFileError: there is no recording, or it cannot be read.
         MapFileError: the map of the recording cannot be read.
     """
     page = PageOptions(
@@ -66,11 +66,11 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
 
 @contextmanager
 def _opened_run(path: Path, map_file: Path | None) -> Iterator[RecordedRun]:
-    """A recording, whichever it is."""
+    """Open a bag or a flight recording."""
     if is_bag(path):
         with BagFile(path, RecordingError) as bag:
-            telling = bag_run(bag, path)
-            yield RecordedRun(telling, _map_of_bag(path, map_file), {"robot": path.stem})
+            run = bag_run(bag, path)
+            yield RecordedRun(run, _map_of_bag(path, map_file), {"robot": path.stem})
         return
     folder = path.parent if path.is_file() else path
     drawn = _map_of(folder, map_file)
@@ -79,7 +79,7 @@ def _opened_run(path: Path, map_file: Path | None) -> Iterator[RecordedRun]:
 
 
 def _map_of_bag(path: Path, named: Path | None) -> MapMessage | None:
-    """The map that is named, else the one in the bag; None: there is none in it."""
+    """The named map, or the one in the bag; None: there is none."""
     try:
         return to_message(load_map(named or path), "recording")
     except MapFileError as error:
@@ -90,7 +90,7 @@ def _map_of_bag(path: Path, named: Path | None) -> MapMessage | None:
 
 
 def _map_of(folder: Path, named: Path | None) -> MapMessage | None:
-    """The map of a recording; None where the one it was made with is not there any more."""
+    """The map of a recording; None: its file no longer exists or has changed."""
     if named is not None:
         return to_message(load_map(named), "recording")
     bridge = recorded_bridge(folder, version("clustermcl"))
@@ -121,7 +121,7 @@ def map_of_bridge(bridge: BridgeSettings) -> MapMessage:
 
 
 def say_link(link: str) -> None:
-    """Tell a person what to open."""
+    """Print the link of the page."""
     _say(f"look at {link}")
 
 

@@ -1,4 +1,4 @@
-"""The commands that change a running system, and print what was done."""
+"""The commands that change a running system, and print the result."""
 
 import math
 from typing import Annotated
@@ -37,21 +37,18 @@ def set_pose(
     ] = None,
     stamp_ns: Annotated[
         int | None,
-        typer.Option(help="It was there at this time of its clock, and has driven on since [ns]."),
+        typer.Option(help="Time of the pose by the robot's clock; odometry since is added [ns]."),
     ] = None,
 ) -> None:
-    """Give a pose from elsewhere: where the robot is.
-
-    The heading is in degrees, as all commands print it.
-    """
+    """Give the robot's pose; the heading in degrees."""
     if covariance is not None and (position_sigma_m, heading_sigma_deg) != (None, None):
-        problem = "--covariance stands for both sigmas: leave them out"
+        problem = "--covariance replaces both sigmas: leave them out"
         raise SettingsError(key="--covariance", problem=problem)
     position_m = _SIGMA_M if position_sigma_m is None else position_sigma_m
     heading_sigma = _SIGMA_DEG if heading_sigma_deg is None else heading_sigma_deg
     numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
     if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
-        raise typer.BadParameter("a pose is finite numbers, a standard deviation is positive")
+        raise typer.BadParameter("a pose needs finite numbers and positive standard deviations")
     from clustermcl.queries import set_pose as send  # noqa: PLC0415 - see the package
 
     try:
@@ -70,7 +67,7 @@ def set_pose(
 def _symmetric(
     xx: float, xy: float, xh: float, yy: float, yh: float, hh: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """All nine, with the heading in radians."""
+    """All nine entries, with the heading in radians."""
     rad = math.pi / 180.0
     xh, yh, hh = xh * rad, yh * rad, hh * rad * rad
     return (xx, xy, xh, xy, yy, yh, xh, yh, hh)
@@ -87,12 +84,12 @@ def relocalize(
         str, typer.Option(metavar="NAME", help="Search in this one of search.regions only.")
     ] = "",
 ) -> None:
-    """Forget all places and search: everywhere, or in a part."""
+    """Forget all places and search everywhere or in a region."""
     if near is not None and region:
         problem = "--near and --region each say where to search: give one"
         raise SettingsError(key="--near", problem=problem)
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
-        raise typer.BadParameter("a circle is two finite numbers and a positive radius")
+        raise typer.BadParameter("a circle needs two finite numbers and a positive radius")
     from clustermcl.queries import relocalize as send  # noqa: PLC0415 - see the package
 
     send(settings, near, region)
@@ -100,7 +97,7 @@ def relocalize(
 
 @client_command
 def update(settings: Settings) -> None:
-    """Make a step of the next scan, also if the robot stands still."""
+    """Make a step of the next scan although the robot stands."""
     from clustermcl.queries import update as send  # noqa: PLC0415 - see the package
 
     send(settings)
@@ -108,7 +105,7 @@ def update(settings: Settings) -> None:
 
 @client_command
 def kidnap(settings: Settings) -> None:
-    """Lift the simulated robot to somewhere far away."""
+    """Kidnap the simulated robot: move it far away."""
     from clustermcl.queries import kidnap as send  # noqa: PLC0415 - see the package
 
     send(settings)

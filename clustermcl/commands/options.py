@@ -17,12 +17,14 @@ P = ParamSpec("P")
 
 Robot = Annotated[
     str | None,
-    typer.Option("--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Its name: robot.name."),
+    typer.Option(
+        "--robot", metavar="NAME", envvar=ROBOT_VARIABLE, help="Name of the robot: robot.name."
+    ),
 ]
 Router = Annotated[
     str | None,
     typer.Option(
-        "--router", metavar="ENDPOINT", envvar=ROUTER_VARIABLE, help="Where: zenoh.router."
+        "--router", metavar="ENDPOINT", envvar=ROUTER_VARIABLE, help="Endpoint: zenoh.router."
     ),
 ]
 SettingsFile = Annotated[
@@ -33,42 +35,42 @@ Assignments = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="A setting, over the file's; may be repeated.",
+        help="A setting; overrides the file's; may be repeated.",
         autocompletion=completion.settings,
     ),
 ]
-ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="The laser's, of a ROS bag.")]
-OdomTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Odometry of a ROS bag, not tf's.")]
-OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="tf's odometry frame, of a ROS bag.")]
-BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame, of a ROS bag.")]
+ScanTopic = Annotated[str, typer.Option(metavar="TOPIC", help="Scan topic in a ROS bag.")]
+OdomTopic = Annotated[
+    str, typer.Option(metavar="TOPIC", help="Odometry topic in a ROS bag, instead of tf.")
+]
+OdomFrame = Annotated[str, typer.Option(metavar="FRAME", help="Odometry frame in a ROS bag.")]
+BaseFrame = Annotated[str, typer.Option(metavar="FRAME", help="The robot's frame in a ROS bag.")]
 Listen = Annotated[
     str | None,
-    typer.Option(
-        metavar="HOST:PORT", help="Where the page is served; left out: on this machine alone."
-    ),
+    typer.Option(metavar="HOST:PORT", help="Address of the page; by default only on this machine."),
 ]
 RecordFile = Annotated[
     Path | None,
-    typer.Option("--record", metavar="FILE.mcap", help="Record the run there, as a rosbag2."),
+    typer.Option("--record", metavar="FILE.mcap", help="Record the run as a rosbag2."),
 ]
 AllowCommands = Annotated[
-    bool, typer.Option("--allow-commands", help="Show the buttons on other addresses too.")
+    bool, typer.Option("--allow-commands", help="Allow commands from other machines too.")
 ]
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 Output = Annotated[
-    Path | None, typer.Option("--output", metavar="FILE", help="Write the results there, as JSON.")
+    Path | None, typer.Option("--output", metavar="FILE", help="Write the results as JSON.")
 ]
 
 
 def meant(robot: str | None, router: str | None) -> list[str]:
-    """The settings that say which system is meant, over the file's and below `--set`."""
+    """The options for robot and router as assignments of settings."""
     named = {"robot.name": robot, "zenoh.router": router}
     return [f"{setting}={value}" for setting, value in named.items() if value]
 
 
 def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callable[..., None]:
-    """Give a command `--robot`, `--router`, `--settings` and `--set`, and hand it the settings."""
+    """Add `--robot`, `--router`, `--settings` and `--set` to a command, and load the settings."""
 
     def run(
         *,
@@ -79,7 +81,7 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
         **own: Any,
     ) -> None:
         given = [*log_settings(), *meant(robot, router), *(assignments or ())]
-        # Typer reads the signature that is set below, so these are the command's own.
+        # Typer reads the signature set below, so `own` has the command's own options.
         command(load_settings(settings_file, given), **own)  # type: ignore[call-arg]
 
     common = inspect.signature(run).parameters.values()
@@ -94,12 +96,12 @@ def refuse_without(needed: str, is_there: object, **options: object) -> None:
     """Refuse options that have no effect unless another one is given.
 
     Args:
-        needed: that option, for the error.
+        needed: the other option, for the error.
         is_there: whether it was given.
-        options: by their names in Python, with underscores; what was left out is falsy.
+        options: values by their Python names; falsy: not given.
 
     Raises:
-        SettingsError: one of them was given all the same.
+        SettingsError: one of them was given without it.
     """
     for name, value in options.items():
         if value and not is_there:
@@ -114,10 +116,10 @@ def of_bag(
     odom_frame: str,
     base_frame: str,
 ) -> list[str]:
-    """The settings that say which topics and frames of a bag are meant, where they are named.
+    """The options for topics and frames of a bag as assignments of settings.
 
     Raises:
-        SettingsError: some are named, and the recording is no bag.
+        SettingsError: one is given, but the recording is not a bag.
     """
     named = {
         "scan_topic": scan_topic,
@@ -131,7 +133,7 @@ def of_bag(
 
 
 def _may_be_bag(recording: str | Path | None) -> bool:
-    """Whether it is a bag; true of what is not there, which is refused as such later."""
+    """Whether it is a bag; true for a missing file, which is refused later."""
     from process_runtime.sources import SIMULATED  # noqa: PLC0415 - see the package
     from recordings.bag_file import is_bag  # noqa: PLC0415 - takes a while to import
 

@@ -1,4 +1,4 @@
-"""The commands that ask a running system, and print or save what it answers."""
+"""The commands that query a running system, and print or save the answer."""
 
 import logging
 import signal
@@ -17,9 +17,9 @@ EXIT_NO_POSE = 4
 
 @client_command
 def pose(settings: Settings, as_json: AsJson = False) -> None:
-    """Where the robot is now, how surely, and how old the data is.
+    """Print the robot's pose, its uncertainty, and the age of the data.
 
-    Exit code 4 if the pose is not to be driven by: stale, blind, lost, or not known yet.
+    Exit code 4 if the pose is not safe to drive by: stale, blind, lost, or not known yet.
     """
     from clustermcl.queries import print_pose  # noqa: PLC0415 - see the package
 
@@ -35,7 +35,7 @@ def hypotheses(
     ] = 0.0,
     as_json: AsJson = False,
 ) -> None:
-    """All places where the robot may be, with their probabilities."""
+    """Print all places where the robot may be, with probabilities."""
     from clustermcl.queries import print_hypotheses  # noqa: PLC0415 - see the package
 
     print_hypotheses(settings, above=above, as_json=as_json)
@@ -45,11 +45,11 @@ def hypotheses(
 def events(
     settings: Settings,
     follow: Annotated[
-        bool, typer.Option("--follow", help="And each from now on, until Ctrl-C.")
+        bool, typer.Option("--follow", help="Also print new events, until Ctrl-C.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Which clusters and searches began and ended, and why."""
+    """Print which clusters and searches began and ended, and why."""
     from clustermcl.queries import follow_events, print_events  # noqa: PLC0415 - see the package
 
     if follow:
@@ -60,7 +60,7 @@ def events(
 
 @client_command
 def status(settings: Settings, as_json: AsJson = False) -> None:
-    """Steps, workers, and what was dropped or refused."""
+    """Print steps, workers, and counts of dropped data."""
     from clustermcl.queries import print_status  # noqa: PLC0415 - see the package
 
     print_status(settings, as_json=as_json)
@@ -68,7 +68,7 @@ def status(settings: Settings, as_json: AsJson = False) -> None:
 
 @client_command
 def watch(settings: Settings, as_json: AsJson = False) -> None:
-    """Every belief from now on, until Ctrl-C."""
+    """Print every new belief, until Ctrl-C."""
     from clustermcl.queries import watch as stream  # noqa: PLC0415 - see the package
 
     _until_interrupted(lambda: stream(settings, as_json=as_json))
@@ -79,14 +79,14 @@ def snapshot(
     settings: Settings,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="NAME.png, or a page: NAME.html.")],
 ) -> None:
-    """Save a picture of now, or a page that needs no server."""
+    """Save the current state as a picture or a standalone page."""
     from clustermcl.snapshot import save_snapshot  # noqa: PLC0415 - see the package
 
     save_snapshot(file, settings)
 
 
 def _until_interrupted(action: Callable[[], None]) -> None:
-    """Run what has no end of its own; Ctrl-C is how a person ends it."""
+    """Run an endless action until Ctrl-C."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         action()

@@ -27,7 +27,7 @@ from process_runtime.settings_file import load_settings
 
 EXIT_DIFFERENT = 1
 MOST_STEPS = 100_000
-"""Of an evaluated run: 20 km of driving. What is measured is kept until its end."""
+"""Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 
 
 def evaluate(
@@ -43,7 +43,7 @@ def evaluate(
         str | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
+        Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
     ] = None,
     algorithm: Annotated[
         str,
@@ -62,7 +62,7 @@ def evaluate(
         typer.Option(
             min=1,
             max=MOST_RUNS,
-            help="Begin at so many steps, spread over the recording; simulated: so many seeds.",
+            help="Number of runs that start at different steps; simulated: number of seeds.",
         ),
     ] = None,
     steps: Annotated[
@@ -70,21 +70,21 @@ def evaluate(
         typer.Option(
             min=1,
             max=MOST_STEPS,
-            help="Steps of a simulated robot, or at most so many; with --starts 60, if left out.",
+            help="Steps of a simulated robot, or the maximum; with --starts 60 by default.",
         ),
     ] = None,
     kidnap_at: Annotated[
-        int | None, typer.Option(min=0, help="Lift a simulated robot elsewhere after this step.")
+        int | None, typer.Option(min=0, help="Kidnap the simulated robot after this step.")
     ] = None,
     mirrored: Annotated[
         bool,
         typer.Option(
-            "--mirrored", help="Mirror scans and motion: a robot that is nowhere in the map."
+            "--mirrored", help="Mirror scans and motion, for a robot that is not on the map."
         ),
     ] = False,
     jobs: Annotated[
         int | None,
-        typer.Option(min=1, max=MOST_JOBS, help="Runs at a time; left out: one for each core."),
+        typer.Option(min=1, max=MOST_JOBS, help="Parallel runs; by default one per core."),
     ] = None,
     as_json: AsJson = False,
     output: Output = None,
@@ -99,9 +99,9 @@ def evaluate(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Localize in one process, and measure how well.
+    """Localize in one process, and measure the accuracy.
 
-    Without Zenoh, and as fast as it goes.
+    Runs without Zenoh, as fast as possible.
     """
     from evaluation.evaluate import EvaluateOptions, run_evaluate  # noqa: PLC0415 - see the package
 
@@ -129,14 +129,14 @@ def evaluate(
 
 
 def check(
-    map_file: Annotated[str, typer.Argument(metavar="MAP", help="The map's file.")],
+    map_file: Annotated[str, typer.Argument(metavar="MAP", help="Map file.")],
     recording: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Of a robot in that map.")
+        Path | None, typer.Option(metavar="FILE", help="Recording of a robot in that map.")
     ] = None,
     laser_range_m: Annotated[
-        float, typer.Option("--range", min=0.5, metavar="M", help="How far the laser sees [m].")
+        float, typer.Option("--range", min=0.5, metavar="M", help="Range of the laser [m].")
     ] = 12.0,
-    places: Annotated[int, typer.Option(min=1, max=1_000, help="Places that are looked at.")] = 24,
+    places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -145,9 +145,9 @@ def check(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Is a map fit for localizing; which places look alike?
+    """Check whether a map is suitable, and which places look alike.
 
-    And does a recording agree with it?
+    With a recording, also check whether it matches the map.
     """
     from clustermcl.check import run_check  # noqa: PLC0415 - see the package
 
@@ -169,7 +169,7 @@ def check(
 def record(
     settings: Settings,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.mcap", help="Written as a rosbag2, over what is there.")
+        Path, typer.Argument(metavar="FILE.mcap", help="A rosbag2; an existing file is replaced.")
     ],
 ) -> None:
     """Record map, scans, odometry and beliefs, until Ctrl-C."""
@@ -188,13 +188,13 @@ def replay(
         int | None, typer.Option("--to", metavar="STEP", help="Print up to this step.")
     ] = None,
     map_file: Annotated[
-        Path | None, typer.Option("--map", metavar="FILE", help="Refuse what is of another map.")
+        Path | None, typer.Option("--map", metavar="FILE", help="Refuse a run on another map.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute recorded beliefs again, and print what happened.
+    """Recompute a flight recording, and print what happened.
 
-    Exit code 1 if a belief is not the recorded one, bit for bit.
+    Exit code 1 if a belief differs from the recorded one.
     """
     from clustermcl.replay import print_replay  # noqa: PLC0415 - see the package
 
@@ -206,17 +206,17 @@ def replay(
 
 def settings(
     from_nav2: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What a nav2_params.yaml becomes.")
+        Path | None, typer.Option(metavar="FILE", help="Convert a nav2_params.yaml.")
     ] = None,
     show_all: Annotated[
-        bool, typer.Option("--all", help="Also constants of the filter and the service.")
+        bool, typer.Option("--all", help="Also print constants of the filter and the service.")
     ] = False,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
     """Print the settings with default, unit and meaning, as TOML.
 
-    The file can be fed back by --settings.
+    The output is a valid file for --settings.
     """
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from process_runtime.settings_table import (  # noqa: PLC0415 - see the package

@@ -52,12 +52,12 @@ def demo(
         ),
     ] = None,
     reference: Annotated[
-        Path | None, typer.Option(metavar="FILE.tum", help="True trajectory, to compare with.")
+        Path | None, typer.Option(metavar="FILE.tum", help="Ground truth to compare with.")
     ] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Worker processes.")] = None,
     rate: Annotated[
         float | None,
-        typer.Option(min=0.0, help="1: real time, 2: twice as fast, 0: as the workers follow."),
+        typer.Option(min=0.0, help="1: real time, 2: twice as fast, 0: as fast as possible."),
     ] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Steps of a simulated robot.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of all random numbers.")] = None,
@@ -66,7 +66,7 @@ def demo(
     odom_frame: OdomFrame = "",
     base_frame: BaseFrame = "",
     view: Annotated[
-        bool, typer.Option("--view", help="Serve a page that draws it; runs on until Ctrl-C.")
+        bool, typer.Option("--view", help="Serve a page that shows it, until Ctrl-C.")
     ] = False,
     drive: Annotated[
         bool, typer.Option("--drive", help="With --view: drive the robot with the arrow keys.")
@@ -77,9 +77,9 @@ def demo(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """See it: a simulated robot or a recording is localized.
+    """Localize a simulated robot or a recording.
 
-    Starts everything on this machine, and ends it.
+    Starts and stops all processes on this machine.
     """
     refuse_without("--view", view, drive=drive, listen=listen)
     from clustermcl.demo import run_demo  # noqa: PLC0415 - see the package
@@ -108,7 +108,7 @@ def up(
         Path | None,
         typer.Option(metavar="FILE", help="AMCL's parameters, from a nav2_params.yaml."),
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Serve a page that draws it, too.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Also serve a page that shows it.")] = False,
     listen: Listen = None,
     allow_commands: AllowCommands = False,
     robot: Robot = None,
@@ -116,7 +116,7 @@ def up(
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Localize a robot: everything on this machine, until Ctrl-C."""
+    """Localize a robot: run all processes on this machine until Ctrl-C."""
     refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
     from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
@@ -140,7 +140,7 @@ def ros2(settings: Settings) -> None:
 def router(
     config: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used as it is."),
+        typer.Option(metavar="FILE", help="Zenoh configuration (JSON5), used unchanged."),
     ] = None,
     router: Router = None,
     settings_file: SettingsFile = None,
@@ -152,7 +152,7 @@ def router(
 
 
 def worker(
-    name: Annotated[str, typer.Option(metavar="NAME", help="Of its processes; unique.")],
+    name: Annotated[str, typer.Option(metavar="NAME", help="Unique name of its processes.")],
     count: Annotated[int | None, typer.Option(min=1, help="Processes: worker.count.")] = None,
     robot: Robot = None,
     router: Router = None,
@@ -184,7 +184,7 @@ def serve_view(
         Path | None,
         typer.Argument(
             metavar="[FILE.mcap|FOLDER]",
-            help="A finished run, of 'record' or of the flight recorder, instead of a live one.",
+            help="A recorded run, of 'record' or of the flight recorder, instead of a live one.",
         ),
     ] = None,
     map_file: Annotated[
@@ -199,7 +199,7 @@ def serve_view(
         Path | None, typer.Option(metavar="FILE", help="PEM: serve the page by HTTPS.")
     ] = None,
     private_key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="PEM, of the certificate.")
+        Path | None, typer.Option(metavar="FILE", help="PEM: key of the certificate.")
     ] = None,
     robots: Annotated[
         list[str] | None,
@@ -207,14 +207,14 @@ def serve_view(
             "--robot",
             metavar="NAME",
             envvar=ROBOT_VARIABLE,
-            help="Instead of robot.name; may be repeated.",
+            help="Overrides robot.name; may be repeated.",
         ),
     ] = None,
     router: Router = None,
     settings_file: SettingsFile = None,
     assignments: Assignments = None,
 ) -> None:
-    """Look at it in the browser: a running system, or a finished run."""
+    """Show a running system or a recorded run in the browser."""
     refuse_without("a recording", recording, map=map_file)
     if recording is not None and robots:
         problem = "--robot: a recording is of one robot; leave it out"

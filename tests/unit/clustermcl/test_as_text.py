@@ -28,7 +28,7 @@ def test_the_spread_is_that_of_the_longer_axis_however_it_lies(turn: float) -> N
     assert spread_text(covariance) == "+-0.30 m, 2.0 deg"
 
 
-def test_a_pose_says_what_stands_against_believing_it() -> None:
+def test_a_pose_is_printed_with_the_reasons_to_doubt_it() -> None:
     old = msgspec.structs.replace(ANSWER, freshness="stale", age_s=12.34, workers=0)
     assert list(pose_lines(old))[1:] == [
         "stale: the newest data is 12.3 s old",

@@ -29,18 +29,18 @@ def two_rooms(tmp_path: Path) -> Path:
     return yaml
 
 
-def test_twins_are_named_in_words(two_rooms: Path) -> None:
+def test_places_that_look_alike_are_printed_as_text(two_rooms: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "6"])
     assert result.exit_code == 0, result.output
     lines = result.stdout.splitlines()
     assert lines[0].endswith("rooms.yaml: 240 x 100 cells of 0.05 m, 12.0 x 5.0 m")
-    assert lines[2].startswith("0 of 6 places look like no other")
-    assert "180 deg about x 6.0 m  y 2.5 m: so it is with 100% of the places" in lines[3]
+    assert lines[2].startswith("0 of 6 places are unique")
+    assert "180 deg about x 6.0 m  y 2.5 m: holds for 100% of the places" in lines[3]
     assert lines[4] == "  these 2 places look alike:"
     assert lines[-1].startswith("* 6 of 6 places look like others")
 
 
-def test_and_as_json(two_rooms: Path) -> None:
+def test_places_that_look_alike_are_printed_as_json(two_rooms: Path) -> None:
     result = CliRunner().invoke(app, ["check", str(two_rooms), "--places", "6", "--json"])
     report = json.loads(result.stdout)
     assert report["ground"]["cell_m"] == 0.05
@@ -50,14 +50,14 @@ def test_and_as_json(two_rooms: Path) -> None:
     assert len(report["remarks"]) == 1
 
 
-def test_what_cannot_be_read_is_refused(two_rooms: Path) -> None:
+def test_an_unreadable_file_is_refused(two_rooms: Path) -> None:
     missing = CliRunner().invoke(app, ["check", "nowhere.yaml"])
     assert isinstance(missing.exception, MapFileError)
     no_log = CliRunner().invoke(app, ["check", str(two_rooms), "--recording", "nowhere.log"])
     assert isinstance(no_log.exception, RecordingError)
 
 
-def test_a_map_too_large_to_be_looked_at_is_refused(tmp_path: Path) -> None:
+def test_a_map_that_is_too_large_is_refused(tmp_path: Path) -> None:
     """Looking at 16,384 x 16,384 known cells took 5.8 GB, or ended with a traceback."""
     side = round(MOST_CELLS**0.5) + 1
     pixels = np.full((side, side), 254, np.uint8)
@@ -70,4 +70,4 @@ def test_a_map_too_large_to_be_looked_at_is_refused(tmp_path: Path) -> None:
     )
     refused = CliRunner().invoke(app, ["check", str(file)]).exception
     assert isinstance(refused, MapFileError)
-    assert "8193 x 8193 cells are known; check looks at 67108864 at most" in str(refused)
+    assert "8193 x 8193 cells are known; the limit of check is 67108864" in str(refused)

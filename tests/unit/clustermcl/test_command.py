@@ -12,7 +12,7 @@ from process_runtime.settings import Settings
 from protocol.errors import SettingsError
 
 NAMES = [name for group in COMMANDS.values() for name in group]
-ASKING = [*COMMANDS["Ask a running system"], *COMMANDS["Tell it something"], "up", "view"]
+ASKING = [*COMMANDS["Query a running system"], *COMMANDS["Control a running system"], "up", "view"]
 ARGUMENTS = {"snapshot": ["now.png"], "record": ["run.mcap"], "set-pose": ["1", "2", "-90"]}
 
 
@@ -22,7 +22,7 @@ def typed(*words: str) -> str:
     return result.output
 
 
-def test_the_help_is_in_groups_and_nothing_of_it_is_cut_off() -> None:
+def test_the_help_is_grouped_and_not_truncated() -> None:
     lines = typed("-h").splitlines()
     assert max(map(len, lines)) <= 80
     assert not [line for line in lines if "..." in line and "ARGS" not in line]
@@ -33,7 +33,7 @@ def test_the_help_is_in_groups_and_nothing_of_it_is_cut_off() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_command_explains_itself_in_two_ways(name: str) -> None:
+def test_every_command_has_a_help_text(name: str) -> None:
     assert typed(name, "-h") == typed(name, "--help")
 
 
@@ -46,7 +46,7 @@ def test_json_is_a_flag_and_a_file_is_an_output(name: str) -> None:
 
 @pytest.mark.parametrize("name", ASKING)
 @pytest.mark.parametrize("way", ["options", "environment"])
-def test_every_command_that_asks_can_be_told_which_robot(
+def test_every_client_command_has_options_for_robot_and_router(
     name: str, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given: list[str] = []
@@ -86,7 +86,7 @@ def test_every_command_that_asks_can_be_told_which_robot(
         (["relocalize", "--near", "1", "2", "3", "--region", "lobby"], "give one"),
         (
             ["set-pose", "1", "2", "3", "--heading-sigma-deg", "5", "--covariance", *"100101"],
-            "stands for both sigmas",
+            "replaces both sigmas",
         ),
     ],
     ids=" ".join,
@@ -97,7 +97,7 @@ def test_an_option_without_effect_is_refused(words: list[str], said: str) -> Non
     assert said in str(result.exception)
 
 
-def test_nobody_answering_is_another_exit_code_than_wrong_use() -> None:
+def test_an_unreachable_system_has_another_exit_code_than_wrong_usage() -> None:
     codes = {
         words: subprocess.run(
             [sys.executable, "-I", "-m", "clustermcl", *words.split()],

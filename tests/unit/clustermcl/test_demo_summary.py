@@ -25,14 +25,14 @@ def test_a_story_tells_what_was_held_and_when_one_place_won() -> None:
     assert summary.localized_steps == 3
 
 
-def test_a_doubt_begins_the_count_of_localized_steps_anew() -> None:
+def test_an_ambiguous_step_resets_the_count_of_localized_steps() -> None:
     summary = DemoSummary()
     for step in range(5):
         summary.on_belief(belief(step, "ambiguous" if step == 2 else "localized", place(0.9)))
     assert summary.localized_steps == 2
 
 
-def test_a_story_without_a_step_tells_nothing() -> None:
+def test_a_summary_without_steps_is_empty() -> None:
     summary = DemoSummary()
     assert list(summary.lines()) == []
     assert summary.localized_steps == 0

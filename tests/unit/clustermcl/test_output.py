@@ -40,7 +40,7 @@ def test_an_output_that_is_closed_is_one_line_and_exit_code_2(words: list[str]) 
     assert (ran.returncode, ran.stderr) == (2, said)
 
 
-def test_so_it_is_for_the_routers_file() -> None:
+def test_a_full_disk_for_the_routers_file_is_one_line_and_exit_code_2() -> None:
     said = "secure_router: the output cannot be written: No space left on device\n"
     assert typed("zenoh_link.secure_router") == (2, said)
 
@@ -50,5 +50,5 @@ def test_other_errors_of_files_are_not_about_the_output() -> None:
         Path("/no/such/file").read_bytes()
 
 
-def test_what_was_lost_is_a_fact() -> None:
+def test_an_output_error_has_its_facts_as_attributes() -> None:
     assert OutputLostError(problem="disk full").problem == "disk full"

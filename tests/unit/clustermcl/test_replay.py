@@ -59,7 +59,7 @@ def complaint(*words: object) -> str:
     return text
 
 
-def test_it_tells_what_happened_in_lines(recording: Path) -> None:
+def test_replay_prints_what_happened_as_text(recording: Path) -> None:
     result = run(recording)
     *timed, last = result.stdout.splitlines()
     assert result.exit_code == 0
@@ -73,7 +73,7 @@ def test_it_tells_what_happened_in_lines(recording: Path) -> None:
     assert last == "16 beliefs, 2 coordinators that began: all are the recorded ones, bit for bit"
 
 
-def test_it_tells_the_same_as_json_and_only_the_steps_asked_for(recording: Path) -> None:
+def test_replay_prints_json_and_only_the_requested_steps(recording: Path) -> None:
     result = run(recording, "--json", "--from", 3, "--to", 6)
     *lines, last = [json.loads(line) for line in result.stdout.splitlines()]
     beliefs = [line for line in lines if line["kind"] == "belief"]
@@ -85,7 +85,7 @@ def test_it_tells_the_same_as_json_and_only_the_steps_asked_for(recording: Path)
     }  # fmt: skip
 
 
-def test_a_belief_that_is_another_is_told_with_exit_code_1(
+def test_a_belief_that_differs_has_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
@@ -96,7 +96,9 @@ def test_a_belief_that_is_another_is_told_with_exit_code_1(
     assert result.stdout.splitlines()[-1].endswith("are NOT the recorded ones")
 
 
-def test_folders_that_are_no_recording_are_told_in_a_line(recording: Path, tmp_path: Path) -> None:
+def test_folders_that_are_no_recording_are_refused_in_one_line(
+    recording: Path, tmp_path: Path
+) -> None:
     assert "there is no such folder" in complaint(tmp_path / "nowhere")
     assert "no flight recording is in it" in complaint(tmp_path)
     inner = tmp_path / "robot"
@@ -119,14 +121,14 @@ def test_folders_that_are_no_recording_are_told_in_a_line(recording: Path, tmp_p
         (b"MCLFLY1\n" + bytes(100), "in a form that is not read any more"),
     ],
 )
-def test_files_that_cannot_be_read_are_told_in_a_line(
+def test_files_that_cannot_be_read_are_refused_in_one_line(
     tmp_path: Path, data: bytes, problem: str
 ) -> None:
     (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)
     assert problem in complaint(tmp_path)
 
 
-def test_a_cut_off_end_is_told_and_the_rest_is_replayed(recording: Path, tmp_path: Path) -> None:
+def test_a_truncated_end_is_reported_and_the_rest_replayed(recording: Path, tmp_path: Path) -> None:
     for file in files_in(recording):
         (tmp_path / file.name).write_bytes(file.read_bytes()[:-10])
     result = run(tmp_path)
@@ -134,7 +136,7 @@ def test_a_cut_off_end_is_told_and_the_rest_is_replayed(recording: Path, tmp_pat
     assert result.stdout.count("cut off: ") == 2
 
 
-def test_nothing_but_cut_heads_is_told_as_nothing_recorded(tmp_path: Path) -> None:
+def test_truncated_headers_alone_mean_nothing_recorded(tmp_path: Path) -> None:
     (tmp_path / f"{7:017d}-000000.flight").write_bytes(b"MCL")
     assert "cut off within its beginning" in complaint(tmp_path)
 
@@ -148,8 +150,8 @@ def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
         pipe.unlink()
 
 
-def test_where_the_coordinator_fails_is_told_in_a_line(tmp_path: Path) -> None:
-    """A bug that was recorded, or a file that somebody has made up."""
+def test_where_the_coordinator_fails_is_one_line(tmp_path: Path) -> None:
+    """A bug that was recorded, or a forged file."""
     writer = BlockWriter()
     data = writer.first(head()) + writer.next([EventTold(1, WorkerReturned("never seen"))])
     (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)

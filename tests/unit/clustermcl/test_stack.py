@@ -19,7 +19,7 @@ def short_base() -> Iterator[Path]:
         yield Path(path)
 
 
-def test_a_refusal_is_said_in_the_words_of_the_process_that_refused() -> None:
+def test_a_refusal_quotes_the_process_that_refused() -> None:
     words = "sensor_bridge: map.yaml: no such file"
     refused = ChildExit("sensor_bridge", 2, restart_in_s=None, last_words=words)
     assert str(ProcessEndedError(refused)) == words
@@ -28,12 +28,12 @@ def test_a_refusal_is_said_in_the_words_of_the_process_that_refused() -> None:
 @pytest.mark.parametrize(
     ("code", "how"), [(1, "exit code 1"), (-9, "SIGKILL"), (-11, "SIGSEGV"), (0, "exit code 0")]
 )
-def test_any_other_end_says_who_ended_and_how(code: int, how: str) -> None:
+def test_any_other_end_names_the_process_and_the_exit_code(code: int, how: str) -> None:
     ended = ChildExit("worker", code, restart_in_s=0.1, last_words="KeyError: 'c3'")
     assert str(ProcessEndedError(ended)) == f"the worker process ended with {how}: KeyError: 'c3'"
 
 
-def test_nothing_is_left_of_a_temporary_folder() -> None:
+def test_a_temporary_folder_is_removed() -> None:
     with temporary_folder() as folder:
         (folder / "router.log").write_text("x")
     assert not folder.exists()
@@ -67,7 +67,7 @@ def left_behind(base: Path, name: str, *, age_s: float) -> Path:
     return folder
 
 
-def test_what_a_killed_process_left_is_removed_by_the_next(
+def test_folders_of_killed_processes_are_removed_by_the_next_one(
     monkeypatch: pytest.MonkeyPatch, short_base: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", os.fspath(short_base))

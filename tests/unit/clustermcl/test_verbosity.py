@@ -33,7 +33,7 @@ def told(monkeypatch: pytest.MonkeyPatch) -> list[Settings]:
 
 
 @pytest.mark.parametrize("words", [["--quiet", "up"], ["up", "--quiet"], ["-q", "up"]])
-def test_quiet_is_understood_before_and_after_the_command(
+def test_quiet_is_accepted_before_and_after_the_command(
     words: list[str], told: list[Settings]
 ) -> None:
     assert CliRunner().invoke(app, words).exit_code == 0
@@ -50,7 +50,7 @@ def test_verbose_lets_the_processes_tell_all_unless_a_setting_says_else(
     assert [settings.log.level for settings in told] == ["debug", "warning"]
 
 
-def test_without_either_all_is_as_the_settings_say(told: list[Settings]) -> None:
+def test_without_either_option_the_settings_decide(told: list[Settings]) -> None:
     CliRunner().invoke(app, ["up"])
     assert not is_quiet()
     assert not is_verbose()
