@@ -23,6 +23,8 @@ from protocol.steps import Scan
 from worker.scan_beams import scan_beams
 
 FITS_WITHIN_M = 0.2
+FITS_SHARE = 0.98
+"""Share of a refined scan's beams that end near an obstacle, where the map is right."""
 ANOTHER_MAP = 0.5
 """Off-map probability above which the recording belongs to another map."""
 MOST_STEPS, DECOY_STEPS = 400, 160
@@ -48,8 +50,12 @@ class Agreement(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def is_of_another_map(self) -> bool:
-        """Whether the robot was more probably off the map than on it."""
-        return self.off_map_probability > ANOTHER_MAP
+        """Whether the robot was more probably off the map than on it.
+
+        A laser with a wrong mount looks so, too, but its scans fit once their poses are refined.
+        """
+        fits = self.fitting_share is not None and self.fitting_share > FITS_SHARE
+        return self.off_map_probability > ANOTHER_MAP and not fits
 
 
 def agreement_of(scans: Iterable[Scan], grid_map: GridMap, settings: FilterSettings) -> Agreement:
