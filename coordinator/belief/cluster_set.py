@@ -223,7 +223,12 @@ class ClusterSet:
         return odds
 
     def _telling(self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]) -> float:
-        """Share of the beams that tell anything of a place: nothing stands before it."""
+        """Share of the beams that end on, near or behind an obstacle, at the most probable places.
+
+        1 where the classes of beams are not used: the update is Bayes' rule to the letter then.
+        """
+        if self._rules.off_map_probability == 0.0:
+            return 1.0
         ordered = map(reports.get, self.job_ids)
         beams = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
         shares = np.exp(among) @ beams

@@ -16,7 +16,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading
-from recordings.rigid import HERE, Rigid
+from recordings.rigid import IDENTITY, Rigid
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import decode, encode, new, request_of, response_of, type_hash
 from ros2_bridge.messages_out import header, pose_stamped, transform
@@ -121,7 +121,7 @@ class RosRobot:
 
     def put_mounts(self, *mounts: tuple[str, Rigid]) -> None:
         """Where lasers are on the robot, latched."""
-        links = [link("base_footprint", "base_link", HERE)]
+        links = [link("base_footprint", "base_link", IDENTITY)]
         links += [link("base_link", frame, mount) for frame, mount in mounts]
         self.put(self.topics.tf_static, new(types.TF_MESSAGE, transforms=links))
 

@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from protocol.arrays import ArrayBlob
-from recordings.rigid import HERE
+from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import encode, new, type_hash
 from ros2_bridge.messages_out import transform
@@ -77,7 +77,7 @@ def test_each_mistake_is_counted_and_said_once_and_nothing_else_is_lost(
     start_bridge: StartBridge,
 ) -> None:
     robot, system, stranger = open_robot(), open_system(), open_robot_session()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     bridge = start_bridge(ACTIVE)
     told, said = robot.listen(DIAGNOSTICS), robot.listen(ROSOUT)
     robot.stand_until(lambda: system.lasers)

@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import HERE
+from recordings.rigid import IDENTITY
 from ros2_bridge.topics import AMCL_POSE, BOND
 from ros2_bridge.wire import HUMBLE_HASH
 from tests.integration.processes import RunningProcess
@@ -144,7 +144,7 @@ def test_after_a_router_restart_the_node_and_what_is_latched_are_back(
 ) -> None:
     router = start_router()
     graph, robot, system = Graph(open_robot_session()), open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     robot.stand_until(lambda: system.lasers)
     poses = robot.listen(AMCL_POSE)
@@ -170,7 +170,7 @@ def test_transform_and_bond_go_on_while_the_router_is_away_for_3_s(
 ) -> None:
     router = start_router()
     robot, nav2, system = open_robot(), open_robot(name="nav2"), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     robot.stand_until(lambda: system.lasers)
     nav2.listen(BOND)

@@ -8,7 +8,7 @@ import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.steps import LaserReading
-from recordings.rigid import HERE, Rigid, flat
+from recordings.rigid import IDENTITY, Rigid, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
@@ -66,7 +66,9 @@ def test_several_topics_and_a_cloud_are_lasers_of_one_robot(
     )
     robot, system = open_robot(settings), open_system()
     behind = flat((-0.3, 0.0, 3.0))
-    robot.put_mounts(("front", HERE), ("rear", behind), ("lidar", Rigid(0.1, 0, 0.4, 0, 0, 0, 1)))
+    robot.put_mounts(
+        ("front", IDENTITY), ("rear", behind), ("lidar", Rigid(0.1, 0, 0.4, 0, 0, 0, 1))
+    )
     start_bridge(settings)
     front, rear, points = robot.topics.scans
 
@@ -101,7 +103,7 @@ def test_simulated_time_that_is_set_back_begins_anew_and_the_pose_follows(
 ) -> None:
     settings = Ros2Settings(autostart=True, use_sim_time=True)
     robot, system = open_robot(settings), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     bridge = start_bridge(settings)
     told, poses = robot.listen(DIAGNOSTICS), robot.listen(AMCL_POSE)
     tick = 1000 * SECOND

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import HERE, flat
+from recordings.rigid import IDENTITY, flat
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new
 from ros2_bridge.messages_out import header
@@ -62,7 +62,7 @@ def test_the_first_map_stays_if_so_set(
     start_bridge(Ros2Settings(autostart=True, first_map_only=True))
     wait_until(lambda: system.maps)
     put_map(robot, width=200)
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     robot.stand_until(lambda: system.lasers)
     assert len(system.maps) == 1
 
@@ -89,7 +89,7 @@ def test_who_comes_late_gets_the_last_pose_and_places_but_no_old_cloud(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     robot.stand_until(lambda: system.lasers)
     states = robot.listen(STATE)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import HERE
+from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.topics import AMCL_POSE, BOND, TRANSITION_EVENT
@@ -55,7 +55,7 @@ def test_the_manager_brings_it_up_pauses_resumes_and_resets_it(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge()
     manager = Manager(robot)
     assert manager.state() == "unconfigured"
@@ -121,7 +121,7 @@ def test_the_bond_goes_on_whatever_the_system_does(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot = open_robot()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     manager = Manager(robot)
     wait_until(lambda: len(manager.bonds) >= 3)  # without any system
@@ -149,7 +149,7 @@ def test_a_pose_given_before_activation_is_used_then(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(Ros2Settings())
     manager = Manager(robot)
     robot.put_initial_pose((3.0, 1.0, 0.5))
@@ -167,7 +167,7 @@ def test_a_bridge_that_is_killed_goes_on_where_it_was_and_the_manager_sees_one_b
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     bridge = start_bridge(Ros2Settings(set_initial_pose=True))
     manager, poses = Manager(robot), robot.listen(AMCL_POSE)
     assert manager.change(CONFIGURE)

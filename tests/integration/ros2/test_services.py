@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from process_runtime.ros2_settings import Ros2Settings
-from recordings.rigid import HERE
+from recordings.rigid import IDENTITY
 from ros2_bridge import message_types as types
 from ros2_bridge.message_types import new, request_of
 from ros2_bridge.messages_out import pose_stamped
@@ -45,7 +45,7 @@ def test_whether_it_is_localized_can_be_asked(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
 
     def answer() -> Any:
@@ -66,7 +66,7 @@ def test_diagnostics_tell_of_the_state_and_of_what_was_refused(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot = open_robot()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     told = robot.listen(DIAGNOSTICS)
     wait_until(lambda: told and told[-1].status[0].level == 2)  # nobody is there yet

@@ -12,7 +12,7 @@ import pytest
 from clustermcl.client import Client
 from process_runtime.settings import Settings, ZenohSettings
 from protocol.errors import ClusterMclError
-from recordings.rigid import HERE
+from recordings.rigid import IDENTITY
 from robot_simulator.worlds.catalogue import world
 from tests.integration.ros2.conftest import OpenRobot
 from tests.integration.ros2.test_graph import ENDPOINTS, Graph, OpenSession
@@ -32,7 +32,7 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
     tmp_path: Path,
 ) -> None:
     graph, robot = Graph(open_robot_session()), open_robot()
-    robot.put_mounts(("laser", HERE))
+    robot.put_mounts(("laser", IDENTITY))
     nav2_params = tmp_path / "nav2_params.yaml"
     nav2_params.write_text(f"{NAV2}    autostart_node: true\n")  # no map is named: ROS has it
     words = [

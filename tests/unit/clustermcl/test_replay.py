@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from datetime import datetime
 from pathlib import Path
 
@@ -67,7 +68,8 @@ def test_replay_prints_what_happened_as_text(recording: Path) -> None:
     lines = [line[24:] for line in timed]
     assert "worker joined: w0" in lines
     assert "coordinator coordinator, term 1: begins empty" in lines
-    assert "coordinator coordinator, term 2: takes over after step 9" in lines
+    taken_over = r"coordinator coordinator, term \d+: takes over after step 9"
+    assert any(re.fullmatch(taken_over, line) for line in lines)
     assert any(line.startswith("step 14: ") for line in lines)
     assert any(" was found by the first search " in line for line in lines)
     assert last == "16 beliefs, 2 coordinators that began: all are the recorded ones, bit for bit"
