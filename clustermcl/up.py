@@ -7,11 +7,11 @@ from typing import assert_never
 import msgspec
 
 from clustermcl.stack import ProcessEndedError, Stack, running, temporary_folder
-from coordinator.state_file import default_state_folder
 from live_view.admission import parsed_address
 from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
+from process_runtime.state_folder import default_state_folder
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from recordings.map_file import load_map_with_obstacles, map_file_of

@@ -18,11 +18,12 @@ from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
 from coordinator.standby import StandbyLoop
-from coordinator.state_file import StateKeeper, default_state_folder, read
+from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
 from process_runtime.logs import CauseCounter
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
+from process_runtime.state_folder import default_state_folder
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from zenoh_link.metrics import metrics_served

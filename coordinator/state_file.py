@@ -39,12 +39,6 @@ class _File(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     """The message, as it is published."""
 
 
-def default_state_folder() -> Path:
-    """The user's folder for state, by the XDG rule."""
-    base = os.environ.get("XDG_STATE_HOME")
-    return (Path(base) if base else Path.home() / ".local" / "state") / "clustermcl"
-
-
 def file_of(folder: Path, robot: str) -> Path:
     """Where a robot's state is kept."""
     return folder / f"state-{quote(robot, safe='')}.msgpack"

@@ -14,8 +14,8 @@ from urllib.parse import quote
 
 import msgspec
 
-from coordinator.state_file import default_state_folder
 from process_runtime.settings import Settings
+from process_runtime.state_folder import default_state_folder
 from ros2_bridge.bond import TIMEOUT_S
 from ros2_bridge.lifecycle import State
 

@@ -226,7 +226,7 @@ def test_a_second_node_of_the_name_is_refused(
     open_robot: OpenRobot, start_bridge: StartBridge
 ) -> None:
     open_robot(name="amcl").put_mounts()  # nav2's own
-    bridge = start_bridge(expect="robot 'ROS domain 0' has a node /amcl already")
+    bridge = start_bridge(expect="robot 'ROS domain 0' already has a node /amcl")
     assert bridge.wait() == 2
 
 

@@ -64,7 +64,7 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         map_file = write_map(world(WORLD).map, folder, "map")
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         coordinator = CoordinatorSettings(
-            state_folder="off", step_deadline_s=20.0, search_deadline_s=20.0
+            state_folder=str(folder / "state"), step_deadline_s=20.0, search_deadline_s=20.0
         )
         settings = msgspec.structs.replace(SMALL, bridge=bridge, ros2=ROS2, coordinator=coordinator)
         tested = resources.enter_context(system(settings))
