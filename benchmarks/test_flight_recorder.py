@@ -106,7 +106,7 @@ class Run:
                 case PublishBelief():
                     self.beliefs += 1
                 case AskState(worker=worker):
-                    self._tell(WorkerToldState(worker, Told(0, (), None, ())))
+                    self._tell(WorkerToldState(worker, Told(term=0, holds=(), reports=())))
                 case SendOrder(worker=worker, order=order):
                     for given in order.begin:
                         self._epochs[given.job_id] = given.epoch
