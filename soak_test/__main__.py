@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from clustermcl.commands.options import Assignments, SettingsFile
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output_files import check_output_file, check_output_folder, write_output_file
 from process_runtime.settings_file import load_settings
@@ -46,13 +47,8 @@ def soak(
     keep: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Keep logs and flight recordings there.")
     ] = None,
-    settings_file: Annotated[
-        Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
-    ] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated."),
-    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
 ) -> None:
     """Run the real processes on a simulated robot, inject faults, and check six promises.
 
