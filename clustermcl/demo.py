@@ -1,37 +1,96 @@
-"""The demo: everything on this machine, on a recording or a simulated robot, until its end."""
+"""The demo: a simulated robot or a recording, localized by processes of this machine."""
 
 import http.client
-import socket
 import time
 from collections.abc import Callable
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import assert_never
 
-from rich.console import Console
+import msgspec
+import zenoh
 
 from clustermcl.as_json import dumped
-from clustermcl.demo_audience import Audience
-from clustermcl.demo_result import Result, as_object, summary_lines
-from clustermcl.demo_show import DemoOptions, Show, prepared
-from clustermcl.demo_view import LineView, LiveView, NoView, View
+from clustermcl.demo_output import DemoOutput, DemoSummary, result_lines, result_object
 from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.verbosity import is_verbose
 from clustermcl.view import say_link
+from evaluation.recordings import counted_steps
+from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
-from process_runtime.logs import is_quiet
+from particle_filter.trajectory import Trajectory
 from process_runtime.output import standard_output
 from process_runtime.output_files import check_output_file
 from process_runtime.settings import Settings
+from process_runtime.sources import SIMULATED, Live, Recorded, Simulated, parsed_source
 from process_runtime.stop import StopFlag, stop_on_signals
 from protocol import keys
-from protocol.answers import Status
-from protocol.errors import SettingsError, UnreachableError
+from protocol.answers import Belief, Status
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, SettingsError, UnreachableError
+from protocol.job_events import JobEvents
+from protocol.message import PoseTuple
+from protocol.steps import TruePose
+from recordings.map_file import load_map_with_obstacles, map_file_of
+from robot_simulator.free_space import FreeSpace
+from robot_simulator.source import simulated_world
+from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
-from zenoh_link.wire import ask
+from zenoh_link.wire import Events, Publisher, Received, Token, ask, subscribe, watch
 
+LOCALIZED_STEPS = 20
+"""A simulated robot's demo in a terminal ends after this many localized steps."""
+_WORLD = f"{SIMULATED}cross_feature"
+_VIEWED_RATE = 2.0  # twice real time: about 3 steps a second
+_STEPS, _VIEWED_STEPS = 300, 10_000  # of a simulated robot; on a page, about an hour
 _CONNECT_WITHIN_S = 20.0
+_SILENCE_S = 60.0
+_KEPT_TRUTHS = 64
 _POLL_S = 0.05
+
+
+class StalledError(ClusterMclError):
+    """The processes run, but no belief arrives."""
+
+    def __init__(self, *, silent_s: float) -> None:
+        self.silent_s = silent_s
+        super().__init__(f"no belief has arrived for {silent_s:.0f} s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoOptions:
+    """Options of the command."""
+
+    recording: str | None = None
+    """A recording's path, ``sim:WORLD`` or ``sim:MAP.yaml``; None: a robot in `map_file`, if
+    that is named, else the default simulation."""
+    map_file: str | None = None
+    """None: that of the settings for a recording, the world's own for a simulated robot."""
+    reference: Path | None = None
+    rate: float | None = None
+    steps: int | None = None
+    """Steps of a simulated robot."""
+    view_at: str | None = None
+    """``HOST:PORT`` of the page; None: no page."""
+    record: Path | None = None
+    """File for the recording of the run; None: none."""
+    by_hand: bool = False
+    """A person drives the simulated robot, on the page."""
+    as_json: bool = False
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A demo with checked inputs."""
+
+    settings: Settings
+    title: str
+    steps: int
+    is_simulated: bool
+    reference: Trajectory | None = None
+    ends_when_localized: bool = False
 
 
 def run_demo(options: DemoOptions, settings: Settings) -> None:
@@ -49,45 +108,228 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
         problem = "--drive: the robot is driven on the page: give --view, too"
         raise SettingsError(key="--drive", problem=problem)
     stop = stop_on_signals(exit_after_s=5.0)
-    show = prepared(options, settings)
-    view = _view(options, show)
+    run = _prepared(options, settings)
+    by_hand = ["--by-hand"] if options.by_hand else []
+    simulator = ["--steps", str(run.steps), *by_hand] if run.is_simulated else []
+    simulator += ["--map", options.map_file] if run.is_simulated and options.map_file else []
     with temporary_folder() as folder:
-        arguments = ["--steps", str(show.steps)] if show.simulated else []
-        arguments += ["--map", options.map_file] if show.simulated and options.map_file else []
-        arguments += ["--by-hand"] if options.by_hand else []
-        met = meeting_in(folder, show.settings)
+        meeting = meeting_in(folder, run.settings)
         stack = Stack(
-            met,
+            meeting,
             folder,
             logs_in_folder=not is_verbose(),
-            simulator_arguments=arguments,
-            page_arguments=_page_arguments(options),
+            simulator_arguments=simulator,
+            page_arguments=["--listen", page.netloc, "--story", *by_hand] if page else None,
         )
         with running(stack):
-            result = _run(stack, met, show, view, stop, options.record, page)
-            wall_s = time.monotonic() - started_s
-            if options.as_json:
-                _print(dumped(as_object(result, wall_s)))
-            else:
-                _print("\n".join(summary_lines(result, wall_s)))
+            text = _followed(stack, meeting, run, options, page, stop, started_s)
+            standard_output().write(text + "\n")
+            standard_output().flush()
             while page is not None:  # the run can be looked back at, until Ctrl-C
                 stop.check()
                 stack.check()
                 time.sleep(_POLL_S)
 
 
-def _page_arguments(options: DemoOptions) -> list[str] | None:
-    if options.view_at is None:
+def _followed(
+    stack: Stack,
+    meeting: Settings,
+    run: _Run,
+    options: DemoOptions,
+    page: Address | None,
+    stop: StopFlag,
+    started_s: float,
+) -> str:
+    """Run it to its last belief; return the result as text."""
+
+    def check() -> None:
+        stop.check()
+        stack.check()
+
+    stack.start_without_coordinator()
+    wait_s = _CONNECT_WITHIN_S
+    try:
+        if page is not None:
+            _wait_for_page(page, check, 0)
+            say_link(f"http://{page.netloc}/")
+        with open_session(meeting.zenoh, meeting.robot, stop, wait_s=wait_s) as session:
+            output = DemoOutput(run.title, as_json=options.as_json)
+            audience = _Audience(session, run, output, check, may_stand=options.by_hand)
+            with recorded(session, options.record), output.live():
+                audience.wait_for_workers(meeting.worker.count)
+                if page is not None:
+                    _wait_for_page(page, check, 1)  # the story begins with the first search
+                stack.start_coordinator()
+                belief = audience.follow()
+                truth = audience.truth_of(belief)
+                timeout_s = meeting.zenoh.query_timeout_s
+                status = ask(session, keys.STATUS, Status, timeout_s=timeout_s)
+    except UnreachableError:
+        stack.check()  # whose last words say why
+        raise
+    wall_s = time.monotonic() - started_s
+    if options.as_json:
+        return dumped(result_object(belief, truth, status, wall_s))
+    result = result_lines(belief, truth, status, wall_s)
+    return "\n".join([*audience.summary.lines(), *result])
+
+
+class _Audience:
+    """Receives the beliefs, the events and the ground truth."""
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        run: _Run,
+        output: DemoOutput,
+        check: Callable[[], None],
+        *,
+        may_stand: bool,
+    ) -> None:
+        self._run, self._output, self._check = run, output, check
+        self._may_stand = may_stand
+        self._inbox: Events = Inbox({"belief": 4096, "events": 4096, "truth": 4096})
+        self._alive: set[str] = set()
+        self._truths: dict[int, PoseTuple] = {}
+        self.summary = DemoSummary()
+        self._truth = Publisher(session, keys.TRUTH) if run.reference else None
+        subscribe(session, keys.BELIEF, self._inbox, "belief")
+        subscribe(session, keys.EVENTS, self._inbox, "events")
+        subscribe(session, keys.TRUTH, self._inbox, "truth")
+        watch(session, keys.ALL_WORKERS_ALIVE, self._inbox)
+
+    def wait_for_workers(self, count: int) -> None:
+        """Wait for all workers: a step without a report would be lost."""
+        while len(self._alive) < count:
+            self._output.on_workers(len(self._alive), count)
+            self._receive()
+        self._output.on_workers(count, count)
+
+    def follow(self) -> Belief:
+        """Receive beliefs until the last one, and return it.
+
+        Raises:
+            StalledError: none has arrived for a minute, although the robot drives.
+        """
+        received_s = time.monotonic()
+        while True:
+            if belief := self._receive():
+                received_s = time.monotonic()
+                is_found = self.summary.localized_steps >= LOCALIZED_STEPS
+                if belief.last or (is_found and self._run.ends_when_localized):
+                    return belief
+            elif time.monotonic() - received_s > _SILENCE_S and not self._may_stand:
+                raise StalledError(silent_s=_SILENCE_S)
+
+    def truth_of(self, belief: Belief) -> PoseTuple | None:
+        """Ground truth at the step of a belief; None: unknown."""
+        if self._run.reference is not None:
+            return self._run.reference.pose_at(belief.stamp_ns)
+        deadline_s = time.monotonic() + 1.0
+        while self._run.is_simulated and belief.step not in self._truths:
+            if time.monotonic() > deadline_s:
+                break
+            self._receive()
+        return self._truths.get(belief.step)
+
+    def _receive(self) -> Belief | None:
+        """Wait briefly for a message and handle it; return it if it was a belief."""
+        self._check()
+        match self._inbox.get(_POLL_S):
+            case Token(key=key, alive=alive):
+                (self._alive.add if alive else self._alive.discard)(key)
+            case Received(key=keys.TRUTH, payload=payload):
+                truth = decode(payload, TruePose)
+                self._truths[truth.step] = truth.map_from_robot
+                while len(self._truths) > _KEPT_TRUTHS:
+                    del self._truths[next(iter(self._truths))]
+            case Received(key=keys.EVENTS, payload=payload):
+                for event in decode(payload, JobEvents).events:
+                    self.summary.on_event(event)
+                    self._output.on_event(event)
+            case Received(key=keys.BELIEF, payload=payload):
+                belief = decode(payload, Belief)
+                self._on_belief(belief)
+                return belief
         return None
-    by_hand = ["--by-hand"] if options.by_hand else []
-    return ["--listen", options.view_at, "--story", *by_hand]
+
+    def _on_belief(self, belief: Belief) -> None:
+        self.summary.on_belief(belief)
+        truth = self._truths.get(belief.step)
+        if self._truth is not None and (truth := self.truth_of(belief)) is not None:
+            self._truth.put(TruePose(sender="demo", step=belief.step, map_from_robot=truth))
+        self._output.on_belief(belief, truth)
+
+
+def _prepared(options: DemoOptions, settings: Settings) -> _Run:
+    """Check the inputs before anything is started.
+
+    Raises:
+        ClusterMclError: an input cannot be used.
+    """
+    source = options.recording or _WORLD
+    if options.map_file and not options.recording:  # a path, which no world has for a name
+        source = f"{SIMULATED}{Path(options.map_file).absolute()}"
+    match parsed_source(source):
+        case Simulated() as robot:
+            rate = 1.0 if options.by_hand else _VIEWED_RATE if options.view_at else 0.0
+            return _simulated(robot, options, _played(source, rate, options, settings))
+        case Recorded(path):
+            rate = _VIEWED_RATE if options.view_at else 0.0
+            return _recorded(path, options, _played(source, rate, options, settings))
+        case Live():
+            problem = "--recording: a live robot has no end; start 'clustermcl up'"
+            raise SettingsError(key="--recording", problem=problem)
+        case choice:
+            assert_never(choice)
+
+
+def _played(source: str, usual_rate: float, options: DemoOptions, settings: Settings) -> Settings:
+    """The settings of all processes of the demo, which keeps its state in its own folder."""
+    rate = usual_rate if options.rate is None else options.rate
+    map_file = map_file_of(options.map_file or settings.bridge.map, source)
+    bridge = msgspec.structs.replace(settings.bridge, source=source, rate=rate, map=map_file)
+    coordinator = msgspec.structs.replace(settings.coordinator, state_folder="")
+    return msgspec.structs.replace(settings, bridge=bridge, coordinator=coordinator)
+
+
+def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _Run:
+    if options.reference is not None:
+        problem = "--reference: a simulated robot knows where it is; leave it out"
+        raise SettingsError(key="--reference", problem=problem)
+    FreeSpace(simulated_world(robot).truth)  # raises if the robot fits nowhere
+    if options.map_file:
+        load_map_with_obstacles(options.map_file)
+    return _Run(
+        settings,
+        f"simulated robot in {robot.world}",
+        options.steps or (_VIEWED_STEPS if options.view_at else _STEPS),
+        is_simulated=True,
+        ends_when_localized=options.steps is None and options.view_at is None,
+    )
+
+
+def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
+    if options.by_hand:
+        problem = "--drive: only a simulated robot can be driven; a recording has been"
+        raise SettingsError(key="--drive", problem=problem)
+    if options.steps is not None:
+        problem = "--steps: only for a simulated robot; a recording has its own end"
+        raise SettingsError(key="--steps", problem=problem)
+    if not settings.bridge.map:
+        problem = "--map is missing: a recording needs the map it was made in"
+        raise SettingsError(key="--map", problem=problem)
+    load_map_with_obstacles(settings.bridge.map)
+    reference = load_reference(options.reference) if options.reference else None
+    steps = counted_steps(path, settings.bridge)
+    return _Run(settings, f"recording {path}", steps, is_simulated=False, reference=reference)
 
 
 def _page_at(view_at: str) -> Address:
-    """Where a person is going to look.
+    """Where the page is served.
 
     Raises:
-        SettingsError: others would reach it: that wants a token, as of `clustermcl view`.
+        SettingsError: others could reach it, which takes a token, as of `clustermcl view`.
     """
     address = parsed_address(view_at)
     if not address.is_loopback or not address.port:
@@ -96,80 +338,13 @@ def _page_at(view_at: str) -> Address:
     return address
 
 
-def _say_where(page: Address, check: Callable[[], None]) -> None:
-    """Print the link once the page is served."""
-    while True:
-        check()
-        try:
-            socket.create_connection((page.host, page.port), timeout=_POLL_S).close()
-        except OSError:
-            time.sleep(_POLL_S)
-        else:
-            say_link(f"http://{page.netloc}/")
-            return
-
-
-def _wait_for_browser(page: Address, check: Callable[[], None]) -> None:
-    """Wait until the page is open: the first search is the best of the story."""
+def _wait_for_page(page: Address, check: Callable[[], None], least_browsers: int) -> None:
+    """Wait until the page is served, and is open in this many browsers."""
     while True:
         check()
         connection = http.client.HTTPConnection(page.host, page.port, timeout=1.0)
         with closing(connection), suppress(OSError):
             connection.request("GET", "/browsers")
-            if connection.getresponse().read() != b"0":
+            if int(connection.getresponse().read()) >= least_browsers:
                 return
         time.sleep(_POLL_S)
-
-
-def _view(options: DemoOptions, show: Show) -> View:
-    console = Console(stderr=options.as_json, emoji=False)
-    steps = None if show.ends_when_localized else show.steps
-    if is_quiet():
-        return NoView()
-    if console.is_terminal:
-        return LiveView(console, show.title, steps)
-    return NoView() if options.as_json else LineView(console, show.title)
-
-
-def _run(
-    stack: Stack,
-    settings: Settings,
-    show: Show,
-    view: View,
-    stop: StopFlag,
-    record: Path | None,
-    page: Address | None,
-) -> Result:
-    def check() -> None:
-        stop.check()
-        stack.check()
-
-    stack.start_without_coordinator()
-    try:
-        if page is not None:
-            _say_where(page, check)
-        with (
-            open_session(settings.zenoh, settings.robot, stop, wait_s=_CONNECT_WITHIN_S) as session,
-            recorded(session, record),
-            view,
-        ):
-            audience = Audience(session, show, view, check)
-            audience.wait_for_workers(settings.worker.count)
-            if page is not None:
-                _wait_for_browser(page, check)
-            stack.start_coordinator()
-            summary = audience.follow()
-            belief = summary.belief
-            assert belief is not None  # the summary ends with one
-            truth = audience.truth_of(belief)
-            status = ask(session, keys.STATUS, Status, timeout_s=settings.zenoh.query_timeout_s)
-            return Result(summary, belief, truth, status)
-    except UnreachableError:
-        stack.check()  # whose last words say why
-        raise
-
-
-def _print(text: str) -> None:
-    output = standard_output()
-    output.write(text + "\n")
-    output.flush()

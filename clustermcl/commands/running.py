@@ -82,8 +82,7 @@ def demo(
     Starts and stops all processes on this machine.
     """
     refuse_without("--view", view, drive=drive, listen=listen)
-    from clustermcl.demo import run_demo  # noqa: PLC0415 - see the package
-    from clustermcl.demo_show import DemoOptions  # noqa: PLC0415 - see the package
+    from clustermcl.demo import DemoOptions, run_demo  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *(assignments or ())]
     given += of_bag(recording, scan_topic, odom_topic, odom_frame, base_frame)

@@ -43,8 +43,9 @@ def as_json(*words: str, environment: dict[str, str]) -> dict[str, Any]:
 def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str]) -> None:
     answer = as_json(*SHORT, "--rate", "0", *SMALL_FILTER, environment=environment)
     assert set(answer) == {
-        "state", "pose", "probability", "elsewhere_probability", "off_map_probability",
-        "hypotheses", "steps", "steps_lost", "wall_s", "final_error_m", "final_error_rad",
+        "step", "stamp_ns", "state", "pose", "probability", "elsewhere_probability",
+        "off_map_probability", "hypotheses", "searching", "search_progress", "missing", "last",
+        "steps", "steps_lost", "wall_s", "final_error_m", "final_error_rad",
     }  # fmt: skip
     assert (answer["steps"], answer["steps_lost"]) == (30, 0)
     assert set(answer["pose"]) == {"x_m", "y_m", "heading_rad", "covariance"}

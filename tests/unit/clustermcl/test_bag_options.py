@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
-from clustermcl.demo_show import DemoOptions
+from clustermcl.demo import DemoOptions
 from evaluation.evaluate import EvaluateOptions
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError

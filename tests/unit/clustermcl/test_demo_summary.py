@@ -1,5 +1,5 @@
-from clustermcl.demo_summary import DemoSummary
-from protocol.job_events import Ended
+from clustermcl.demo_output import DemoSummary
+from protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import belief, place
 
 
@@ -10,10 +10,13 @@ def test_a_story_tells_what_was_held_and_when_one_place_won() -> None:
         summary.on_belief(
             belief(step, "ambiguous", place(0.5), place(0.3), place(0.19), place(0.01))
         )
-    summary.on_event(Ended("c2", "merged", ("c0",), 0.19))
-    summary.on_event(Ended("c3", "merged", ("c0",), 0.01))
-    summary.on_event(Ended("c4", "pushed out", ("c5",), 0.01))
-    summary.on_event(Ended("s0.0", "search over"))
+    for event in (
+        Ended("c2", "merged", ("c0",), 0.19),
+        Ended("c3", "merged", ("c0",), 0.01),
+        Ended("c4", "pushed out", ("c5",), 0.01),
+        Ended("s0.0", "search over"),
+    ):
+        summary.on_event(NumberedEvent(number=0, step=2, stamp_ns=0, event=event))
     for step in (3, 4, 5):
         summary.on_belief(belief(step, "localized", place(0.97), place(0.03)))
     assert list(summary.lines()) == [

@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from clustermcl import view
-from clustermcl.demo import run_demo
-from clustermcl.demo_show import DemoOptions
+from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
 from coordinator.recorder.replay import FlightRecordingError
 from process_runtime.output_files import OutputError

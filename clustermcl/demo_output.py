@@ -1,0 +1,182 @@
+"""What a demo prints: its beliefs while it runs, then a summary or one JSON object."""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from clustermcl.as_json import JsonObject, belief_object
+from clustermcl.as_text import (
+    belief_line,
+    event_line,
+    is_unweighed,
+    pose_text,
+    progress_text,
+    spread_text,
+)
+from evaluation.pose_error import pose_error
+from process_runtime.logs import is_quiet
+from protocol.answers import Belief, Status
+from protocol.job_events import Ended, EndedCause, NumberedEvent
+from protocol.message import PoseTuple
+
+HELD_PROBABILITY = 0.02
+"""The summary leaves out places with less."""
+_LINE_EVERY_STEPS = 25
+_SHOWN_EVENTS, _SHOWN_PLACES, _BAR = 3, 10, 12
+
+
+class DemoOutput:
+    """Shows a running demo: a table on a terminal, else a line for each change.
+
+    Args:
+        title: what is shown.
+        as_json: standard output is for the result alone.
+    """
+
+    def __init__(self, title: str, *, as_json: bool) -> None:
+        self._console = Console(stderr=as_json, emoji=False, markup=False, highlight=False)
+        self._is_table = self._console.is_terminal and not is_quiet()
+        self._has_lines = not (self._is_table or as_json or is_quiet())
+        self._title, self._shown = title, title
+        self._last_change: tuple[object, ...] = ()
+        self._events: deque[str] = deque(maxlen=_SHOWN_EVENTS)
+
+    def live(self) -> AbstractContextManager[object]:
+        """The table is redrawn within this ``with`` block."""
+        self._print(self._title)
+        if not self._is_table:
+            return nullcontext()
+        shown = lambda: Text(self._shown, no_wrap=True)  # noqa: E731 - of one line
+        return Live(console=self._console, get_renderable=shown, refresh_per_second=8)
+
+    def on_workers(self, ready: int, workers: int) -> None:
+        """`ready` of the workers are ready."""
+        line = f"{ready} of {workers} workers are ready"
+        self._shown = f"{self._title}\n{line} (the first start compiles)"
+        if ready in (0, workers):
+            self._print_change((ready,), line)
+
+    def on_belief(self, belief: Belief, truth: PoseTuple | None) -> None:
+        """A step was applied; `truth` is None where it is not known."""
+        self._shown = "\n".join([self._title, *_table(belief, truth), *self._events])
+        change = belief.state, is_unweighed(belief), len(belief.hypotheses)
+        self._print_change((*change, belief.step // _LINE_EVERY_STEPS), belief_line(belief))
+
+    def on_event(self, event: NumberedEvent) -> None:
+        """A cluster or a search began or ended."""
+        if not event.event.is_search:
+            self._events.append(event_line(event))
+            self._print(event_line(event))
+
+    def _print_change(self, change: tuple[object, ...], line: str) -> None:
+        if change != self._last_change:
+            self._last_change = change
+            self._print(line)
+
+    def _print(self, line: str) -> None:
+        if self._has_lines:
+            self._console.print(line, soft_wrap=True)
+
+
+def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
+    """A line for each place, the less probable ones in one line, and for being elsewhere."""
+    search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
+    blind = ", blind: no worker has weighed this step" if is_unweighed(belief) else ""
+    yield f"step {belief.step}: {belief.state}{search}{blind}"
+    for place in belief.hypotheses[:_SHOWN_PLACES]:
+        where = f"{pose_text(place.mean)}  {spread_text(place.covariance)}"
+        yield _row(f"c{place.cluster}", place.probability, where)
+    if others := belief.hypotheses[_SHOWN_PLACES:]:
+        yield _row(f"{len(others)} more", sum(place.probability for place in others))
+    yield _row("elsewhere", belief.elsewhere_probability - belief.off_map_probability)
+    yield _row("off the map", belief.off_map_probability)
+    if truth is not None:
+        yield f"{'truth':>11}  {'':{_BAR + 8}}  {pose_text(truth)}"
+
+
+def _row(name: str, probability: float, where: str = "") -> str:
+    return f"{name:>11}  {probability:6.3f}  {'━' * round(_BAR * probability):{_BAR}}  {where}"
+
+
+class DemoSummary:
+    """Summarizes beliefs and events in constant memory."""
+
+    def __init__(self) -> None:
+        self.localized_steps = 0
+        """Number of consecutive localized steps up to the newest."""
+        self._newest = self._ambiguous_steps = self._most_places = 0
+        self._first_places_step: int | None = None
+        self._lowest, self._highest = 1.0, 0.0
+        self._ended: Counter[EndedCause] = Counter()
+
+    def on_belief(self, belief: Belief) -> None:
+        """Take the next belief."""
+        self._newest = belief.step
+        self.localized_steps = self.localized_steps + 1 if belief.state == "localized" else 0
+        if belief.state != "searching" and self._first_places_step is None:
+            self._first_places_step = belief.step
+        if belief.state == "ambiguous":
+            held = [h.probability for h in belief.hypotheses if h.probability >= HELD_PROBABILITY]
+            self._ambiguous_steps += 1
+            self._most_places = max(self._most_places, len(held))
+            self._lowest, self._highest = min([self._lowest, *held]), max([self._highest, *held])
+
+    def on_event(self, event: NumberedEvent) -> None:
+        """A cluster or a search began or ended."""
+        if isinstance(event.event, Ended) and not event.event.is_search:
+            self._ended[event.event.cause] += 1
+
+    def lines(self) -> Iterator[str]:
+        """The summary as text."""
+        if self._first_places_step is not None:
+            yield f"The search found its first places at step {self._first_places_step}."
+        if self._ambiguous_steps:
+            yield (
+                f"For {self._ambiguous_steps} steps up to {self._most_places} places were held, "
+                f"with probabilities from {self._lowest:.2f} to {self._highest:.2f}."
+            )
+        if self._ended:
+            causes = ", ".join(f"{count} {cause}" for cause, count in self._ended.most_common())
+            yield f"Places that were given up: {causes}."
+        if self.localized_steps:
+            since = self._newest - self.localized_steps + 1
+            yield f"From step {since} on one of them was the pose."
+
+
+def result_object(
+    belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
+) -> JsonObject:
+    """The result for programs: the last belief, its error, the counts of steps."""
+    best = belief.hypotheses[0] if belief.hypotheses else None
+    error = pose_error(best.mean, truth) if best and truth else None
+    return {
+        **belief_object(belief),
+        "steps": status.steps_applied,
+        "steps_lost": status.steps_lost,
+        "wall_s": wall_s,
+        "final_error_m": error.distance_m if error else None,
+        "final_error_rad": error.heading_rad if error else None,
+    }
+
+
+def result_lines(
+    belief: Belief, truth: PoseTuple | None, status: Status, wall_s: float
+) -> Iterator[str]:
+    """The result for people."""
+    if belief.hypotheses:
+        best = belief.hypotheses[0]
+        where = f"{pose_text(best.mean)}  {spread_text(best.covariance)}"
+        yield f"In the end {belief.state} with probability {best.probability:.2f}: {where}"
+        if truth is not None:
+            error = pose_error(best.mean, truth)
+            yield f"That is {error.distance_m:.2f} m and {error.heading_deg:.1f} deg off."
+    else:
+        yield f"In the end {belief.state}, no place is held possible."
+    yield (
+        f"{status.steps_applied} steps, {status.steps_lost} lost, "
+        f"{len(status.workers)} workers, {wall_s:.1f} s."
+    )
