@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from clustermcl.localizer import ClusterMCL as ClusterMCL
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
+    from process_runtime.output_files import OutputError as OutputError
     from protocol.answers import Hypothesis as Hypothesis
     from protocol.errors import ClusterMclError as ClusterMclError
     from protocol.errors import CommandRefusedError as CommandRefusedError
+    from protocol.errors import MalformedMessageError as MalformedMessageError
     from protocol.errors import MapFileError as MapFileError
     from protocol.errors import RecordingError as RecordingError
     from protocol.errors import SettingsError as SettingsError
+    from protocol.errors import StateFileError as StateFileError
     from protocol.errors import UnreachableError as UnreachableError
     from recordings.map_file import load_map_with_obstacles as load_map  # noqa: F401 - public
 
@@ -30,11 +33,14 @@ _WHERE = {
     "ClusterMclError": "protocol.errors",
     "CommandRefusedError": "protocol.errors",
     "Hypothesis": "protocol.answers",
+    "MalformedMessageError": "protocol.errors",
     "MapFileError": "protocol.errors",
     "NotLocalizedError": "clustermcl.client",
+    "OutputError": "process_runtime.output_files",
     "Reading": "clustermcl.readings",
     "RecordingError": "protocol.errors",
     "SettingsError": "protocol.errors",
+    "StateFileError": "protocol.errors",
     "UnreachableError": "protocol.errors",
     "load_map": "recordings.map_file",
     "read_recording": "clustermcl.readings",

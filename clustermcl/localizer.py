@@ -4,6 +4,7 @@ import io
 import uuid
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -11,22 +12,25 @@ import numpy as np
 
 from clustermcl.readings import Reading
 from coordinator.belief.outcome import Outcome, belief_after
-from coordinator.commands import Commands
+from coordinator.commands import Commands, CommandsState
 from coordinator.free_ground import FreeGround
 from coordinator.pose.pose_tracker import recent_odometry
-from evaluation.in_process import InProcess
+from coordinator.state_checks import commands_problem
+from evaluation.in_process import InProcess, InProcessState
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture, extent_m
 from live_view.frames import step_frame
 from particle_filter.settings import FilterSettings
+from process_runtime.output_files import write_output_file
 from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
 from protocol.answers import Relocalize, SetPose
-from protocol.errors import CommandRefusedError
+from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import Circle, Covariance, PoseTuple
-from protocol.steps import Scan
+from protocol.reading_checks import odometry_problem
+from protocol.steps import OdometryReading, Scan
 from protocol.validity import problem_of
 from sensor_bridge.step_maker import StepMaker
 from worker.map_model import default_cache_folder, sensor_model
@@ -37,6 +41,20 @@ if TYPE_CHECKING:
 
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
+_STATE_VERSION = 1
+MAX_STATE_BYTES = 2**28
+"""Limit for a saved state: 64 places of 100,000 particles each."""
+
+
+class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    version: int
+    map_digest: str
+    settings: dict[str, object]
+    """Those of the filter."""
+    filter: InProcessState
+    odometry: tuple[int, PoseTuple]
+    """Stamp [ns] and pose of the newest."""
+    commands: CommandsState
 
 
 class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
@@ -119,16 +137,12 @@ class ClusterMCL:
         named |= {} if seed is None else {"seed": seed}
         for name, value in named.items():
             chosen = with_setting(chosen, name, value, "ClusterMCL")
-        self.map = grid_map
-        self.belief: Belief | None = None
+        self._settings = chosen
         self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
         compile_kernels(FilterSettings(sensor=chosen.sensor), np.random.default_rng(0))
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
-        model = sensor_model(grid_map, chosen.sensor, default_cache_folder())
-        self._filter = InProcess(model, chosen)
         self._commands, self._odometry = Commands(), recent_odometry()
-        self._applied: Scan | None = None
-        self._ground = FreeGround.of(grid_map)
+        self.change_map(grid_map)
 
     @property
     def dropped(self) -> Counter[str]:
@@ -159,6 +173,68 @@ class ClusterMCL:
         """After the last reading: the beliefs of scans that still waited for later odometry."""
         while (scan := self._maker.finish()) is not None:
             yield self._advanced(scan)
+
+    def change_map(self, grid_map: GridMap) -> None:
+        """Use another map from the next scan on: all places are forgotten and searched for.
+
+        Raises:
+            ValueError: the map has no obstacle.
+        """
+        self._model = sensor_model(grid_map, self._settings.sensor, default_cache_folder())
+        self.map, self._ground = grid_map, FreeGround.of(grid_map)
+        self._maker.change_map(grid_map.digest)
+        self._filter = InProcess(self._model, self._settings)
+        self.belief: Belief | None = None
+
+    def save(self, file: Path | str) -> None:
+        """Write the state after the last step: places, particles, and the search that runs.
+
+        Readings since then that made no step are not part of it.
+
+        Raises:
+            OutputError: the file cannot be written.
+            ValueError: there was no step yet.
+        """
+        filter_state = self._filter.state
+        scan = filter_state.applied
+        state = _SavedState(
+            version=_STATE_VERSION,
+            map_digest=self.map.digest,
+            settings=_filter_settings(self._settings),
+            filter=filter_state,
+            odometry=self._maker.odometry or (scan.stamp_ns, scan.odom_from_robot),
+            commands=self._commands.state(),
+        )
+        write_output_file(Path(file), msgspec.msgpack.encode(state))
+
+    def load(self, file: Path | str) -> None:
+        """Continue from a saved state; with the same readings, the beliefs are the same.
+
+        Odometry has to be in the same frame as when it was saved. After a restart of the robot,
+        give the last pose to `set_pose` instead.
+
+        Raises:
+            StateFileError: the file cannot be used. Nothing has changed then.
+        """
+        path = Path(file)
+        state = _read_state(path)
+        if state.map_digest != self.map.digest:
+            problem = f"of map {state.map_digest:.12}, but the map here is {self.map.digest:.12}"
+            raise StateFileError(path, problem)
+        if different := _differences(state.settings, _filter_settings(self._settings)):
+            raise StateFileError(path, f"made with other settings: {', '.join(different)}")
+        try:
+            resumed = InProcess.resumed(self._model, self._settings, state.filter)
+        except ValueError as error:
+            raise StateFileError(path, f"not a state: {error}") from None
+        self._filter, scan = resumed, state.filter.applied
+        self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
+        self._maker.resume(scan, state.odometry)
+        self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
+        self._commands, self._odometry = Commands(), recent_odometry()
+        self._commands.restore(state.commands)
+        self._odometry.add(*state.odometry)
+        self._told(resumed.ensemble.again(scan.step, ()), scan)
 
     def set_pose(
         self,
@@ -197,15 +273,14 @@ class ClusterMCL:
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(
-            command, self._filter.ensemble, self._applied, self._odometry, self._ground
+            command, self._filter.ensemble, self._filter.applied, self._odometry, self._ground
         )
         if problem := self._commands.problem(command.command_id):
             raise CommandRefusedError(command=type(command).__name__, problem=problem)
-        if outcome is not None and self._applied is not None:
-            self._follow(outcome, self._applied)
+        if outcome is not None and self._filter.applied is not None:
+            self._follow(outcome, self._filter.applied)
 
     def _advanced(self, scan: Scan) -> Belief:
-        self._applied = scan
         belief = self._told(self._filter.advance(scan), scan)
         ensemble, ground = self._filter.ensemble, self._ground
         given = self._commands.carry_out_waiting(ensemble, scan, self._odometry, ground)
@@ -219,3 +294,43 @@ class ClusterMCL:
         plain = msgspec.structs.asdict(belief_after(scan, outcome, _SENDER))
         self.belief = Belief(**plain, map=self.map, scan=scan)
         return self.belief
+
+
+def _filter_settings(settings: FilterSettings) -> dict[str, object]:
+    names = FilterSettings.__struct_fields__
+    plain: dict[str, object] = msgspec.to_builtins({n: getattr(settings, n) for n in names})
+    return plain
+
+
+def _differences(one: Mapping[str, object], other: Mapping[str, object]) -> list[str]:
+    """Dotted names of what differs."""
+    found: list[str] = []
+    for name in sorted({*one, *other}):
+        mine, theirs = one.get(name), other.get(name)
+        if isinstance(mine, dict) and isinstance(theirs, dict):
+            found += (f"{name}.{inner}" for inner in _differences(mine, theirs))
+        elif mine != theirs:
+            found.append(name)
+    return found
+
+
+def _read_state(path: Path) -> _SavedState:
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_STATE_BYTES + 1)
+        if len(data) > MAX_STATE_BYTES:
+            raise ValueError(f"larger than {MAX_STATE_BYTES} bytes")
+        state = msgspec.msgpack.decode(data, type=_SavedState)
+    except OSError as error:
+        raise StateFileError(path, error.strerror or str(error)) from None
+    except (ValueError, RecursionError) as error:  # msgspec's errors are among them
+        raise StateFileError(path, f"not a state: {error}") from None
+    odometry = OdometryReading(
+        sender=_SENDER, stamp_ns=state.odometry[0], odom_from_robot=state.odometry[1]
+    )
+    problem = odometry_problem(odometry) or commands_problem(state.commands)
+    if state.version != _STATE_VERSION:
+        problem = f"version {state.version}, expected {_STATE_VERSION}"
+    if problem:
+        raise StateFileError(path, f"not a state: {problem}")
+    return state

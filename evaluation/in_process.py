@@ -6,17 +6,20 @@ meet over Zenoh: `clustermcl evaluate` runs it, and a test compares the two.
 
 from collections.abc import Iterable, Iterator, Mapping
 
+import msgspec
 import numpy as np
 
-from coordinator.belief.ensemble import Ensemble
+from coordinator.belief.ensemble import Ensemble, EnsembleState
 from coordinator.belief.outcome import Outcome
-from particle_filter.arrays import Pose
+from coordinator.membership.jobs import JobState
+from coordinator.state_checks import ensemble_problem, jobs_problem
 from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, filter_with
 from protocol.steps import Scan
-from protocol.work import Assignment, Job
+from protocol.validity import first_problem, problem_of
+from protocol.work import Assignment, Job, SearchJob
 from worker.jobs import RunningJob, running
 
 
@@ -35,6 +38,27 @@ def outcomes(
         yield scan, process.advance(scan)
 
 
+class InProcessState(msgspec.Struct, frozen=True):
+    """All that decides after a step, with particles."""
+
+    ensemble: EnsembleState
+    jobs: tuple[Assignment, ...]
+    searched: tuple[Scan, ...]
+    """The steps since the running search began: it goes on from its first scan."""
+    applied: Scan
+    """The last step."""
+
+    @property
+    def problem(self) -> str | None:
+        """Why no filter can have been in this state; None where one can."""
+        jobs = [JobState(job.job_id, job.epoch, None, job.job) for job in self.jobs]
+        return (
+            first_problem(map(problem_of, (*self.searched, self.applied)))
+            or ensemble_problem(self.ensemble, self.applied)
+            or jobs_problem(jobs, self.ensemble, self.applied)
+        )
+
+
 class InProcess:
     """The belief and all its jobs; arguments as for `outcomes`."""
 
@@ -43,23 +67,26 @@ class InProcess:
         self._started = settings
         self.ensemble = Ensemble(settings)
         self._jobs: dict[str, RunningJob] = {}
-        self._odom_from_robot: Pose | None = None
+        self._searched: list[Scan] = []
+        self.applied: Scan | None = None
+        """The scan of the last step; None before the first."""
 
     def advance(self, scan: Scan) -> Outcome:
-        """What a step comes to; its jobs have begun and ended."""
+        """Apply a step; jobs have begun and ended when it returns."""
         self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
         reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
-        before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        self._odom_from_robot = after
-        moved = None if before is None else between(before, after)
+        before, self.applied = self.applied, scan
+        after = np.array(scan.odom_from_robot)
+        moved = None if before is None else between(np.array(before.odom_from_robot), after)
         outcome = self.ensemble.advance(scan.step, reports, moved)
+        self._searched = [*self._searched, scan] if outcome.searching else []
         self.carry_out(outcome)
         return outcome
 
     def _use(self, settings: FilterSettings) -> None:
-        """Go by the settings that hold at a step."""
+        """Apply the settings of a step."""
         if settings == self._settings:
             return
         if settings.sensor != self._settings.sensor:
@@ -70,14 +97,58 @@ class InProcess:
             job.use(self._model, settings)
 
     def carry_out(self, outcome: Outcome) -> None:
-        """End and begin jobs, also as a command has it."""
+        """End and begin the jobs of a step or of a command."""
         for job_id in outcome.end:
             del self._jobs[job_id]
         self._begin(outcome.begin)
 
     def _begin(self, jobs: Mapping[str, Job]) -> None:
         for job_id, job in jobs.items():
-            assignment = Assignment(job_id=job_id, epoch=0, job=job)
-            self._jobs[job_id] = running(
-                assignment, self._model, self._settings, sender="in-process"
-            )
+            self._run(Assignment(job_id=job_id, epoch=0, job=job))
+            if isinstance(job, SearchJob):
+                self._searched = []
+
+    def _run(self, assignment: Assignment) -> RunningJob:
+        job = running(assignment, self._model, self._settings, sender="in-process")
+        self._jobs[assignment.job_id] = job
+        return job
+
+    @property
+    def state(self) -> InProcessState:
+        """The state after the last step.
+
+        Raises:
+            ValueError: there was none yet.
+        """
+        if self.applied is None:
+            raise ValueError("there is no state before the first step")
+        return InProcessState(
+            ensemble=self.ensemble.state(),
+            jobs=tuple(job.handed_on() for job in self._jobs.values()),
+            searched=tuple(self._searched),
+            applied=self.applied,
+        )
+
+    @classmethod
+    def resumed(
+        cls, model: SensorModel, settings: FilterSettings, state: InProcessState
+    ) -> "InProcess":
+        """Continue from a state, bit for bit; a search that runs repeats its scans.
+
+        Raises:
+            ValueError: no filter with these settings can have been in this state.
+        """
+        made = cls(model, settings)
+        made.ensemble.restore(state.ensemble)
+        problem = state.problem
+        if not problem and {job.job_id for job in state.jobs} != set(made.ensemble.expected):
+            problem = "its jobs are not those of its belief"
+        if problem:
+            raise ValueError(problem)
+        made._searched, made.applied = list(state.searched), state.applied
+        made._use(filter_with(settings, state.applied.settings))
+        for assignment in state.jobs:
+            job = made._run(assignment)
+            for scan in state.searched if isinstance(assignment.job, SearchJob) else ():
+                job.advance(scan)
+        return made

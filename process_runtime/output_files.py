@@ -44,14 +44,14 @@ def check_output_folder(path: Path) -> None:
     _try_folder(there, path)
 
 
-def write_output_file(path: Path, text: str) -> None:
-    """Write a file in UTF-8.
+def write_output_file(path: Path, content: str | bytes) -> None:
+    """Write a file, text in UTF-8.
 
     Raises:
         OutputError: it cannot be written.
     """
     try:
-        path.write_text(text, encoding="utf-8")
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise OutputError(path=path, problem=error.strerror or str(error)) from error
 

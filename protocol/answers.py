@@ -36,6 +36,11 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     age_steps: int
     """Steps since the cluster entered the belief."""
 
+    @property
+    def pose(self) -> PoseTuple:
+        """As `mean`: the word that beliefs and answers have for it."""
+        return self.mean
+
 
 class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     """The belief after one step.
@@ -114,6 +119,11 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
     """Probability that the robot is at none of the tracked places."""
     off_map_probability: float = 0.0
     """As in `Belief`."""
+
+    @property
+    def pose(self) -> PoseTuple | None:
+        """As `map_from_robot`: the word that beliefs and hypotheses have for it."""
+        return self.map_from_robot
 
 
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):

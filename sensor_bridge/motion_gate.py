@@ -45,6 +45,10 @@ class MotionGate:
         """The next scan is the first."""
         self._last, self._is_open = None, False
 
+    def resume(self, last: PoseTuple) -> None:
+        """Continue after a step at this odometry."""
+        self._last = last
+
     def has_hardly_moved(self, odom_from_robot: PoseTuple) -> bool:
         """Whether a robot there still stands where it was at the last step."""
         return self._last is not None and not self._has_moved(odom_from_robot, STANDS)

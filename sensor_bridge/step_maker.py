@@ -133,6 +133,18 @@ class StepMaker:
         self._map_digest = map_digest
         self._gate.begin_anew()
 
+    def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
+        """Continue after a step of an earlier process.
+
+        Args:
+            last: that step.
+            odometry: what `odometry` was then.
+        """
+        self._next_step = last.step + 1
+        self._gate.resume(last.odom_from_robot)
+        for stamp_ns, pose in ((last.stamp_ns, last.odom_from_robot), odometry):
+            self._take_odometry_pose(stamp_ns, pose)
+
     def _is_of_other_laser(self, reading: Reading) -> bool:
         if isinstance(reading, OdometryReading):
             return False
@@ -166,10 +178,13 @@ class StepMaker:
                 self._take_laser(reading)
 
     def _take_odometry(self, reading: OdometryReading) -> None:
-        pose = self._without_jump(reading.stamp_ns, reading.odom_from_robot)
-        if self._in_time(reading.stamp_ns):
-            self._buffer.add(reading.stamp_ns, pose)
-            self._note_odometry(reading.stamp_ns, pose)
+        self._take_odometry_pose(reading.stamp_ns, reading.odom_from_robot)
+
+    def _take_odometry_pose(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
+        pose = self._without_jump(stamp_ns, odom_from_robot)
+        if self._in_time(stamp_ns):
+            self._buffer.add(stamp_ns, pose)
+            self._note_odometry(stamp_ns, pose)
             self._release()
 
     def _take_laser(self, reading: LaserReading) -> None:

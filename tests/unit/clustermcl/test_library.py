@@ -3,9 +3,11 @@
 import subprocess
 import sys
 import warnings
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from clustermcl import (
     CommandRefusedError,
     Reading,
     SettingsError,
+    StateFileError,
     load_map,
     read_recording,
 )
@@ -153,6 +156,142 @@ def test_set_pose_and_relocalize_change_the_belief(readings: list[Reading]) -> N
         mcl.set_pose((700.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="is invalid"):
         mcl.set_pose((np.inf, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("after", [1, 4, 17])
+def test_a_saved_state_goes_on_bit_for_bit(
+    after: int, readings: list[Reading], tmp_path: Path
+) -> None:
+    """Also while a search runs: after 1 and 4 steps."""
+    settings = msgspec.structs.replace(
+        SMALL, search=msgspec.structs.replace(SMALL.search, converged_mass=1.0, max_steps=8)
+    )
+    first = ClusterMCL(world("cross_feature").map, settings=settings)
+    left = iter(readings)
+    made = 0
+    while made < after:
+        made += first.update(next(left)) is not None
+    first.set_pose((2.0, 0.0, 0.0)) if after == 17 else None
+    first.save(tmp_path / "robot.state")
+    assert first.belief is not None
+    assert first.belief.searching == (after < 8)
+    second = ClusterMCL(world("cross_feature").map, settings=settings)
+    second.load(tmp_path / "robot.state")
+    assert second.belief is not None
+    assert second.belief.hypotheses == first.belief.hypotheses
+    assert second.belief.state == first.belief.state
+    rest = list(left)
+    expected, beliefs = believed(first, rest), believed(second, rest)
+    assert len(expected) > 10
+    for belief, right in zip(beliefs, expected, strict=True):
+        assert (belief.step, belief.hypotheses) == (right.step, right.hypotheses)
+
+
+@pytest.fixture(scope="module")
+def saved(readings: list[Reading], tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    believed(mcl, readings[:60])
+    file = tmp_path_factory.mktemp("state") / "robot.state"
+    mcl.save(file)
+    return file.read_bytes()
+
+
+def test_a_state_that_does_not_fit_is_refused_and_changes_nothing(
+    saved: bytes, tmp_path: Path
+) -> None:
+    file = tmp_path / "robot.state"
+    mcl = ClusterMCL(world("hall").map, settings=SMALL)
+    with pytest.raises(ValueError, match="before the first step"):
+        mcl.save(file)
+    with pytest.raises(StateFileError, match="No such file"):
+        mcl.load(file)
+    file.write_bytes(saved)
+    with pytest.raises(StateFileError, match="of map "):
+        mcl.load(file)
+    others = msgspec.structs.replace(SMALL, seed=77)
+    with pytest.raises(StateFileError, match="other settings: seed"):
+        ClusterMCL(world("cross_feature").map, settings=others).load(file)
+    assert mcl.belief is None
+
+
+def test_a_hostile_state_is_refused_in_a_sentence(saved: bytes, tmp_path: Path) -> None:
+    """Bytes changed at random, and numbers that no filter can have: never another error."""
+    mcl = ClusterMCL(world("cross_feature").map, settings=SMALL)
+    file, rng = tmp_path / "robot.state", np.random.default_rng(0)
+    plain = msgspec.msgpack.decode(saved)
+    refused = 0
+    for _ in range(60):
+        data = bytearray(saved)
+        data[int(rng.integers(len(data)))] = int(rng.integers(256))
+        file.write_bytes(data if rng.random() < 0.7 else data[: rng.integers(len(data))])
+        with suppress(StateFileError):
+            refused += 1
+            mcl.load(file)
+            refused -= 1
+    assert refused > 10
+    wrong: list[tuple[tuple[str | int, ...], object]] = [
+        (("version",), 2),
+        (("odometry",), [0, [float("nan"), 0.0, 0.0]]),
+        (("filter", "applied", "step"), 2**60),
+        (("filter", "ensemble", "log_elsewhere"), 3.0),
+        (("filter", "ensemble", "next_cluster"), 0),
+        (("filter", "jobs"), []),
+        (("filter", "jobs", 0, "job_id"), "s0.0"),
+        (("filter", "searched"), [{}]),
+        (("commands", "set_poses"), -1),
+        (("unknown",), 1),
+    ]
+    for path, value in wrong:
+        changed = msgspec.msgpack.decode(saved)
+        part = changed
+        for name in path[:-1]:
+            part = part[name]
+        part[path[-1]] = value
+        file.write_bytes(msgspec.msgpack.encode(changed))
+        with pytest.raises(StateFileError):
+            mcl.load(file)
+    file.write_bytes(msgspec.msgpack.encode(plain))
+    mcl.load(file)
+
+
+def test_another_map_is_searched_from_the_next_scan(readings: list[Reading]) -> None:
+    cross, plain = world("cross_feature").map, world("cross").map
+    mcl = ClusterMCL(cross, settings=SMALL)
+    before = believed(mcl, readings[:150])[-1]
+    mcl.change_map(plain)
+    assert (mcl.map, mcl.belief) == (plain, None)
+    after = believed(mcl, readings[150:])
+    assert after[0].step == before.step + 1
+    assert after[0].scan.map_digest == plain.digest
+    assert {place.age_steps for place in after[0].hypotheses} == {0}
+    assert after[-1].map is plain
+    assert after[-1].hypotheses
+
+
+def test_two_lasers_join_a_step_and_one_may_be_upside_down() -> None:
+    hall = world("hall")
+    places = []
+    for upside_down in (False, True):
+        mcl = ClusterMCL(hall.map, settings=SMALL)
+        for tick in islice(Simulation(hall, 0), 12):
+            laser = tick.laser
+            ranges = laser.ranges.array()
+            scan = {
+                "ranges": ranges[::-1] if upside_down else ranges,
+                "angle_min": laser.angle_min_rad,
+                "angle_step": laser.angle_step_rad,
+                "range_max": laser.range_max_m,
+                "stamp_ns": laser.stamp_ns,
+                "upside_down": upside_down,
+            }
+            pose = tick.odometry[0].odom_from_robot
+            mcl.update(Reading(pose, **scan, laser="rear"))
+            mcl.update(Reading(pose, **scan, laser="front"))
+        assert mcl.belief is not None
+        assert mcl.belief.step > 2
+        assert len(mcl.belief.scan.others) == 1
+        places.append(mcl.belief.hypotheses[0].pose)
+    assert places[0] == pytest.approx(places[1], abs=1e-3)
 
 
 def test_a_belief_draws_itself(readings: list[Reading]) -> None:
