@@ -1,7 +1,7 @@
 """What a worker can be told: plain facts, so that a test is a list of them."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import MalformedMessageError
@@ -30,8 +30,8 @@ class CheckpointHeard:
 class OrderAsked:
     """A coordinator gives an order and waits for the answer."""
 
-    question: int
-    """A number of its own for each question that is asked."""
+    question: Any
+    """Handle of the query, for its `Answer`."""
     order: WorkOrder
 
 
@@ -39,7 +39,7 @@ class OrderAsked:
 class BrokenOrderAsked:
     """Somebody waits for the answer to an order that cannot be read."""
 
-    question: int
+    question: Any
     error: MalformedMessageError
 
 
@@ -47,7 +47,7 @@ class BrokenOrderAsked:
 class StateAsked:
     """Somebody wants to know what this worker does."""
 
-    question: int
+    question: Any
     take_over: TakeOver | None = None
     """Of a new coordinator, which needs all that it takes to carry on."""
 

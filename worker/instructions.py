@@ -1,7 +1,7 @@
 """What a worker wants done; the rim carries it out."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from particle_filter.settings import SensorSettings
 from protocol.steps import MapMessage
@@ -20,7 +20,7 @@ class PublishReport:
 class Answer:
     """Answer a question, once."""
 
-    question: int
+    question: Any
     message: OrderAnswer | WorkerState
 
 

@@ -1,24 +1,77 @@
-"""The worker process: one parent that compiles the kernels, and children that do the jobs."""
+"""The worker process: one parent that compiles the kernels, and children that run the jobs."""
 
 import argparse
+import logging
 import time
-from functools import partial
+from collections.abc import Iterable
+from concurrent.futures import Future
+from contextlib import closing
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
+from grid_maps.map_message import from_message
+from particle_filter.grid_search import free_leaves
 from particle_filter.settings import FilterSettings
-from process_runtime.latency_trace import start_trace
+from process_runtime.latency_trace import mark, start_trace
 from process_runtime.main import Invocation, process_main
 from process_runtime.prefork import run_forked
 from process_runtime.scheduling import work_without_preempting
 from process_runtime.stop import StopFlag
 from protocol import keys
-from worker.loop import WorkerLoop
-from worker.map_model import default_cache_folder
+from protocol.codec import decode
+from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableError
+from protocol.steps import MapMessage, Scan, ScanHistory
+from protocol.terms import check_term
+from protocol.work import Checkpoint, TakeOver, WorkOrder
+from worker.events import (
+    BrokenOrderAsked,
+    CheckpointHeard,
+    Event,
+    HistoryArrived,
+    HistoryFailed,
+    MapArrived,
+    MapFailed,
+    ModelBuilt,
+    OrderAsked,
+    ScanArrived,
+    StateAsked,
+    TimeToSearch,
+)
+from worker.instructions import (
+    Answer,
+    BuildModel,
+    FetchMap,
+    FetchScans,
+    Instruction,
+    PublishReport,
+    Warn,
+)
+from worker.map_model import default_cache_folder, sensor_model
+from worker.search_pause import SearchPause
 from worker.warm_up import compile_kernels
-from zenoh_link.session import open_session
-from zenoh_link.stale_session import is_there
+from worker.worker import Worker
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked, Received
+
+KEPT_SCANS = 64
+KEPT_CHECKPOINTS = 4
+"""Between two polls: some from each of two coordinators during a take-over."""
+SCANS_PER_POLL = 2
+"""Scans handled before checkpoints are polled. Waking up for checkpoints costs as much as reading
+them, and a poll reads all that have come."""
+POLL_S = 0.25
+"""Interval of checking whether to stop while no message comes [s]."""
+PAUSE_S = 0.004
+"""Interval of checking whether a step is decided, while searches pause for it [s]."""
+MAP_TIMEOUT_S = 30.0
+REPEAT_FOR_S = 0.5
+"""Just after a link came up, a query for past scans finds no bridge yet [s]."""
+
+_log = logging.getLogger(__name__)
+
+T = TypeVar("T", WorkOrder, TakeOver, Checkpoint)
 
 
 def main() -> None:
@@ -38,7 +91,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_workers(invocation: Invocation) -> None:
-    """Compile once, fork the workers, keep them alive until told to stop."""
+    """Compile once, fork the workers, keep them alive until the process is stopped."""
     settings, prefix = invocation.settings, invocation.process
     folder = settings.worker.cache_folder
     cache = Path(folder).expanduser() if folder else default_cache_folder()
@@ -47,14 +100,154 @@ def run_workers(invocation: Invocation) -> None:
     def child(index: int, stop: StopFlag) -> None:
         name = f"{prefix}-{index}"
         start_trace(settings.log.trace_folder, name)
-        is_coordinator_there = partial(
-            is_there, settings.zenoh, settings.robot, stop, keys.COORDINATOR_ALIVE
-        )
-        while not stop.is_set():
-            with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
-                work_without_preempting()
-                WorkerLoop(name, session, cache, time.time_ns(), is_coordinator_there).run(stop)
+        with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
+            node.open()
+            work_without_preempting()
+            WorkerLoop(node, cache, time.time_ns()).run()
 
     run_forked(
         invocation.arguments.count or settings.worker.count, child, invocation.stop, name=prefix
     )
+
+
+class WorkerLoop:
+    """Passes messages to a `Worker` and carries out its instructions, without blocking.
+
+    Args:
+        node: the process's, open.
+        cache_folder: where computed sensor models are kept.
+        incarnation: start time of the process [ns]; another number is another process.
+    """
+
+    def __init__(self, node: Node, cache_folder: Path, incarnation: int) -> None:
+        self._node, self._cache_folder = node, cache_folder
+        self._worker, self._pause = Worker(node.name, incarnation), SearchPause()
+        self._reports = node.publisher(keys.worker_report(node.name), may_wait=True)
+        node.publish_health(keys.worker_health(node.name))
+        node.subscribe(keys.SCAN, Scan, self._on_scan, kind="scan", kept=KEPT_SCANS)
+        self._checkpoints = node.poll(keys.CHECKPOINT, "checkpoint", KEPT_CHECKPOINTS)
+        node.serve(keys.worker_order(node.name), self._on_order)
+        node.serve(keys.worker_state(node.name), self._on_state)
+        node.announce(keys.worker_alive(node.name))
+
+    def run(self) -> None:
+        """Serve until the process is stopped."""
+        unread_scans = 0
+        while not self._node.stop.is_set():
+            event = self._node.turn(self._wait_s())
+            unread_scans = unread_scans + 1 if isinstance(event, Received) else SCANS_PER_POLL
+            if unread_scans >= SCANS_PER_POLL:
+                unread_scans = 0
+                self._poll_checkpoints()
+                if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
+                    self._handle(TimeToSearch())
+
+    def _wait_s(self) -> float:
+        if self._worker.searches:
+            return min(self._pause.left_ns(time.monotonic_ns()) / 1e9, PAUSE_S)
+        return POLL_S
+
+    def _handle(self, event: Event) -> None:
+        self._carry_out(self._worker.handle(event))
+
+    # --- messages
+
+    def _on_scan(self, scan: Scan, _received: Received) -> None:
+        self._node.health.happened("scans")
+        self._pause.scanned(scan.step, time.monotonic_ns())
+        dropped = self._node.inbox.dropped().get("scan", 0)
+        instructions = self._worker.handle(ScanArrived(scan, dropped))
+        mark("computed", scan)
+        self._carry_out(instructions)
+
+    def _poll_checkpoints(self) -> None:
+        for payload in self._checkpoints.drain():
+            self._node.on_polled()
+            try:
+                checkpoint = _with_term(payload, Checkpoint)
+            except MalformedMessageError as error:
+                self._warn(error.cause, error)
+                continue
+            self._pause.believed(checkpoint.step, founded=checkpoint.founded)
+            self._handle(CheckpointHeard(checkpoint))
+
+    def _on_order(self, asked: Asked) -> None:
+        try:
+            event: Event = OrderAsked(asked, _with_term(asked.payload, WorkOrder))
+        except MalformedMessageError as error:
+            event = BrokenOrderAsked(asked, error)
+        self._handle(event)
+
+    def _on_state(self, asked: Asked) -> None:
+        take_over = _with_term(asked.payload, TakeOver) if asked.payload else None
+        self._handle(StateAsked(asked, take_over))
+        self._node.heap.on_large_message(time.monotonic())
+
+    # --- instructions
+
+    def _carry_out(self, instructions: Iterable[Instruction]) -> None:
+        for instruction in instructions:
+            match instruction:
+                case PublishReport(report):
+                    self._reports.put(report)
+                    self._node.health.happened("reports")
+                case Answer(asked, message):
+                    asked.answer(message)
+                case FetchMap():
+                    self._fetch_map()
+                case BuildModel():
+                    self._build(instruction)
+                case FetchScans():
+                    self._fetch_scans(instruction)
+                case Warn(cause, detail):
+                    self._warn(cause, detail)
+
+    def _warn(self, cause: str, detail: object) -> None:
+        self._node.causes.warn(_log, cause, detail, time.monotonic())
+
+    def _fetch_map(self) -> None:
+        def on_failure(refused: str) -> None:
+            problem = f"no answer on {keys.MAP!r}: {refused or 'there is no bridge'}"
+            error = UnreachableError(who=keys.MAP, problem=problem, waited_s=MAP_TIMEOUT_S)
+            self._handle(MapFailed(error))
+
+        self._node.ask(
+            keys.MAP,
+            MapMessage,
+            lambda message: self._handle(MapArrived(message)),
+            on_failure,
+            timeout_s=MAP_TIMEOUT_S,
+        )
+
+    def _fetch_scans(self, fetch: FetchScans) -> None:
+        missing = fetch.missing
+        self._node.ask(
+            keys.scan_history(missing.first, missing.last),
+            ScanHistory,
+            lambda history: self._handle(HistoryArrived(missing, history.scans)),
+            lambda refused: self._handle(HistoryFailed(missing, refused or "there is no bridge")),
+            timeout_s=fetch.timeout_s,
+            repeat_for_s=REPEAT_FOR_S,
+        )
+
+    def _build(self, build: BuildModel) -> None:
+        def built() -> ModelBuilt:
+            model = sensor_model(from_message(build.map), build.settings, self._cache_folder)
+            free_leaves(model.grid, model.pyramid.leaf_cells)  # slow; kept for searches
+            return ModelBuilt(build.map.digest, model)
+
+        self._node.in_background(built, self._on_built)
+
+    def _on_built(self, outcome: Future[ModelBuilt]) -> None:
+        try:
+            event: Event = outcome.result()
+        except (ClusterMclError, ValueError) as error:
+            event = MapFailed(error)
+        self._handle(event)
+
+
+def _with_term(payload: bytes, kind: type[T]) -> T:
+    """Decode a coordinator's message and check its term."""
+    message = decode(payload, kind)
+    check_term(message, time.time_ns())
+    return message

@@ -2,6 +2,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 import msgspec
 
@@ -46,7 +47,7 @@ LOST_SCANS_TIMEOUT_S = 0.5
 class _WaitingOrder:
     """An order that is followed as soon as there is a sensor model for it."""
 
-    question: int
+    question: Any
     order: WorkOrder
     settings: FilterSettings
 
@@ -176,7 +177,7 @@ class Worker:
 
     # --- orders
 
-    def _on_order(self, question: int, order: WorkOrder) -> list[Instruction]:
+    def _on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
         try:
             settings = msgspec.convert(order.filter_settings, FilterSettings)
             if not self._fence.check(order):
@@ -188,7 +189,7 @@ class Worker:
         answered = [Answer(before.question, self._answer())] if before else []
         return [*answered, *self._go_on()]
 
-    def _overtaken(self, question: int, order: WorkOrder) -> list[Instruction]:
+    def _overtaken(self, question: Any, order: WorkOrder) -> list[Instruction]:
         detail = f"order {order.order} after {self._fence.newest}"
         return [Warn("order overtaken", detail), Answer(question, self._answer())]
 
@@ -261,7 +262,7 @@ class Worker:
         waiting, self._waiting = self._waiting, None
         return self._refused(waiting.question, error) if waiting else []
 
-    def _refused(self, question: int, error: Exception) -> list[Instruction]:
+    def _refused(self, question: Any, error: Exception) -> list[Instruction]:
         problem = str(error)
         return [Warn(_cause_of(error), problem), Answer(question, self._answer(problem))]
 

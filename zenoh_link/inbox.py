@@ -40,10 +40,10 @@ class Inbox(Generic[EventT]):
         Raises:
             ValueError: a bound is less than one.
         """
-        if min([max_events, *keep_newest.values()]) < 1:
-            raise ValueError("an inbox keeps at least one of each kind")
-        self._states = {kind: _Waiting[EventT]() for kind in keep_newest}
-        self._bounds = dict(keep_newest)
+        if max_events < 1:
+            raise ValueError("an inbox keeps at least one event")
+        self._states: dict[str, _Waiting[EventT]] = {}
+        self._bounds: dict[str, int] = {}
         self._events = _Waiting[EventT]()
         self._max_events, self._max_bytes = max_events, max_kind_bytes
         self._arrived = 0
@@ -53,6 +53,20 @@ class Inbox(Generic[EventT]):
         self._news = threading.Lock()
         """Locked while the queue is empty. A bare lock: a `Condition` allocates one per message."""
         self._news.acquire()
+        for kind, count in keep_newest.items():
+            self.keep(kind, count)
+
+    def keep(self, kind: str, count: int) -> None:
+        """Add a kind of state, of which at most `count` are queued.
+
+        Raises:
+            ValueError: `count` is less than one.
+        """
+        if count < 1:
+            raise ValueError("an inbox keeps at least one of each kind")
+        with self._lock:
+            self._bounds[kind] = count
+            self._states.setdefault(kind, _Waiting())
 
     def put(self, event: EventT) -> bool:
         """Append an event; return False if the inbox is full or closed."""

@@ -7,7 +7,7 @@ of its session. The loop that reads the inbox decodes.
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import zenoh
 from zenoh import handlers
@@ -36,6 +36,8 @@ class Received:
     payload: bytes
     at_ns: int = 0
     """Time of arrival on the monotonic clock [ns]; 0 for a reply."""
+    kind: str = ""
+    """Its kind of state in the inbox; empty for a reply."""
 
 
 @dataclass(frozen=True)
@@ -77,39 +79,31 @@ class Link:
 
 Event: TypeAlias = Received | Asked | Token | Link
 Events: TypeAlias = Inbox[Event]
-
-
-class EventSink(Protocol):
-    """The part of an inbox that callbacks use, whatever other events its loop reads."""
-
-    def put(self, event: Event) -> bool:
-        """Append an event; return False if the inbox is full."""
-
-    def put_own(self, event: Event) -> None:
-        """Append an event from this process itself."""
-
-    def put_newest(self, kind: str, state: Event) -> None:
-        """Append a state and drop the oldest of its kind if there are too many."""
-
-    def count_refused(self, kind: str) -> None:
-        """Count a message that was too large."""
+EventSink: TypeAlias = Inbox[Any]
+"""An inbox whose loop also reads other events."""
 
 
 class Publisher:
     """Publishes messages on one key.
 
     Args:
-        session: the process's session.
+        session: the process's session; None: `declare` follows, before the first `put`.
         key: key expression to publish on.
         may_wait: block on a slow link, as large messages must; else drop the message.
     """
 
-    def __init__(self, session: zenoh.Session, key: str, *, may_wait: bool = False) -> None:
+    def __init__(self, session: zenoh.Session | None, key: str, *, may_wait: bool = False) -> None:
+        self._key, self._may_wait = key, may_wait
+        if session is not None:
+            self.declare(session)
+
+    def declare(self, session: zenoh.Session) -> None:
+        """Publish through this session from now on."""
         wait, drop = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
         self._publisher = session.declare_publisher(
-            key,
+            self._key,
             encoding=ENCODING,
-            congestion_control=wait if may_wait else drop,
+            congestion_control=wait if self._may_wait else drop,
             priority=zenoh.Priority.DATA_HIGH,
             express=True,
         )
@@ -140,7 +134,7 @@ def subscribe(
         if len(sample.payload) > max_bytes_on(name):
             inbox.count_refused(kind)
         else:
-            received = Received(name, sample.payload.to_bytes(), time.monotonic_ns())
+            received = Received(name, sample.payload.to_bytes(), time.monotonic_ns(), kind)
             inbox.put_newest(kind, received)
 
     origin = zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
@@ -151,7 +145,7 @@ class Unread:
     """The newest messages on a key, polled: waking a thread costs more than reading most of them.
 
     Args:
-        session: the process's session.
+        session: the process's session; None: `declare` follows.
         key: key expression.
         inbox: counts messages that are too large.
         kind: name of that count.
@@ -159,14 +153,20 @@ class Unread:
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, inbox: EventSink, kind: str, count: int
+        self, session: zenoh.Session | None, key: str, inbox: EventSink, kind: str, count: int
     ) -> None:
-        self._subscriber = session.declare_subscriber(key, handlers.RingChannel(count))
-        self._inbox, self._kind = inbox, kind
+        self._key, self._inbox, self._kind, self._count = key, inbox, kind, count
+        self._subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]] | None = None
+        if session is not None:
+            self.declare(session)
+
+    def declare(self, session: zenoh.Session) -> None:
+        """Receive through this session from now on."""
+        self._subscriber = session.declare_subscriber(self._key, handlers.RingChannel(self._count))
 
     def drain(self) -> Iterator[bytes]:
         """Yield the payloads received since the last call, oldest first."""
-        while (sample := self._subscriber.try_recv()) is not None:
+        while self._subscriber and (sample := self._subscriber.try_recv()) is not None:
             if len(sample.payload) > max_bytes_on(str(sample.key_expr)):
                 self._inbox.count_refused(self._kind)
             else:

@@ -2,18 +2,18 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 import zenoh
+from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from particle_filter.arrays import OCCUPIED
-from process_runtime.settings import ZenohSettings
+from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode, encode
@@ -24,7 +24,8 @@ from protocol.work import OrderAnswer, TrackReport, WorkOrder
 from tests.integration.conftest import OpenClient
 from tests.integration.waiting import stretched_s, wait_until
 from tests.unit.worker.test_job_table import cloud, scan, track
-from worker.loop import WorkerLoop
+from worker.process import WorkerLoop
+from zenoh_link.node import Node
 from zenoh_link.wire import ask, ask_later
 
 NAME = "worker-0"
@@ -97,22 +98,23 @@ class Coordinator:
         return ask(self._session, key, OrderAnswer, timeout_s=stretched_s(SOON_S))
 
     def scan(self, step: int) -> None:
-        message = msgspec.structs.replace(scan(step), map_digest=self._digest)
+        message = replace(scan(step), map_digest=self._digest)
         self._session.put(keys.SCAN, encode(message))
 
 
 @contextmanager
-def working(session: zenoh.Session, folder: Path) -> Iterator[None]:
+def working(router: ZenohSettings, folder: Path) -> Iterator[None]:
     """A worker's loop in a thread of its own."""
-    stop = StopFlag()
-    loop = WorkerLoop(NAME, session, folder, 1, is_coordinator_there=lambda: False)
-    thread = threading.Thread(target=loop.run, args=(stop,))
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(10.0)
+    settings, stop = replace(Settings(), zenoh=router), StopFlag()
+    with closing(Node(NAME, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
+        node.open()
+        thread = threading.Thread(target=WorkerLoop(node, folder, 1).run)
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.set()
+            thread.join(10.0)
 
 
 @pytest.fixture
@@ -122,9 +124,11 @@ def bridge(router: ZenohSettings, open_client: OpenClient) -> Bridge:
 
 
 @pytest.fixture
-def coordinator(bridge: Bridge, open_client: OpenClient, tmp_path: Path) -> Iterator[Coordinator]:
+def coordinator(
+    bridge: Bridge, router: ZenohSettings, open_client: OpenClient, tmp_path: Path
+) -> Iterator[Coordinator]:
     made = Coordinator(open_client(), bridge)
-    with working(open_client(), tmp_path):
+    with working(router, tmp_path):
         wait_until(lambda: _answers(made))
         yield made
 

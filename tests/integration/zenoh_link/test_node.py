@@ -1,0 +1,102 @@
+"""A node's queries and handlers over a real router."""
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+from msgspec.structs import replace
+
+from process_runtime.settings import Settings, ZenohSettings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import CommandDone, Update
+from protocol.codec import decode
+from protocol.errors import RefusedError
+from tests.integration.conftest import OpenClient
+from tests.integration.waiting import wait_until
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked, ask
+
+DONE = CommandDone(sender="another")
+
+
+@pytest.fixture
+def node(router: ZenohSettings) -> Iterator[Node]:
+    settings = replace(Settings(), zenoh=router)
+    with closing(Node("tested", "bridge", settings, StopFlag(), peers=None)) as opened:
+        opened.open(20.0)
+        yield opened
+
+
+@pytest.fixture
+def other(router: ZenohSettings, open_client: OpenClient) -> Iterator[Node]:
+    del open_client
+    settings = replace(Settings(), zenoh=router)
+    with closing(Node("another", "worker", settings, StopFlag(), peers=None)) as opened:
+        opened.open(20.0)
+        yield opened
+
+
+def turning(*nodes: Node) -> bool:
+    for node in nodes:
+        node.turn(0.01)
+    return True
+
+
+def test_a_query_is_repeated_until_a_process_answers(node: Node, other: Node) -> None:
+    answers, failures = list[CommandDone](), list[str]()
+    node.ask(
+        keys.UPDATE, CommandDone, answers.append, failures.append, timeout_s=1.0, repeat_for_s=20.0
+    )
+    wait_until(lambda: turning(node) and node._unanswered, 20.0)
+    other.serve(keys.UPDATE, lambda asked: asked.answer(DONE))
+    wait_until(lambda: turning(node, other) and answers, 20.0)
+    assert (answers, failures) == ([DONE], [])
+
+
+def test_a_query_that_no_process_answers_fails_in_the_loop(node: Node) -> None:
+    failures = list[str]()
+    node.ask(keys.UPDATE, CommandDone, lambda _: None, failures.append, timeout_s=0.5)
+    assert failures == []
+    wait_until(lambda: turning(node) and failures, 20.0)
+    assert failures == [""]
+
+
+def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenClient) -> None:
+    def on_update(asked: Asked) -> None:
+        decode(asked.payload, Update)
+        asked.answer(DONE)
+
+    node.serve(keys.UPDATE, on_update)
+    problems = list[str]()
+
+    def refused() -> None:
+        try:
+            ask(client, keys.UPDATE, CommandDone, timeout_s=5.0)
+        except RefusedError as error:
+            problems.append(str(error))
+
+    client = open_client()
+    node.in_background(refused, lambda _done: None)
+    wait_until(lambda: turning(node) and problems, 20.0)
+    assert "Update" in problems[0] or "update" in problems[0]
+    assert sum(node.causes.total.values()) == 1
+
+
+def test_a_replaced_session_declares_everything_and_forgets_the_end_of_the_one_before(
+    node: Node, open_client: OpenClient
+) -> None:
+    links = list[bool]()
+    node.watch_link(lambda link: links.append(link.up))
+    node.serve(keys.UPDATE, lambda asked: asked.answer(DONE))
+    node.announce(keys.BRIDGE_ALIVE)
+    wait_until(lambda: turning(node) and links, 20.0)
+    node.open(20.0)
+    client, answered = open_client(), list[CommandDone]()
+    node.in_background(
+        lambda: answered.append(ask(client, keys.UPDATE, CommandDone, timeout_s=5.0)),
+        lambda _done: None,
+    )
+    wait_until(lambda: turning(node) and answered, 20.0)
+    wait_until(lambda: client.liveliness().get(keys.BRIDGE_ALIVE).recv().ok, 20.0)
+    assert False not in links

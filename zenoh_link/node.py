@@ -1,0 +1,349 @@
+"""What every process does at Zenoh: a session, an inbox, and one loop that takes from it."""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+import zenoh
+
+from process_runtime.latency_trace import mark
+from process_runtime.logs import CauseCounter
+from process_runtime.memory import HeapTrimmer
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError, UnreachableError
+from protocol.message import Message
+from zenoh_link.health import HealthReporter
+from zenoh_link.inbox import Inbox
+from zenoh_link.session import open_session
+from zenoh_link.stale_session import STALE, StaleSessionDetector
+from zenoh_link.wire import (
+    Asked,
+    Link,
+    Publisher,
+    Received,
+    Token,
+    Unread,
+    ask_later,
+    is_alive,
+    serve,
+    subscribe,
+    watch,
+    watch_link,
+)
+
+LOOK_S = 1.0
+"""Time-out of opening another session, and of looking for peers through it [s]."""
+REPEAT_S = 0.01
+"""Longest turn while a query has to be repeated [s]."""
+
+_log = logging.getLogger(__name__)
+
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Call:
+    """Something to do in the loop, requested by another thread."""
+
+    act: Callable[[], object]
+    from_peer: bool = False
+    """Whether it handles something that was received."""
+
+
+class Node:
+    """A process at Zenoh: receives, dispatches to handlers, publishes and queries.
+
+    All handlers run in the one loop that calls `turn`, so there are no locks. A malformed message
+    is counted and logged; a malformed query is refused as well.
+
+    All declarations are kept. When a session is stale (see `StaleSessionDetector`), another one
+    that sees peers replaces it, and the process goes on with its state.
+
+    Args:
+        name: of the process.
+        role: as in its health: ``bridge``, ``worker``, ``coordinator``, ...
+        settings: the router and the robot.
+        stop: ends the wait for a router.
+        peers: key of liveliness tokens that prove that a session works; None: no session of this
+            process is ever replaced.
+    """
+
+    def __init__(
+        self, name: str, role: str, settings: Settings, stop: StopFlag, *, peers: str | None
+    ) -> None:
+        self.name, self.stop = name, stop
+        self.inbox: Inbox[Any] = Inbox({})
+        self.causes = CauseCounter()
+        self.health = HealthReporter(name, role, self.causes, self.inbox)
+        self.heap = HeapTrimmer()
+        self.on_other: Callable[[Any], object] = lambda _event: None
+        """Handler of events that other parts of the process put into the inbox."""
+        self._settings, self._peers = settings, peers
+        self._session: zenoh.Session | None = None
+        self._opened = ExitStack()
+        self._stale = StaleSessionDetector()
+        self._declarations: list[Callable[[zenoh.Session], object]] = []
+        self._tokens: list[zenoh.LivelinessToken] = []
+        self._on_received: dict[str, Callable[[Received], object]] = {}
+        self._on_asked: dict[str, Callable[[Asked], object]] = {}
+        self._on_token: Callable[[Token], object] = self.on_other
+        self._on_link: Callable[[Link], object] = self.on_other
+        self._health_publisher: Publisher | None = None
+        self._unanswered: deque[Callable[[], None]] = deque()
+        self._background = ThreadPoolExecutor(1, thread_name_prefix="background")
+        self.declare(lambda session: watch_link(session, self.inbox))
+
+    def open(self, wait_s: float | None = None) -> zenoh.Session:
+        """Connect to the router and declare everything.
+
+        Args:
+            wait_s: time-out for a router [s]; None: no time-out.
+
+        Raises:
+            UnreachableError: no router answered in `wait_s`.
+            SettingsError: the endpoint or the robot's name is invalid.
+            StoppedError: the stop flag was set before there was a router.
+        """
+        zenoh_settings, robot = self._settings.zenoh, self._settings.robot
+        with ExitStack() as opening:
+            session = opening.enter_context(open_session(zenoh_settings, robot, self.stop, wait_s))
+            self._use(session, opening.pop_all())
+        return session
+
+    def close(self) -> None:
+        self._opened.close()
+
+    @property
+    def session(self) -> zenoh.Session:
+        """The present session, for what a node has no method for; see also `is_open`."""
+        assert self._session is not None  # `open` was called
+        return self._session
+
+    @property
+    def is_open(self) -> bool:
+        return self._session is not None
+
+    # --- declarations
+
+    def declare(self, declaration: Callable[[zenoh.Session], object]) -> None:
+        """Declare something through the session, and again through each that replaces it."""
+        self._declarations.append(declaration)
+        if self._session is not None:
+            declaration(self._session)
+
+    def subscribe(
+        self,
+        key: str,
+        message: type[M],
+        handler: Callable[[M, Received], object],
+        *,
+        kind: str,
+        kept: int,
+        own: bool = True,
+    ) -> None:
+        """Call `handler` with each message on `key`, decoded and as received.
+
+        Args:
+            key: key expression.
+            message: its type.
+            handler: see above.
+            kind: name of its kind of state in the inbox and among the dropped messages; keys
+                with the same handler may share it.
+            kept: most messages queued.
+            own: also receive what this process publishes.
+        """
+
+        def on_received(received: Received) -> None:
+            taken_ns = time.monotonic_ns()
+            decoded = decode(received.payload, message)
+            mark("arrived", decoded, received.at_ns)
+            mark("taken", decoded, taken_ns)
+            mark("decoded", decoded)
+            handler(decoded, received)
+
+        self.inbox.keep(kind, kept)
+        self._on_received[kind] = on_received
+        self.declare(lambda session: subscribe(session, key, self.inbox, kind, own=own))
+
+    def poll(self, key: str, kind: str, kept: int) -> Unread:
+        """Keep the newest messages on `key` without waking the loop."""
+        unread = Unread(None, key, self.inbox, kind, kept)
+        self.declare(unread.declare)
+        return unread
+
+    def on_polled(self) -> None:
+        """Note that a polled message came: the session is not stale."""
+        self._stale.on_event(Received("", b""), time.monotonic_ns())
+
+    def serve(self, key: str, handler: Callable[[Asked], object]) -> None:
+        """Call `handler` with each query on `key`; it answers, or raises before it answers."""
+        self._on_asked[key] = handler
+        self.declare(lambda session: serve(session, key, self.inbox))
+
+    def watch(self, key: str, handler: Callable[[Token], object]) -> None:
+        """Call `handler` when a liveliness token on `key` appears or disappears."""
+        self._on_token = handler
+        self.declare(lambda session: watch(session, key, self.inbox))
+
+    def watch_link(self, handler: Callable[[Link], object]) -> None:
+        """Call `handler` when the link to the router comes up or is lost."""
+        self._on_link = handler
+
+    def announce(self, key: str) -> None:
+        """Hold a liveliness token until the session is closed."""
+        self.declare(lambda session: self._tokens.append(session.liveliness().declare_token(key)))
+
+    def publisher(self, key: str, *, may_wait: bool = False) -> Publisher:
+        """Return a publisher; `may_wait` as for `Publisher`."""
+        publisher = Publisher(None, key, may_wait=may_wait)
+        self.declare(publisher.declare)
+        return publisher
+
+    def publish_health(self, key: str) -> None:
+        """Publish the process's health on `key` once a second."""
+        self._health_publisher = self.publisher(key)
+
+    # --- queries, and work in the background
+
+    def ask(
+        self,
+        selector: str,
+        answer: type[M],
+        on_answer: Callable[[M], object],
+        on_failure: Callable[[str], object] = lambda _problem: None,
+        *,
+        timeout_s: float,
+        message: Message | None = None,
+        repeat_for_s: float = 0.0,
+    ) -> None:
+        """Query without blocking; one of two functions is called in a later turn.
+
+        Args:
+            selector: key or selector to query.
+            answer: type of the answer.
+            on_answer: takes the first answer.
+            on_failure: takes the reason; empty: no process answered.
+            timeout_s: time-out of the query [s].
+            message: payload of the query.
+            repeat_for_s: repeat a failed query for this time [s]. Just after a link came up,
+                a query may find no queryable yet.
+        """
+        until_s = time.monotonic() + repeat_for_s
+
+        def query() -> None:
+            if self._session is None:
+                failed("")
+                return
+            ask_later(
+                self._session, selector, answered, failed, timeout_s=timeout_s, message=message
+            )
+
+        def answered(received: Received) -> None:
+            self.inbox.put_own(Call(partial(take, received), from_peer=True))
+
+        def take(received: Received) -> None:
+            try:
+                decoded = decode(received.payload, answer)
+            except MalformedMessageError as error:
+                on_failure(str(error))
+                raise
+            on_answer(decoded)
+
+        def failed(problem: str) -> None:
+            if time.monotonic() < until_s:
+                self._unanswered.append(query)
+            else:
+                self.inbox.put_own(Call(partial(on_failure, problem), from_peer=bool(problem)))
+
+        query()
+
+    def in_background(self, work: Callable[[], T], on_done: Callable[[Future[T]], object]) -> None:
+        """Run `work` in a thread, after earlier work; call `on_done` in a later turn."""
+
+        def done(future: Future[T]) -> None:
+            self.inbox.put_own(Call(partial(on_done, future)))
+
+        self._background.submit(work).add_done_callback(done)
+
+    # --- the loop
+
+    def turn(self, wait_s: float) -> object:
+        """Handle the oldest event of the inbox, and do what is due.
+
+        Args:
+            wait_s: longest wait for an event [s].
+
+        Returns:
+            The event; None: there was none.
+        """
+        event = self.inbox.get(min(wait_s, REPEAT_S) if self._unanswered else wait_s)
+        try:
+            self._handle(event)
+        except MalformedMessageError as error:
+            if isinstance(event, Asked):
+                event.refuse(str(error))
+            self.causes.warn(_log, error.cause, error, time.monotonic())
+        if event is None:
+            self.heap.trim_if_due(time.monotonic())
+        for _ in range(len(self._unanswered)):
+            self._unanswered.popleft()()
+        if self._stale.is_suspect(time.monotonic_ns()):
+            self._replace_session()
+        if self._health_publisher is not None:
+            self.health.publish_if_due(self._health_publisher)
+        return event
+
+    def _handle(self, event: object) -> None:
+        if isinstance(event, Received | Asked | Token | Link):
+            self._stale.on_event(event, time.monotonic_ns())
+        match event:
+            case None:
+                pass
+            case Received(kind=kind):
+                self._on_received[kind](event)
+            case Asked(key=key):
+                self._on_asked[key](event)
+            case Token():
+                self._on_token(event)
+            case Link():
+                self._on_link(event)
+            case Call():
+                if event.from_peer:
+                    self._stale.on_event(event, time.monotonic_ns())
+                event.act()
+            case _:
+                self.on_other(event)
+
+    def _replace_session(self) -> None:
+        """Open another session; keep it if it sees peers, which the present one does not hear."""
+        if self._peers is None:
+            return
+        zenoh_settings, robot = self._settings.zenoh, self._settings.robot
+        with ExitStack() as opening:
+            try:
+                session = opening.enter_context(
+                    open_session(zenoh_settings, robot, self.stop, LOOK_S)
+                )
+            except UnreachableError:
+                return
+            if is_alive(session, self._peers, LOOK_S):
+                _log.warning(STALE)
+                self._use(session, opening.pop_all())
+
+    def _use(self, session: zenoh.Session, opened: ExitStack) -> None:
+        """Declare everything through a session, and close the one before."""
+        before, self._opened, self._session = self._opened, opened, session
+        self._tokens.clear()
+        before.close()
+        self._stale = StaleSessionDetector()
+        for declaration in self._declarations:
+            declaration(session)
