@@ -1,10 +1,11 @@
 """The Python client of a running system: queries and commands."""
 
+import asyncio
 import math
 import os
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Self, TypeVar
@@ -58,13 +59,19 @@ class NotLocalizedError(ClusterMclError):
 
 
 class Client:
-    """A connection to the system of one robot; use it in a ``with`` block.
+    """A connection to the system of one robot; use it in a ``with`` or ``async with`` block.
 
     Queries and commands are repeated until they are answered or time out; a command has an id, so
-    that a repetition has no effect. Use a client in one thread only.
+    that a repetition has no effect. Use a client in one thread at a time.
 
         with Client(robot="r1") as client:
-            print(client.pose().map_from_robot)
+            print(client.pose().pose)
+
+    In asyncio, methods run in a thread, ``await asyncio.to_thread(client.pose)``, and
+
+        async with Client(robot="r1") as client:
+            async for belief in client:
+                print(belief.pose)
 
     Args:
         settings: the router's endpoint, the robot's name, certificates, time-outs. None: the
@@ -130,6 +137,26 @@ class Client:
         """Disconnect."""
         self._open = None
         self._resources.close()
+
+    async def __aenter__(self) -> Self:
+        """Connect, as `__enter__`, while other tasks go on."""
+        return await asyncio.to_thread(self.__enter__)
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Disconnect."""
+        await asyncio.to_thread(self.__exit__, kind, error, traceback)
+
+    async def __aiter__(self) -> AsyncIterator[Belief]:
+        """Every belief from now on, as `beliefs`, while other tasks go on."""
+        polled = await asyncio.to_thread(self._beliefs, None)
+        while True:
+            if (belief := await asyncio.to_thread(next, polled)) is not None:
+                yield belief
 
     def pose(self) -> PoseAnswer:
         """Where the robot is now.
@@ -259,6 +286,10 @@ class Client:
             UnreachableError: no coordinator answers, or no belief came in time.
             StoppedError: the client's stop flag is set.
         """
+        return _without_pauses(self._beliefs(timeout_s))
+
+    def _beliefs(self, timeout_s: float | None) -> Iterator[Belief | None]:
+        """Every belief of the newest term; None: there was none for a moment."""
         published = self._published(keys.BELIEF, Belief, timeout_s)
         self.pose()  # raises if there is no robot
         return _of_newest_term(published)
@@ -276,39 +307,44 @@ class Client:
             StoppedError: the client's stop flag is set.
         """
         published = self._published(keys.EVENTS, JobEvents, timeout_s)
-        return self._without_gaps(self.events(), published)
+        return self._without_gaps(self.events(), _without_pauses(published))
 
     def _without_gaps(
-        self, heard: JobEvents, published: Iterator[JobEvents]
+        self, known: JobEvents, published: Iterator[JobEvents]
     ) -> Iterator[NumberedEvent]:
         last_term, last_number = 0, -1
         while True:
-            for event in heard.events:
-                if (heard.term, event.number) > (last_term, last_number):
-                    last_term, last_number = heard.term, event.number
+            for event in known.events:
+                if (known.term, event.number) > (last_term, last_number):
+                    last_term, last_number = known.term, event.number
                     yield event
-            heard = next(published)
-            follows = last_number + 1 if heard.term == last_term else 0
-            if heard.events and heard.events[0].number > follows:
-                heard = self.events()
+            known = next(published)
+            follows = last_number + 1 if known.term == last_term else 0
+            if known.events and known.events[0].number > follows:
+                known = self.events()
 
-    def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A]:
-        """Messages published on a key from this call on; a slow reader misses the oldest."""
+    def _published(self, key: str, kind: type[A], timeout_s: float | None) -> Iterator[A | None]:
+        """Messages on a key from this call on; None: none for a moment.
+
+        A slow reader misses the oldest.
+        """
         inbox: Events = Inbox({key: _KEPT_MESSAGES})
         subscribe(self._session, key, inbox, key)
         return self._decoded(inbox, key, kind, timeout_s)
 
     def _decoded(
         self, inbox: Events, key: str, kind: type[A], timeout_s: float | None
-    ) -> Iterator[A]:
-        heard_s = time.monotonic()
+    ) -> Iterator[A | None]:
+        received_s = time.monotonic()
         while True:
             self._stop.check()
             event = inbox.get(_POLL_S)
             if isinstance(event, Received):
                 yield decode(event.payload, kind)
-                heard_s = time.monotonic()
-            elif timeout_s is not None and time.monotonic() - heard_s > timeout_s:
+                received_s = time.monotonic()
+                continue
+            yield None
+            if timeout_s is not None and time.monotonic() - received_s > timeout_s:
                 raise UnreachableError(
                     who="coordinator",
                     endpoint=self._settings.zenoh.router,
@@ -371,12 +407,16 @@ class Client:
         )
 
 
-def _of_newest_term(beliefs: Iterator[Belief]) -> Iterator[Belief]:
+def _of_newest_term(beliefs: Iterator[Belief | None]) -> Iterator[Belief | None]:
     term = 0
     for belief in beliefs:
-        if belief.term >= term:
-            term = belief.term
+        if belief is None or belief.term >= term:
+            term = belief.term if belief else term
             yield belief
+
+
+def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:
+    return (message for message in messages if message is not None)
 
 
 def _new_id() -> str:

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from clustermcl.commands import control, query, recordings, running
+from clustermcl.commands.experiments import experiments
 from clustermcl.verbosity import VerbosityGroup, set_verbosity
-from evaluation.experiments.command import experiments
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import standard_output, written_output
 from process_runtime.stop import StoppedError

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from clustermcl.commands.options import client_command
+from clustermcl.as_text import pose_text
+from clustermcl.commands.options import client_command, connected, print_answer
+from process_runtime.logs import is_quiet
 from process_runtime.settings import Settings
 from protocol.errors import SettingsError
 
@@ -49,19 +51,19 @@ def set_pose(
     numbers = (x_m, y_m, heading_deg, position_m, heading_sigma)
     if not all(map(math.isfinite, numbers)) or min(position_m, heading_sigma) <= 0.0:
         raise typer.BadParameter("a pose needs finite numbers and positive standard deviations")
-    from clustermcl.queries import set_pose as send  # noqa: PLC0415 - see the package
-
+    map_from_robot = (x_m, y_m, math.radians(heading_deg))
     try:
-        send(
-            settings,
-            (x_m, y_m, math.radians(heading_deg)),
-            position_sigma_m=position_m,
-            heading_sigma_rad=math.radians(heading_sigma),
-            covariance=_symmetric(*covariance) if covariance else None,
-            stamp_ns=stamp_ns,
-        )
+        with connected(settings) as client:
+            client.set_pose(
+                map_from_robot,
+                position_sigma_m=position_m,
+                heading_sigma_rad=math.radians(heading_sigma),
+                covariance=_symmetric(*covariance) if covariance else None,
+                stamp_ns=stamp_ns,
+            )
     except ValueError as problem:
         raise typer.BadParameter(str(problem)) from None
+    _report(settings, f"was given {pose_text(map_from_robot)}")
 
 
 def _symmetric(
@@ -90,22 +92,30 @@ def relocalize(
         raise SettingsError(key="--near", problem=problem)
     if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
         raise typer.BadParameter("a circle needs two finite numbers and a positive radius")
-    from clustermcl.queries import relocalize as send  # noqa: PLC0415 - see the package
-
-    send(settings, near, region)
+    with connected(settings) as client:
+        client.relocalize(near, region)
+    where = f"in region {region}" if region else "everywhere"
+    if near is not None:
+        where = f"within {near[2]:g} m of x {near[0]:g} m  y {near[1]:g} m"
+    _report(settings, f"has forgotten all places, and is searched for {where}")
 
 
 @client_command
 def update(settings: Settings) -> None:
     """Make a step of the next scan although the robot stands."""
-    from clustermcl.queries import update as send  # noqa: PLC0415 - see the package
-
-    send(settings)
+    with connected(settings) as client:
+        client.update()
+    _report(settings, "makes a step of its next scan")
 
 
 @client_command
 def kidnap(settings: Settings) -> None:
     """Kidnap the simulated robot: move it far away."""
-    from clustermcl.queries import kidnap as send  # noqa: PLC0415 - see the package
+    with connected(settings) as client:
+        client.kidnap()
+    _report(settings, "was moved far away")
 
-    send(settings)
+
+def _report(settings: Settings, what: str) -> None:
+    if not is_quiet():
+        print_answer([f"robot {settings.robot.name!r} {what}"])

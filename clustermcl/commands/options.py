@@ -1,17 +1,21 @@
 """The options that several commands have."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
 from clustermcl import completion
+from clustermcl.as_json import JsonObject, dumped
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
 from process_runtime.settings_file import load_settings
 from protocol.errors import SettingsError
+
+if TYPE_CHECKING:
+    from clustermcl.client import Client
 
 P = ParamSpec("P")
 
@@ -90,6 +94,19 @@ def client_command(command: Callable[Concatenate[Settings, P], None]) -> Callabl
     setattr(run, "__signature__", inspect.Signature([*own, *added]))  # noqa: B010 - mypy
     run.__doc__ = command.__doc__
     return run
+
+
+def connected(settings: Settings) -> "Client":
+    """The client, whose import takes longer than that of all commands."""
+    from clustermcl.client import Client  # noqa: PLC0415 - see above
+
+    return Client(settings)
+
+
+def print_answer(answer: JsonObject | Iterable[str]) -> None:
+    """Print an object as JSON, and lines as they are."""
+    text = dumped(answer) if isinstance(answer, dict) else "\n".join(answer)
+    print(text, flush=True)  # noqa: T201 - the command's answer
 
 
 def refuse_without(needed: str, is_there: object, **options: object) -> None:

@@ -7,9 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 
-from clustermcl.commands.options import AsJson, client_command
+from clustermcl import as_json as js
+from clustermcl import as_text as text
+from clustermcl.commands.options import AsJson, client_command, connected, print_answer
 from process_runtime.settings import Settings
 
 EXIT_NO_POSE = 4
@@ -21,9 +24,10 @@ def pose(settings: Settings, as_json: AsJson = False) -> None:
 
     Exit code 4 if the pose is not safe to drive by: stale, blind, lost, or not known yet.
     """
-    from clustermcl.queries import print_pose  # noqa: PLC0415 - see the package
-
-    if not print_pose(settings, as_json=as_json):
+    with connected(settings) as client:
+        answer = client.pose()
+    print_answer(js.pose_answer_object(answer) if as_json else text.pose_lines(answer))
+    if answer.pose is None or answer.freshness != "fresh" or answer.state == "lost":
         sys.exit(EXIT_NO_POSE)
 
 
@@ -36,9 +40,11 @@ def hypotheses(
     as_json: AsJson = False,
 ) -> None:
     """Print all places where the robot may be, with probabilities."""
-    from clustermcl.queries import print_hypotheses  # noqa: PLC0415 - see the package
-
-    print_hypotheses(settings, above=above, as_json=as_json)
+    with connected(settings) as client:
+        answer = client.hypotheses()
+    kept = tuple(place for place in answer.hypotheses if place.probability >= above)
+    answer = msgspec.structs.replace(answer, hypotheses=kept)
+    print_answer(js.hypotheses_object(answer) if as_json else text.hypotheses_lines(answer))
 
 
 @client_command
@@ -50,28 +56,38 @@ def events(
     as_json: AsJson = False,
 ) -> None:
     """Print which clusters and searches began and ended, and why."""
-    from clustermcl.queries import follow_events, print_events  # noqa: PLC0415 - see the package
+
+    def followed() -> None:
+        with connected(settings) as client:
+            for event in client.follow_events():
+                print_answer(js.event_object(event) if as_json else [text.event_line(event)])
 
     if follow:
-        _until_interrupted(lambda: follow_events(settings, as_json=as_json))
-    else:
-        print_events(settings, as_json=as_json)
+        _until_interrupted(followed)
+        return
+    with connected(settings) as client:
+        answer = client.events()
+    print_answer(js.events_object(answer) if as_json else map(text.event_line, answer.events))
 
 
 @client_command
 def status(settings: Settings, as_json: AsJson = False) -> None:
     """Print steps, workers, and counts of dropped data."""
-    from clustermcl.queries import print_status  # noqa: PLC0415 - see the package
-
-    print_status(settings, as_json=as_json)
+    with connected(settings) as client:
+        answer = client.status()
+    print_answer(js.status_object(answer) if as_json else text.status_lines(answer))
 
 
 @client_command
 def watch(settings: Settings, as_json: AsJson = False) -> None:
     """Print every new belief, until Ctrl-C."""
-    from clustermcl.queries import watch as stream  # noqa: PLC0415 - see the package
 
-    _until_interrupted(lambda: stream(settings, as_json=as_json))
+    def watched() -> None:
+        with connected(settings) as client:
+            for belief in client.beliefs():
+                print_answer(js.belief_object(belief) if as_json else [text.belief_line(belief)])
+
+    _until_interrupted(watched)
 
 
 @client_command

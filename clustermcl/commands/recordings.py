@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from clustermcl import completion
+from clustermcl.commands.experiments import MOST_JOBS, MOST_RUNS
 from clustermcl.commands.options import (
     AsJson,
     Assignments,
@@ -20,7 +21,6 @@ from clustermcl.commands.options import (
     client_command,
     of_bag,
 )
-from evaluation.experiments.command import MOST_JOBS, MOST_RUNS
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings

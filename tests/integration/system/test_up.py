@@ -1,5 +1,6 @@
 """`clustermcl up`: everything in the foreground, until it is told to stop."""
 
+import asyncio
 import os
 import signal
 from collections.abc import Iterator
@@ -112,8 +113,37 @@ def test_a_second_robot_shares_the_router_and_is_found_by_its_name(
             assert next(named.beliefs(timeout_s=60.0)).step >= 0
             found = named.wait_until_localized(60.0)
             assert (found.state, found.freshness) == ("localized", "fresh")
+            assert found.pose == found.map_from_robot is not None
+        asyncio.run(beliefs_beside_another_task())
         assert second.end(signal.SIGINT) == 0
         second.assert_nothing_runs()
+
+
+async def beliefs_beside_another_task() -> None:
+    """The event loop goes on while a client connects and waits; a cancelled wait ends at once."""
+    ticks = 0
+
+    async def tick() -> None:
+        nonlocal ticks
+        while True:
+            ticks += 1
+            await asyncio.sleep(0.01)
+
+    ticking = asyncio.create_task(tick())
+    steps: list[int] = []
+    async with Client(timeout_s=60.0) as client:
+        async for belief in client:
+            steps.append(belief.step)
+            if len(steps) == 3:
+                break
+        waiting = asyncio.create_task(anext(aiter(client)))
+        await asyncio.sleep(0.02)
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+    ticking.cancel()
+    assert steps == list(range(steps[0], steps[0] + 3))
+    assert ticks > 20
 
 
 def test_beliefs_of_a_robot_that_is_not_there_are_refused_at_once(

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from clustermcl.commands.options import Assignments, SettingsFile
 from protocol.errors import SettingsError
 
 MOST_RUNS, MOST_JOBS = 10_000, 256
@@ -38,13 +39,8 @@ def experiments(
     jobs: Annotated[
         int | None, typer.Option(min=1, max=MOST_JOBS, help="Processes; left out: one a core.")
     ] = None,
-    settings_file: Annotated[
-        Path | None, typer.Option("--settings", metavar="FILE", help="Settings file (TOML).")
-    ] = None,
-    assignments: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated."),
-    ] = None,
+    settings_file: SettingsFile = None,
+    assignments: Assignments = None,
     list_only: Annotated[
         bool, typer.Option("--list", help="List the experiments and run nothing.")
     ] = False,
