@@ -113,7 +113,7 @@ class Run:
                         self._places[given.job_id] = worker
                     jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
                     answer = OrderAnswer(
-                        sender=worker, order=order.order, incarnation=1,
+                        sender=worker, order=order.order,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
                     )  # fmt: skip
                     self._tell(OrderAnswered(worker, answer))

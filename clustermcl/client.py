@@ -29,12 +29,11 @@ from protocol.answers import (
     Status,
     Update,
 )
-from protocol.codec import decode
+from protocol.codec import decode, refusal_of
 from protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import Circle, Covariance, Message, PoseTuple
 from protocol.steps import MapMessage
-from protocol.validity import problem_of
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -226,7 +225,7 @@ class Client:
             covariance=covariance,
             stamp_ns=stamp_ns,
         )
-        if problem := problem_of(command):
+        if problem := refusal_of(command):
             raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
         self._send(keys.SET_POSE, command)
 

@@ -27,11 +27,11 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
 from protocol.answers import Relocalize, SetPose
+from protocol.codec import refusal_of
 from protocol.errors import CommandRefusedError, StateFileError
 from protocol.message import Circle, Covariance, PoseTuple
 from protocol.reading_checks import odometry_problem
 from protocol.steps import OdometryReading, Scan
-from protocol.validity import problem_of
 from sensor_bridge.step_maker import StepMaker
 from worker.map_model import default_cache_folder, sensor_model
 from worker.warm_up import compile_kernels
@@ -258,7 +258,7 @@ class ClusterMCL:
             heading_sigma_rad=heading_sigma_rad,
             covariance=covariance,
         )
-        if problem := problem_of(command):
+        if problem := refusal_of(command):
             raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
         self._carry_out(command)
 

@@ -16,19 +16,12 @@ from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
 from coordinator.step_collector import StepCollectorState
 from particle_filter.off_map import MapQuality
+from protocol.codec import refusal_of
+from protocol.message import MAX_ID_CHARACTERS, MAX_SCAN_STEP, MAX_STEP
 from protocol.names import is_name
 from protocol.reading_checks import odometry_problem, pose_problem
 from protocol.steps import OdometryReading, Scan
-from protocol.validity import (
-    MAX_ID_CHARACTERS,
-    assignment_problem,
-    drawable_problem,
-    finite_problem,
-    first_problem,
-    number_problem,
-    problem_of,
-    scan_step_problem,
-)
+from protocol.validity import assignment_problem, drawable_problem, first_problem
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 
 MAX_ITEMS = 2_000
@@ -111,7 +104,7 @@ def commands_problem(state: CommandsState) -> str | None:
     return (
         _count_problem("poses given", state.set_poses)
         or texts_problem(texts)
-        or (problem_of(waiting.command) if waiting else None)
+        or (refusal_of(waiting.command) if waiting else None)
         or (pose_problem(waiting.odom_from_robot or (0.0, 0.0, 0.0)) if waiting else None)
     )
 
@@ -225,3 +218,15 @@ def _scan_problem(scan: Scan) -> str | None:
 
 def _size_problem(name: str, value: float) -> str | None:
     return f"a negative {name}" if value < 0.0 else finite_problem(name, value)
+
+
+def number_problem(name: str, number: int, *, least: int = 0) -> str | None:
+    return None if least <= number < MAX_STEP else f"{name} {number} is out of range"
+
+
+def scan_step_problem(step: int) -> str | None:
+    return None if 0 <= step < MAX_SCAN_STEP else f"step {step} is out of range"
+
+
+def finite_problem(name: str, value: float) -> str | None:
+    return None if math.isfinite(value) else f"{name} is {value}"

@@ -1,12 +1,22 @@
 """The coordinator's publications and answers, and the commands that clients send."""
 
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
+from msgspec import Meta
 
 from protocol.health import Health
 from protocol.live_settings import AS_STARTED, LiveSettings
-from protocol.message import Circle, Covariance, Message, PoseTuple
+from protocol.message import (
+    MAX_ID_CHARACTERS,
+    Circle,
+    Covariance,
+    Finite,
+    Id,
+    Message,
+    PoseTuple,
+    Stamp,
+)
 
 State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
 """`searching`: no place is known, or the most probable one was given and no scan has confirmed it.
@@ -16,6 +26,8 @@ Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
 """`fresh`: odometry and scans arrive. `blind`: dead reckoning; the robot has driven on without a
 step, or no worker is left. `stale`: no new data has arrived for a while. `none`: no scan has
 arrived yet, so there is no pose either."""
+
+Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e4)]
 
 
 class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -189,28 +201,28 @@ class SetPose(Message, frozen=True, kw_only=True, tag="set_pose/1"):
     arrives, the last `SetPose` or `Relocalize` is kept and applied then.
     """
 
-    command_id: str
+    command_id: Id
     """Makes the command idempotent: a repeated id has no effect. So in all commands."""
     map_from_robot: PoseTuple
     """x [m], y [m], heading [rad]."""
-    position_sigma_m: float = 0.5
+    position_sigma_m: Sigma = 0.5
     """Standard deviation of x and of y."""
-    heading_sigma_rad: float = 0.26
+    heading_sigma_rad: Sigma = 0.26
     """Standard deviation of the heading."""
     covariance: Covariance | None = None
     """Covariance of the pose; replaces both sigmas."""
-    stamp_ns: int | None = None
+    stamp_ns: Stamp | None = None
     """Time of the pose by the robot's clock; the odometry since then is added. None: now."""
 
 
 class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
     """Forget the belief and search for the robot. A query on ``command/relocalize``."""
 
-    command_id: str
+    command_id: Id
     """As in `SetPose`."""
     near: Circle | None = None
     """Search in this circle only; None: everywhere."""
-    region: str = ""
+    region: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)] = ""
     """Search in this one of `search.regions` only; empty: everywhere."""
 
 
@@ -220,7 +232,7 @@ class Update(Message, frozen=True, kw_only=True, tag="update/1"):
     The bridge answers before that step is made.
     """
 
-    command_id: str
+    command_id: Id
     """As in `SetPose`."""
 
 
@@ -237,7 +249,7 @@ class Configure(Message, frozen=True, kw_only=True, tag="configure/1"):
 class Kidnap(Message, frozen=True, kw_only=True, tag="kidnap/1"):
     """Move the simulated robot without odometry. A query on ``simulator/kidnap``."""
 
-    command_id: str
+    command_id: Id
     """As in `SetPose`."""
     map_from_robot: PoseTuple | None = None
     """Its new pose; None: a random one far away."""
@@ -249,9 +261,9 @@ class Drive(Message, frozen=True, kw_only=True, tag="drive/1"):
     Repeat it several times a second: the robot stops one second of its time after the last one.
     """
 
-    speed_m_s: float = 0.0
+    speed_m_s: Finite = 0.0
     """Forward; limited to the robot's top speed, and by obstacles."""
-    turn_rate_rad_s: float = 0.0
+    turn_rate_rad_s: Finite = 0.0
     """Counter-clockwise."""
     by_hand: bool = True
     """False: the robot drives by itself again."""

@@ -72,6 +72,17 @@ def decode(data: bytes, expected: type[M]) -> M:
     return message
 
 
+def refusal_of(message: Message) -> str | None:
+    """Why a receiver would refuse this message, or None."""
+    try:
+        decode(encode(message), type(message))
+    except MalformedMessageError as error:
+        return error.problem
+    except OverflowError as error:  # an integer of more than 64 bits
+        return str(error)
+    return None
+
+
 def _prepare(expected: type[M]) -> None:
     """Have msgspec inspect a class in one thread: two at once crash the process."""
     if expected in _prepared:

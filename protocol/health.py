@@ -1,8 +1,18 @@
 """The health of a process: its work, its rates, and what it dropped."""
 
-import msgspec
+from typing import Annotated, TypeAlias
 
-from protocol.message import Message
+import msgspec
+from msgspec import Meta
+
+from protocol.message import MAX_ID_CHARACTERS, Finite, Message
+
+MAX_WORDS = 500
+"""Entries of one table; processes have about twenty."""
+
+_Word: TypeAlias = Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
+_Counts: TypeAlias = Annotated[dict[_Word, int], Meta(max_length=MAX_WORDS)]
+_Values: TypeAlias = Annotated[dict[_Word, Finite], Meta(max_length=MAX_WORDS)]
 
 
 class Health(Message, frozen=True, kw_only=True, tag="health/1"):
@@ -16,17 +26,17 @@ class Health(Message, frozen=True, kw_only=True, tag="health/1"):
     """``bridge``, ``worker`` or ``coordinator``."""
     version: str
     """Version of the package."""
-    uptime_s: float
+    uptime_s: Finite
     """Time since the process started."""
     memory_bytes: int = 0
     """Resident memory; 0 where the operating system does not report it."""
-    done: dict[str, int] = msgspec.field(default_factory=dict)
+    done: _Counts = msgspec.field(default_factory=dict)
     """Counts since its start: ``scans``, ``steps``, ``reports`` and so on."""
-    rates_per_s: dict[str, float] = msgspec.field(default_factory=dict)
+    rates_per_s: _Values = msgspec.field(default_factory=dict)
     """Rates of the same counts over the last ten seconds."""
-    ages_s: dict[str, float] = msgspec.field(default_factory=dict)
+    ages_s: _Values = msgspec.field(default_factory=dict)
     """Time since each of them last increased [s]."""
-    dropped: dict[str, int] = msgspec.field(default_factory=dict)
+    dropped: _Counts = msgspec.field(default_factory=dict)
     """Counts of dropped and refused things since its start, by cause."""
     age_s: float = 0.0
     """In a status: time since this message arrived [s]."""

@@ -4,7 +4,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from protocol.message import Message
+from protocol.message import Id, Message, Number, Probability
 
 BeganCause: TypeAlias = Literal["first search", "restart", "prior pose", "given", "split"]
 """Found by the first search; found by a later one; taken from the last pose; given by a command;
@@ -31,11 +31,11 @@ class Began(
 ):
     """A cluster began."""
 
-    job_id: str
+    job_id: Id
     """``c3`` for cluster 3."""
     cause: BeganCause
     """docs/wire.md lists all causes."""
-    probability: float
+    probability: Probability
     """Its probability at the start."""
 
     @property
@@ -49,13 +49,13 @@ class Ended(
 ):
     """A cluster, or a search, ended."""
 
-    job_id: str
+    job_id: Id
     """``c3`` for cluster 3; a search has its own kind of id."""
     cause: EndedCause
     """docs/wire.md lists all causes."""
-    by: tuple[str, ...] = ()
+    by: tuple[Id, ...] = ()
     """The cluster that it merged into, the ones that replaced it, or the ones it split into."""
-    probability: float = 0.0
+    probability: Probability = 0.0
     """Its last probability; 0 for a search."""
 
     @property
@@ -69,7 +69,7 @@ JobEvent: TypeAlias = Began | Ended
 class NumberedEvent(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An event with its number and time."""
 
-    number: int
+    number: Number
     """Increases by one with each event of a coordinator's term."""
     step: int
     """Step of the event."""
@@ -88,7 +88,7 @@ class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
 
     events: tuple[NumberedEvent, ...]
     """Oldest first."""
-    term: int = 0
+    term: Number = 0
     """The coordinator's term; each term numbers its events from 0."""
 
 

@@ -6,25 +6,50 @@ Each docstring names sender, key, readers and the cost of a loss. Keys are relat
 namespace; see `protocol.keys`.
 """
 
-from typing import TypeAlias
+import sys
+from typing import Annotated, TypeAlias
 
 import msgspec
-
-PoseTuple: TypeAlias = tuple[float, float, float]
-"""x [m], y [m], heading [rad]."""
-Circle: TypeAlias = tuple[float, float, float]
-"""x [m], y [m], radius [m]."""
-Corners: TypeAlias = tuple[tuple[float, float], ...]
-"""x [m], y [m] of each: two corners of a rectangle, or those of a polygon; empty: no region."""
-Covariance: TypeAlias = tuple[float, float, float, float, float, float, float, float, float]
-"""3 x 3, row by row, over x [m], y [m], heading [rad]."""
+from msgspec import Meta
 
 MAX_POSE_M = 1e8
 """Limit for coordinates: in any frame, a place on Earth is nearer."""
+MAX_STEP = 2**53
+"""Limit for steps, epochs, terms and order numbers: 28 million years at 10 Hz."""
+MAX_SCAN_STEP = 2**50
+"""Limit for the steps of scans, so that numbers derived from them stay below `MAX_STEP`."""
+MAX_ID_CHARACTERS = 128
+
+# Decoding refuses a number outside its type's range, NaN and infinity included.
+Number: TypeAlias = Annotated[int, Meta(ge=0, lt=MAX_STEP)]
+"""A step, epoch, term, order or count."""
+NumberOrNone: TypeAlias = Annotated[int, Meta(ge=-1, lt=MAX_STEP)]
+"""The same; -1: none."""
+ScanStep: TypeAlias = Annotated[int, Meta(ge=0, lt=MAX_SCAN_STEP)]
+Stamp: TypeAlias = Annotated[int, Meta(gt=-(2**62), lt=2**62)]
+"""A robot's time [ns]."""
+Finite: TypeAlias = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0, le=sys.float_info.max)]
+Positive: TypeAlias = Annotated[float, Meta(gt=0.0, le=sys.float_info.max)]
+Coordinate: TypeAlias = Annotated[float, Meta(gt=-MAX_POSE_M, lt=MAX_POSE_M)]
+Probability: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.000001)]
+"""With room for the rounding of sums."""
+Id: TypeAlias = Annotated[str, Meta(min_length=1, max_length=MAX_ID_CHARACTERS)]
+
+PoseTuple: TypeAlias = tuple[Coordinate, Coordinate, Finite]
+"""x [m], y [m], heading [rad]."""
+Circle: TypeAlias = tuple[Coordinate, Coordinate, Positive]
+"""x [m], y [m], radius [m]."""
+Corners: TypeAlias = tuple[tuple[Coordinate, Coordinate], ...]
+"""x [m], y [m] of each: two corners of a rectangle, or those of a polygon; empty: no region."""
+Covariance: TypeAlias = tuple[
+    NotNegative, Finite, Finite, Finite, NotNegative, Finite, Finite, Finite, NotNegative
+]
+"""3 x 3, row by row, over x [m], y [m], heading [rad]."""
 
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
     """Base class of all messages."""
 
-    sender: str
+    sender: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
     """Name of the sending process."""

@@ -6,13 +6,13 @@ import msgspec
 
 from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
-from protocol.message import Message, PoseTuple
+from protocol.message import Finite, Message, Number, PoseTuple, ScanStep, Stamp
 
 
 class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1"):
     """An odometry pose. From a robot on ``readings/odometry``; the next one repairs a loss."""
 
-    stamp_ns: int
+    stamp_ns: Stamp
     odom_from_robot: PoseTuple
 
 
@@ -59,8 +59,8 @@ class LaserBeams(msgspec.Struct, frozen=True, kw_only=True):
     """The measurement of one laser, relative to the robot's pose at a step."""
 
     robot_from_laser: PoseTuple
-    angle_min_rad: float
-    angle_step_rad: float
+    angle_min_rad: Finite
+    angle_step_rad: Finite
     range_max_m: float
     ranges: ArrayBlob
     """As in `Scan`."""
@@ -73,12 +73,12 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     A worker that loses one moves by the difference of odometry and loses that step's evidence.
     """
 
-    step: int
-    stamp_ns: int
+    step: ScanStep
+    stamp_ns: Stamp
     odom_from_robot: PoseTuple
     robot_from_laser: PoseTuple
-    angle_min_rad: float
-    angle_step_rad: float
+    angle_min_rad: Finite
+    angle_step_rad: Finite
     range_max_m: float
     ranges: ArrayBlob
     """(B,) float32 [m], counter-clockwise; not finite, <= 0 or >= range_max_m: no return."""
@@ -90,9 +90,6 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     live: bool = False
     """The stamps are of a real robot's clock, so that they show a message's delay, and the last
     pose stays valid after a restart. False for a recording or a simulation."""
-    standing: bool = False
-    """A no-motion update: the robot has moved less than a step since the last one, and an `Update`
-    requested this one. Its evidence is not independent of the last step's."""
     others: tuple[LaserBeams, ...] = ()
     """The newest measurements of the robot's other lasers. Their `robot_from_laser` includes the
     motion since then, so that all beams are relative to this step's pose."""
@@ -125,5 +122,5 @@ class TruePose(Message, frozen=True, kw_only=True, tag="true_pose/1"):
     recording with a reference.
     """
 
-    step: int
+    step: Number
     map_from_robot: PoseTuple

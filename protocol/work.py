@@ -1,18 +1,34 @@
 """Work orders from the coordinator to workers, and the workers' reports."""
 
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
 import msgspec
+from msgspec import Meta
 
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
-from protocol.message import Circle, Corners, Covariance, Message, PoseTuple
+from protocol.message import (
+    Circle,
+    Corners,
+    Covariance,
+    Finite,
+    Id,
+    Message,
+    NotNegative,
+    Number,
+    NumberOrNone,
+    PoseTuple,
+    Probability,
+)
+
+MAX_PARTICLES = 1_000_000
+"""Particles of one cluster."""
 
 
 class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A weighted particle set after one step."""
 
-    step: int
+    step: Number
     odom_from_robot: PoseTuple
     map_from_robot: ArrayBlob
     """(N, 3) x [m], y [m], heading [rad]."""
@@ -30,11 +46,11 @@ class TrackJob(
 ):
     """Track one cluster, starting from a particle set."""
 
-    cluster: int
+    cluster: Number
     start: Particles
     exact: bool
     """Use `start` unchanged; otherwise draw the cluster's particles from it first."""
-    particles: int | None = None
+    particles: Annotated[int, Meta(gt=0, le=MAX_PARTICLES)] | None = None
     """How many are drawn; None: the number in the settings."""
 
 
@@ -48,9 +64,9 @@ class SearchJob(
 ):
     """Run one shard of a global search."""
 
-    search: int
-    shard: int
-    first_step: int
+    search: Number
+    shard: Number
+    first_step: NumberOrNone
     """The first step whose scan it uses."""
     near: Circle | None = None
     """Search in this circle only; None: everywhere."""
@@ -68,7 +84,7 @@ class ElsewhereJob(
 ):
     """Compute each scan's likelihood for a pose spread evenly over the whole map."""
 
-    first_step: int
+    first_step: NumberOrNone
     """The first step whose scan it weighs."""
 
 
@@ -78,10 +94,10 @@ Job: TypeAlias = TrackJob | SearchJob | ElsewhereJob
 class Assignment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One job for one worker. The epoch increases each time another worker gets the job."""
 
-    job_id: str
-    epoch: int
+    job_id: Id
+    epoch: Number
     job: Job
-    term: int = 0
+    term: Number = 0
     """Term of the coordinator that assigned it; another one may have used the same job id."""
 
 
@@ -92,14 +108,14 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     order has no effect.
     """
 
-    order: int
+    order: Number
     """Increases with each order of a term; a worker ignores a lower one than the last."""
-    term: int = 0
+    term: Number = 0
     """The coordinator's term; a worker refuses a lower term than the highest it knows."""
     map_digest: str
     filter_settings: dict[str, object]
-    snapshot_every_steps: int
-    keep: tuple[tuple[str, int], ...]
+    snapshot_every_steps: Number
+    keep: tuple[tuple[str, Number], ...]
     """(job id, epoch) of jobs to continue."""
     begin: tuple[Assignment, ...]
     term_proof: bytes = b""
@@ -109,15 +125,13 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """A worker's answer to a work order, or to an empty query on ``worker/{name}/state``."""
 
-    order: int
+    order: Number
     """The last order that the worker accepted."""
-    incarnation: int
-    """Start time of the process [ns]; a restarted worker has another one."""
-    jobs: tuple[tuple[str, int, int], ...]
+    jobs: tuple[tuple[str, Number, NumberOrNone], ...]
     """(job id, epoch, last completed step)."""
     problem: str = ""
     """Why the order was refused; empty: it was accepted."""
-    term: int = 0
+    term: Number = 0
     """The highest term that the worker knows."""
     term_proof: bytes = b""
     """The proof that was received with that term."""
@@ -129,7 +143,7 @@ class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     It is a result of a search, a part of a cluster that split, or a given pose.
     """
 
-    share: float
+    share: Probability
     """Its share of the weight of its search or cluster; of a candidate cluster, the probability."""
     mean: PoseTuple
     covariance: Covariance
@@ -144,18 +158,18 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     coordinator. Losing one costs its cluster that step's update.
     """
 
-    job_id: str
-    epoch: int
-    step: int
-    log_weight_sum: float
+    job_id: Id
+    epoch: Number
+    step: Number
+    log_weight_sum: Finite
     """Log of the sum of the weights after the update; before it they summed to `particles`."""
-    particles: int
+    particles: Annotated[int, Meta(ge=1)]
     log_likelihood_per_beam: float
     """The best particle's log-likelihood per beam, without tempering: how well the scan fits."""
-    effective_sample_size: float
+    effective_sample_size: NotNegative
     mean: PoseTuple
     covariance: Covariance
-    beam_classes: tuple[int, int, int, int] = (0, 0, 0, 0)
+    beam_classes: tuple[Number, Number, Number, Number] = (0, 0, 0, 0)
     """Numbers of beams of the best particle that end on, near or behind an obstacle, and others."""
     snapshot: Particles | None = None
     parts: tuple[Place, ...] = ()
@@ -165,14 +179,14 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     """The places that a search shard considers possible after a step. Sent like `TrackReport`."""
 
-    job_id: str
-    epoch: int
-    step: int
-    log_evidence: float
+    job_id: Id
+    epoch: Number
+    step: Number
+    log_evidence: Finite
     """Log of the average likelihood of the search's scans over the shard's part of the free space;
     all parts have the same size."""
-    particles: int
-    left_out_gap: float
+    particles: Annotated[int, Meta(ge=1)]
+    left_out_gap: Finite
     """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
     log_likelihood_per_beam: float
     places: FoundPlaces
@@ -181,10 +195,10 @@ class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
 class ElsewhereReport(Message, frozen=True, kw_only=True, tag="elsewhere_report/1"):
     """A scan's likelihood over the whole map. Sent like `TrackReport`."""
 
-    job_id: str
-    epoch: int
-    step: int
-    log_likelihood: float
+    job_id: Id
+    epoch: Number
+    step: Number
+    log_likelihood: Finite
     """Log of the average likelihood of poses spread evenly over the free space, on the scale of the
     clusters' likelihoods."""
 
@@ -203,11 +217,11 @@ class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     losing one costs nothing, for the steps since are applied again from the workers' reports.
     """
 
-    term: int
+    term: Number
     """Start of the coordinator's term [us of its clock]; higher than all earlier terms."""
-    serial: int
+    serial: Number
     """Increases with each change of the state in a term."""
-    step: int
+    step: NumberOrNone
     """The last step applied; -1: none."""
     founded: bool
     """The belief has had clusters. A checkpoint without them never replaces one with them."""
@@ -230,8 +244,8 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
     A query on ``worker/{name}/state``, repeated until answered.
     """
 
-    term: int
-    since: int = -1
+    term: Number
+    since: NumberOrNone = -1
     """The step from which the coordinator may carry on: it needs the reports on later ones."""
     term_proof: bytes = b""
     """As in `WorkOrder`."""
@@ -240,16 +254,15 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     """A worker's answer to a `TakeOver`: what a new coordinator needs to recover the state."""
 
-    term: int
+    term: Number
     """The highest term that the worker knows, including that of the `TakeOver`."""
-    incarnation: int
     holds: tuple[Assignment, ...]
     """Its jobs, each from where another worker could carry on."""
     reports: tuple[bytes, ...]
     """Its reports since the step asked for, as they went out; of searches, some before."""
-    terms: tuple[int, ...] = ()
+    terms: tuple[Number, ...] = ()
     """Those that it has heard of, also from coordinators that have not begun."""
-    founded: int = 0
+    founded: Number = 0
     """The highest term of a checkpoint that was founded; 0: it has heard none."""
     term_proof: bytes = b""
     """The proof that was received with the term."""

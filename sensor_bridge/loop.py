@@ -18,6 +18,7 @@ from protocol.answers import Belief, CommandDone, Configure, Status, Update
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, RefusedError, printable
 from protocol.live_settings import AS_STARTED, LiveSettings
+from protocol.message import MAX_SCAN_STEP
 from protocol.steps import (
     LaserReading,
     MapMessage,
@@ -27,7 +28,6 @@ from protocol.steps import (
     Scan,
     ScanHistory,
 )
-from protocol.validity import MAX_SCAN_STEP
 from sensor_bridge.flow_control import FlowControl
 from sensor_bridge.pacing import Pacing
 from sensor_bridge.source import Extension, Source

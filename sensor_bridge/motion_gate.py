@@ -1,7 +1,6 @@
 """The motion gate: a scan becomes a step only after the robot has moved."""
 
 import math
-from enum import Enum
 
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings
@@ -9,16 +8,6 @@ from protocol.message import PoseTuple
 
 STANDS = 0.25
 """A robot that has moved by less than this share of the gate stands."""
-
-
-class Passage(Enum):
-    """What the gate does with a scan."""
-
-    HELD_BACK = "held back"
-    MOVED = "moved"
-    """It is the first, or the robot has moved since the last that passed."""
-    STANDING = "standing"
-    """The robot has hardly moved, but somebody wants a step all the same."""
 
 
 class MotionGate:
@@ -53,16 +42,15 @@ class MotionGate:
         """Whether a robot there still stands where it was at the last step."""
         return self._last is not None and not self._has_moved(odom_from_robot, STANDS)
 
-    def on_scan(self, odom_from_robot: PoseTuple) -> Passage:
+    def on_scan(self, odom_from_robot: PoseTuple) -> bool:
         """Whether a scan at this pose becomes a step; if so, the next is measured from here."""
-        moved = self._has_moved(odom_from_robot)
-        if not (moved or self._is_open):
-            return Passage.HELD_BACK
+        if not (self._is_open or self._has_moved(odom_from_robot)):
+            return False
         if self.is_held:
             self.held_back += 1
-            return Passage.HELD_BACK
+            return False
         self._last, self._is_open = odom_from_robot, False
-        return Passage.MOVED if moved else Passage.STANDING
+        return True
 
     def _has_moved(self, odom_from_robot: PoseTuple, share: float = 1.0) -> bool:
         if self._last is None:

@@ -13,7 +13,7 @@ from protocol.message import PoseTuple
 from protocol.reading_checks import laser_problem, odometry_problem
 from protocol.steps import LaserReading, OdometryReading, Reading, Scan
 from sensor_bridge.laser_inputs import LaserInputs, beams_of
-from sensor_bridge.motion_gate import MotionGate, Passage
+from sensor_bridge.motion_gate import MotionGate
 from sensor_bridge.odometry_continuity import OdometryContinuity
 from sensor_bridge.outlier_filter import MAX_STEP_BACK_NS, OutlierFilter
 
@@ -240,14 +240,12 @@ class StepMaker:
                     self._take_scan(reading, pose)
 
     def _take_scan(self, reading: LaserReading, odom_from_robot: PoseTuple) -> None:
-        passage = self._gate.on_scan(odom_from_robot)
-        if passage is Passage.HELD_BACK:
-            self._lasers.hold(reading, odom_from_robot)
+        if self._gate.on_scan(odom_from_robot):
+            self._ready.append(self._step(reading, odom_from_robot))
         else:
-            standing = passage is Passage.STANDING
-            self._ready.append(self._step(reading, odom_from_robot, standing=standing))
+            self._lasers.hold(reading, odom_from_robot)
 
-    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple, *, standing: bool) -> Scan:
+    def _step(self, reading: LaserReading, odom_from_robot: PoseTuple) -> Scan:
         beams = beams_of(reading)
         self._next_step += 1
         return Scan(
@@ -263,7 +261,6 @@ class StepMaker:
             map_digest=self._map_digest,
             paced=self._paced,
             live=self._live,
-            standing=standing,
             others=self._lasers.used_for(reading, odom_from_robot),
             settings=self._live_settings,
         )

@@ -103,7 +103,7 @@ def run_workers(invocation: Invocation) -> None:
         with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
             node.open()
             work_without_preempting()
-            WorkerLoop(node, cache, time.time_ns()).run()
+            WorkerLoop(node, cache).run()
 
     run_forked(
         invocation.arguments.count or settings.worker.count, child, invocation.stop, name=prefix
@@ -116,12 +116,11 @@ class WorkerLoop:
     Args:
         node: the process's, open.
         cache_folder: where computed sensor models are kept.
-        incarnation: start time of the process [ns]; another number is another process.
     """
 
-    def __init__(self, node: Node, cache_folder: Path, incarnation: int) -> None:
+    def __init__(self, node: Node, cache_folder: Path) -> None:
         self._node, self._cache_folder = node, cache_folder
-        self._worker, self._pause = Worker(node.name, incarnation), SearchPause()
+        self._worker, self._pause = Worker(node.name), SearchPause()
         self._reports = node.publisher(keys.worker_report(node.name), may_wait=True)
         node.publish_health(keys.worker_health(node.name))
         node.subscribe(keys.SCAN, Scan, self._on_scan, kind="scan", kept=KEPT_SCANS)

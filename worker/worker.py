@@ -60,11 +60,10 @@ class Worker:
 
     Args:
         name: the worker's own.
-        incarnation: start time of the process [ns]: another number is another process.
     """
 
-    def __init__(self, name: str, incarnation: int) -> None:
-        self._name, self._incarnation = name, incarnation
+    def __init__(self, name: str) -> None:
+        self._name = name
         self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
         self._built: ModelBuilt | None = None
@@ -273,7 +272,6 @@ class Worker:
             sender=self._name,
             order=self._fence.order,
             term=self._fence.term,
-            incarnation=self._incarnation,
             jobs=self._table.summary(),
             problem=problem,
             term_proof=self._fence.term_proof,
@@ -285,7 +283,6 @@ class Worker:
         return WorkerState(
             sender=self._name,
             term=self._fence.term,
-            incarnation=self._incarnation,
             holds=self._table.holds(),
             terms=self._fence.terms,
             founded=self._fence.founded,

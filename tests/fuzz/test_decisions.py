@@ -20,10 +20,9 @@ from coordinator.events import (
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
-from protocol.codec import decode, encode
+from protocol.codec import decode, encode, refusal_of
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Reading, Scan
-from protocol.validity import problem_of
 from protocol.work import (
     Assignment,
     ElsewhereReport,
@@ -100,7 +99,7 @@ def scans(draw: st.DrawFn) -> Scan:
         ranges=reading.ranges, map_digest="map",
     )  # fmt: skip
     usual = msgspec.structs.replace(scan(step.step), angle_step_rad=0.5)
-    return usual if problem_of(step) else step
+    return usual if refusal_of(step) else step
 
 
 @cases(0.02)
@@ -115,7 +114,7 @@ def test_whatever_scans_come_a_worker_reports_what_is_valid(
     for one in given_scans:
         for report in table.on_scan(one):
             back = decode(encode(report), type(report))
-            assert problem_of(back) is None
+            assert refusal_of(back) is None
 
 
 # --- the coordinator ------------------------------------------------------------------------------
@@ -157,7 +156,7 @@ def reports(draw: st.DrawFn) -> Report:
 EVENTS = st.one_of(
     st.tuples(st.just("scan"), scans()),
     st.tuples(st.just("report"), reports()),
-    st.tuples(st.just("odometry"), ODOMETRY.filter(lambda odometry: problem_of(odometry) is None)),
+    st.tuples(st.just("odometry"), ODOMETRY.filter(lambda odometry: refusal_of(odometry) is None)),
     st.tuples(st.just("joined"), st.sampled_from(["a", "b"])),
     st.tuples(st.just("left"), st.sampled_from(["a", "b"])),
 )

@@ -77,7 +77,7 @@ class WorkerNode(Node):
         super().__init__(name, simulation.clock, offset_s)
         self._simulation = simulation
         self._unread: deque[Checkpoint] = deque(maxlen=KEPT_CHECKPOINTS)
-        self.core = Worker(name, 0)
+        self.core = Worker(name)
         self.heard_term = 0
         """The highest of a founded checkpoint that this process has had in its hands."""
         self._questions = dict[int, Asker]()

@@ -60,7 +60,7 @@ def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
         assert "Traceback" not in standby.err
         with tested.client as client:
             status = client.status()
-        assert status.counters["checkpoint of an impossible state"] >= 1
+        assert status.counters["checkpoint that cannot be read"] >= 1
         assert status.steps_lost == 0
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 

@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from clustermcl.stack import COORDINATOR
 from protocol import keys
 from protocol.codec import decode, encode
+from protocol.message import MAX_SCAN_STEP
 from protocol.steps import Scan
-from protocol.validity import MAX_SCAN_STEP
 from tests.integration.faults.live_robot import BRIDGE, with_live_robot
 from tests.integration.faults.system import System
 from tests.integration.faults.test_coordinator_dies import PATIENT, alone_of, assert_same
@@ -57,7 +57,7 @@ def test_one_scan_of_a_step_far_ahead_changes_no_belief(step: int) -> None:
         tested.wait_until_it_tracks()
         forge(tested, step, 1)
         tested.wait_for_steps(10)
-        cause = "malformed Scan: impossible" if step == HIGHEST else "scan far ahead"
+        cause = "malformed Scan: field" if step == HIGHEST else "scan far ahead"
         assert counted(tested, cause) == 1
         assert counted(tested, "steps counted anew") == 0
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))

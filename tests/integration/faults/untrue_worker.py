@@ -37,7 +37,7 @@ class UntrueWorker:
             self._epochs = dict(order.keep) | {one.job_id: one.epoch for one in order.begin}
             self.had |= set(self._epochs)
             answer = OrderAnswer(
-                sender=self.name, order=order.order, incarnation=1, term=order.term,
+                sender=self.name, order=order.order, term=order.term,
                 jobs=tuple((job_id, epoch, -1) for job_id, epoch in self._epochs.items()),
             )  # fmt: skip
             query.reply(query.key_expr, encode(answer))
@@ -47,7 +47,7 @@ class UntrueWorker:
             assert query.payload is not None
             asked = decode(query.payload.to_bytes(), TakeOver)
             told = WorkerState(
-                sender=self.name, term=asked.term, incarnation=1, holds=(), checkpoint=b"",
+                sender=self.name, term=asked.term, holds=(), checkpoint=b"",
                 reports=(),
             )  # fmt: skip
             query.reply(query.key_expr, encode(told))

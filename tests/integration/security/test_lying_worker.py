@@ -42,7 +42,7 @@ class LyingWorker:
         self._answer(
             query,
             WorkerState(
-                sender=LIAR, term=term, incarnation=1, holds=(), reports=(),
+                sender=LIAR, term=term, holds=(), reports=(),
                 term_proof=self.asked[-1].term_proof,
             ),
         )  # fmt: skip
@@ -53,7 +53,7 @@ class LyingWorker:
         self._answer(
             query,
             OrderAnswer(
-                sender=LIAR, order=order.order, incarnation=1, jobs=(), term=order.term + 1,
+                sender=LIAR, order=order.order, jobs=(), term=order.term + 1,
                 term_proof=order.term_proof,
             ),
         )  # fmt: skip

@@ -28,7 +28,7 @@ HOUR_NS = 3600 * 10**9
 CAUSES = {
     "malformed LaserReading: not MessagePack", "malformed LaserReading: schema",
     "malformed OdometryReading: not MessagePack", "malformed OdometryReading: schema",
-    "malformed OdometryReading: impossible", "reading refused: not finite",
+    "malformed OdometryReading: field", "reading refused: not finite",
     "reading refused: no returns", "reading refused: no beams",
     "reading refused: too many beams", "reading refused: bad geometry",
     "reading refused: malformed", "reading refused: strayed in time or place",

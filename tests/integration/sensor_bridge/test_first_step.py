@@ -9,8 +9,8 @@ from process_runtime.settings import ZenohSettings
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.codec import encode
+from protocol.message import MAX_SCAN_STEP
 from protocol.steps import Scan
-from protocol.validity import MAX_SCAN_STEP
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, answering
 from tests.integration.sensor_bridge.test_published_map import FIRST

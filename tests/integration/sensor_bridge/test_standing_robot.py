@@ -61,13 +61,13 @@ def test_an_update_makes_one_step_of_a_robot_that_stands(
     standing = Standing(robot)
     for _ in range(3):
         standing.scan()
-    assert [step.standing for step in robot.steps()] == [False]
+    assert [step.step for step in robot.steps()] == [0]
     patient = msgspec.structs.replace(router, connect_timeout_s=20.0)
     with Client(Settings(zenoh=patient)) as client:
         client.update()
     for _ in range(3):
         standing.scan()
-    assert [step.standing for step in robot.steps()] == [False, True]
+    assert [step.step for step in robot.steps()] == [0, 1]
 
 
 def test_an_update_that_is_asked_twice_makes_one_step(

@@ -139,6 +139,7 @@ class Stranger:
         yield searched("s0.0", step, {ORIGIN: 1.0}, epoch=0, log_evidence=1e6)
         for change in (
             {"log_weight_sum": NAN}, {"log_weight_sum": math.inf}, {"particles": 0},
+            {"log_likelihood_per_beam": math.inf},
             {"mean": (NAN, 0.0, 0.0)}, {"covariance": (NAN,) * 9}, {"step": -5},
         ):  # fmt: skip
             yield msgspec.structs.replace(old, **change)
@@ -147,6 +148,8 @@ class Stranger:
     def _bad_commands() -> Iterator[Message]:
         yield SetPose(sender="x", command_id="1", map_from_robot=(NAN, 0.0, 0.0))
         yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, position_sigma_m=-1.0)
+        lopsided = (1.0, 9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+        yield SetPose(sender="x", command_id="2", map_from_robot=ORIGIN, covariance=lopsided)
         yield SetPose(sender="x", command_id="y" * 1000, map_from_robot=ORIGIN)
         yield Relocalize(sender="x", command_id="")
         yield Update(sender="x", command_id="")

@@ -98,14 +98,15 @@ EXPECTED = {
         "dropped scan too large", "dropped query too large", "malformed worker name: impossible",
         *(f"malformed {message}: {kind}"
           for message in ("Scan", REPORT, "SetPose", "Relocalize", "Health")
-          for kind in ("not MessagePack", "schema", "field", "impossible")),
+          for kind in ("not MessagePack", "schema", "field")),
+        f"malformed {REPORT}: impossible", "malformed SetPose: impossible",
     },
     "worker": {
         "malformed Scan: schema", "malformed Scan: impossible", "scan of another map",
         "malformed WorkOrder: impossible", "malformed TakeOver: not MessagePack",
         "order of an old term",
     },
-    "bridge": {"malformed Kidnap: impossible", "malformed question for scans"},
+    "bridge": {"malformed Kidnap: field", "malformed question for scans"},
 }  # fmt: skip
 """The causes that the stranger gives, by the role of the process that must have counted them."""
 

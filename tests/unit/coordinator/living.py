@@ -147,7 +147,7 @@ class Living:
         """Of the bridge's map; of another one when it has been restarted with it."""
         self.warnings: list[str] = []
         """Causes that workers have counted."""
-        self.workers = {f"w{n}": Worker(f"w{n}", 1) for n in range(workers)}
+        self.workers = {f"w{n}": Worker(f"w{n}") for n in range(workers)}
         self.revive()
 
     def trusting(self, key: bytes | None) -> Trust:
@@ -209,7 +209,7 @@ class Living:
 
     def start_worker(self, name: str) -> None:
         """A new worker appears."""
-        self.workers[name] = Worker(name, 1)
+        self.workers[name] = Worker(name)
         self.join(name)
 
     def join(self, name: str) -> None:

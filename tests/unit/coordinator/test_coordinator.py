@@ -98,7 +98,7 @@ class Story:
                         self.places[assignment.job_id] = worker
                     jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
                     answer = OrderAnswer(
-                        sender=worker, order=order.order, incarnation=1,
+                        sender=worker, order=order.order,
                         jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs),
                     )  # fmt: skip
                     self.coordinator.handle(OrderAnswered(worker, answer), 0)

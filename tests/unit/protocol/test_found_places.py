@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from protocol.arrays import ArrayBlob, WireType
-from protocol.codec import decode, encode
+from protocol.codec import decode, encode, refusal_of
 from protocol.errors import MalformedMessageError
 from protocol.found_places import FoundPlaces
-from protocol.validity import problem_of
 from protocol.work import Place, SearchReport, TrackReport
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
@@ -94,7 +93,7 @@ def test_an_empty_list_of_places_is_valid() -> None:
     ],
 )
 def test_one_bad_number_among_good_ones_is_found(found: FoundPlaces) -> None:
-    assert problem_of(report(SOUND)) is None
+    assert refusal_of(report(SOUND)) is None
     with pytest.raises(MalformedMessageError, match="not a valid SearchReport"):
         decode(encode(report(found)), SearchReport)
 
@@ -111,4 +110,4 @@ def test_columns_accept_only_numbers_that_a_single_place_accepts(
     one = FoundPlaces.of((0.0, 0.0, 0.0), [share], [mean], [covariance], [np.ones((2, 3))])
     told = replace(tracked("c0", 3, 1.0, MEAN), parts=(alone,))
     assert isinstance(told, TrackReport)
-    assert (problem_of(report(one)) is None) == (problem_of(told) is None)
+    assert (refusal_of(report(one)) is None) == (refusal_of(told) is None)

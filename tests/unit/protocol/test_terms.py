@@ -27,7 +27,7 @@ def test_a_machine_whose_clock_starts_in_1970_accepts_a_term_of_today() -> None:
     [
         take_over(2**53 - 1),
         Checkpoint(sender="c", term=2**53 - 1, serial=0, step=-1, founded=False, state=b""),
-        OrderAnswer(sender="w", term=2**53 - 1, order=0, incarnation=0, jobs=()),
+        OrderAnswer(sender="w", term=2**53 - 1, order=0, jobs=()),
     ],
 )
 def test_a_term_too_far_ahead_of_the_clock_is_refused(message: Message) -> None:

@@ -9,11 +9,10 @@ from protocol.answers import Drive, Kidnap, Relocalize, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.message import Message
+from protocol.message import MAX_SCAN_STEP, Message
 from protocol.reading_checks import NO_RETURNS, laser_problem
 from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
-from protocol.validity import MAX_SCAN_STEP
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -40,6 +39,7 @@ CLOUD = cloud_at(ORIGIN, 3)
 TRACKED = tracked("c0", 3, 0.5, ORIGIN)
 SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
 ELSEWHERE = elsewhere(3, -4.0)
+ODOMETRY = OdometryReading(sender="r", stamp_ns=0, odom_from_robot=ORIGIN)
 SET_POSE = SetPose(sender="a", command_id="1", map_from_robot=ORIGIN)
 
 
@@ -76,63 +76,64 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
 @pytest.mark.parametrize(
     ("message", "words"),
     [
-        (changed(TRACKED, log_weight_sum=math.nan), "log_weight_sum is nan"),
-        (changed(TRACKED, log_weight_sum=-math.inf), "log_weight_sum is -inf"),
-        (changed(TRACKED, effective_sample_size=math.inf), "effective_sample_size"),
+        (changed(TRACKED, log_weight_sum=math.nan), "$.log_weight_sum"),
+        (changed(TRACKED, log_weight_sum=-math.inf), "$.log_weight_sum"),
+        (changed(TRACKED, effective_sample_size=math.inf), "$.effective_sample_size"),
         (changed(TRACKED, log_likelihood_per_beam=math.inf), "log_likelihood_per_beam"),
-        (changed(TRACKED, particles=0), "0 particles"),
-        (changed(ELSEWHERE, log_likelihood=math.nan), "log_likelihood is nan"),
-        (changed(ELSEWHERE, log_likelihood=math.inf), "log_likelihood is inf"),
-        (changed(ELSEWHERE, step=-1), "step -1"),
-        (changed(ELSEWHERE, epoch=-1), "epoch -1"),
-        (begins(ElsewhereJob(first_step=-2)), "first step -2"),
-        (begins(SearchJob(search=0, shard=0, first_step=-2)), "first step -2"),
-        (changed(TRACKED, step=-1), "step -1"),
-        (changed(TRACKED, step=2**60), "step 1152921504606846976"),
-        (changed(TRACKED, epoch=-1), "epoch -1"),
-        (changed(TRACKED, mean=(math.nan, 0.0, 0.0)), "not_finite"),
-        (changed(TRACKED, covariance=(-1.0, *[0.0] * 8)), "covariance"),
-        (changed(TRACKED, covariance=(math.nan, *[0.0] * 8)), "covariance"),
+        (changed(TRACKED, particles=0), "$.particles"),
+        (changed(ELSEWHERE, log_likelihood=math.nan), "$.log_likelihood"),
+        (changed(ELSEWHERE, log_likelihood=math.inf), "$.log_likelihood"),
+        (changed(ELSEWHERE, step=-1), "$.step"),
+        (changed(ELSEWHERE, epoch=-1), "$.epoch"),
+        (begins(ElsewhereJob(first_step=-2)), "$.begin[0].job.first_step"),
+        (begins(SearchJob(search=0, shard=0, first_step=-2)), "$.begin[0].job.first_step"),
+        (changed(TRACKED, step=-1), "$.step"),
+        (changed(TRACKED, step=2**60), "$.step"),
+        (changed(TRACKED, epoch=-1), "$.epoch"),
+        (changed(TRACKED, mean=(math.nan, 0.0, 0.0)), "$.mean[0]"),
+        (changed(TRACKED, covariance=(-1.0, *[0.0] * 8)), "$.covariance[0]"),
+        (changed(TRACKED, covariance=(math.nan, *[0.0] * 8)), "$.covariance[0]"),
         (changed(TRACKED, snapshot=cloud(np.ones((2, 2)), np.zeros(2))), "no particle set"),
         (changed(TRACKED, snapshot=cloud(np.ones((3, 3)), np.zeros(2))), "no particle set"),
         (changed(TRACKED, snapshot=cloud(np.ones((0, 3)), np.zeros(0))), "without weight"),
         (changed(TRACKED, snapshot=cloud(np.full((2, 3), math.inf), np.zeros(2))), "not finite"),
         (changed(TRACKED, snapshot=cloud(np.ones((2, 3)), np.full(2, -math.inf))), "weight"),
         (changed(TRACKED, snapshot=cloud(np.ones((2, 3)), np.array([0, math.nan]))), "weight"),
-        (changed(TRACKED, parts=(place(1.5, ORIGIN, 3),)), "share of 1.5"),
-        (changed(SEARCHED, log_evidence=math.nan), "log_evidence is nan"),
+        (changed(TRACKED, parts=(place(1.5, ORIGIN, 3),)), "$.parts[0].share"),
+        (changed(SEARCHED, log_evidence=math.nan), "$.log_evidence"),
         (changed(SEARCHED, places=found_places([(math.nan, ORIGIN)])), "a share outside 0 to 1"),
         (
             changed(SEARCHED, places=found_places([(0.5, (1e12, 0.0, 0.0))])),
             "not on Earth",
         ),
-        (changed(scan(3), step=-1), "step -1"),
-        (changed(scan(3), step=MAX_SCAN_STEP), "step 1125899906842624"),
-        (changed(scan(3), stamp_ns=2**63), "not_finite"),
-        (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
+        (changed(scan(3), step=-1), "$.step"),
+        (changed(scan(3), step=MAX_SCAN_STEP), "$.step"),
+        (changed(scan(3), stamp_ns=2**63), "$.stamp_ns"),
+        (changed(scan(3), odom_from_robot=(math.inf, 0.0, 0.0)), "$.odom_from_robot[0]"),
         (changed(scan(3), ranges=ArrayBlob.of(np.full(3, np.nan), "float32")), "no_returns"),
-        (changed(scan(3), angle_step_rad=math.nan), "not_finite"),
-        (ScanHistory(sender="b", scans=(scan(1), changed(scan(2), step=-2))), "step -2"),
-        (OdometryReading(sender="r", stamp_ns=0, odom_from_robot=(0.0, math.nan, 0.0)), "finite"),
-        (TruePose(sender="s", step=1, map_from_robot=(math.nan, 0.0, 0.0)), "not_finite"),
-        (changed(SET_POSE, map_from_robot=(0.0, math.nan, 0.0)), "not_finite"),
-        (changed(SET_POSE, position_sigma_m=math.nan), "sigmas"),
-        (changed(SET_POSE, heading_sigma_rad=0.0), "sigmas"),
-        (changed(SET_POSE, command_id="x" * 129), "129 characters"),
-        (Relocalize(sender="a", command_id=""), "0 characters"),
-        (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "not a circle"),
-        (Relocalize(sender="a", command_id="1", near=(math.nan, 0.0, 1.0)), "not a circle"),
-        (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "not_finite"),
-        (Drive(sender="a", speed_m_s=math.nan), "speed_m_s is nan"),
-        (Drive(sender="a", turn_rate_rad_s=math.inf), "turn_rate_rad_s is inf"),
+        (changed(scan(3), angle_step_rad=math.nan), "$.angle_step_rad"),
+        (ScanHistory(sender="b", scans=(scan(1), changed(scan(2), step=-2))), "$.scans[1].step"),
+        (changed(ODOMETRY, odom_from_robot=(0.0, math.nan, 0.0)), "$.odom_from_robot[1]"),
+        (TruePose(sender="s", step=1, map_from_robot=(math.nan, 0.0, 0.0)), "$.map_from_robot[0]"),
+        (changed(SET_POSE, map_from_robot=(0.0, math.nan, 0.0)), "$.map_from_robot[1]"),
+        (changed(SET_POSE, position_sigma_m=math.nan), "$.position_sigma_m"),
+        (changed(SET_POSE, heading_sigma_rad=0.0), "$.heading_sigma_rad"),
+        (changed(SET_POSE, command_id="x" * 129), "$.command_id"),
+        (Relocalize(sender="a", command_id=""), "$.command_id"),
+        (Relocalize(sender="a", command_id="1", near=(0.0, 0.0, 0.0)), "$.near[2]"),
+        (Relocalize(sender="a", command_id="1", near=(math.nan, 0.0, 1.0)), "$.near[0]"),
+        (Kidnap(sender="a", command_id="1", map_from_robot=(math.inf, 0.0, 0.0)), "$.map_from"),
+        (Drive(sender="a", speed_m_s=math.nan), "$.speed_m_s"),
+        (Drive(sender="a", turn_rate_rad_s=math.inf), "$.turn_rate_rad_s"),
         (order(cloud(np.full((2, 3), math.nan), np.zeros(2))), "not finite"),
-        (changed(order(CLOUD), order=-5), "order -5"),
+        (changed(order(CLOUD), order=-5), "$.order"),
     ],
 )  # fmt: skip
 def test_implausible_numbers_are_refused(message: Message, words: str) -> None:
     error = refusal(message)
     assert words in error.problem
-    assert error.cause == f"malformed {type(message).__name__}: impossible"
+    kind = "field" if "$" in words else "impossible"
+    assert error.cause == f"malformed {type(message).__name__}: {kind}"
 
 
 @pytest.mark.parametrize(

@@ -80,15 +80,6 @@ def test_a_step_can_be_forced() -> None:
     assert maker.on_reading(third) is not None
 
 
-def test_a_step_of_a_robot_that_has_not_moved_says_so() -> None:
-    maker, made = a_maker(), list[Scan]()
-    for reading in driving(0.0, 0.1, 0.35, 0.65):
-        maker.force_next()
-        made += filter(None, [maker.on_reading(reading)])
-    assert [step.odom_from_robot[0] for step in made] == [0.0, 0.1, 0.35, 0.65]
-    assert [step.standing for step in made] == [False, True, False, False]
-
-
 def test_one_step_is_forced_and_the_next_is_measured_from_there() -> None:
     maker = a_maker()
     first, second, *others = driving(0.0, 0.15, 0.2, 0.34, 0.36)

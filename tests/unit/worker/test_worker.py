@@ -98,7 +98,7 @@ def jobs(worker: Worker) -> list[str]:
 
 @pytest.fixture
 def fresh() -> Worker:
-    return Worker("w", incarnation=7)
+    return Worker("w")
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Wor
 def test_lost_scans_change_no_number_once_they_have_come(model: SensorModel) -> None:
     reports: list[list[Instruction]] = []
     for lossy in (False, True):
-        worker = Worker("w", 7)
+        worker = Worker("w")
         worker.handle(asked(1, track("c0", cloud())))
         worker.handle(MapArrived(grid()))
         worker.handle(ModelBuilt("map", model))
@@ -269,7 +269,7 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
     assert told(fresh, order) == [FetchMap()]
     assert told(fresh, MapArrived(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
     done = told(fresh, ModelBuilt("map", model))
-    expected = OrderAnswer(sender="w", order=1, term=1, incarnation=7, jobs=(("c0", 1, 0),))
+    expected = OrderAnswer(sender="w", order=1, term=1, jobs=(("c0", 1, 0),))
     assert done == [
         Answer(1, expected),
         FetchScans(MissingScans(1, None), HISTORY_TIMEOUT_S),
@@ -286,7 +286,7 @@ def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
 
 def test_state_is_told_while_the_map_is_fetched(fresh: Worker) -> None:
     told(fresh, asked(4, track("c0", cloud())))
-    nothing = OrderAnswer(sender="w", order=0, term=1, incarnation=7, jobs=())
+    nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert told(fresh, StateAsked(9)) == [Answer(9, nothing)]
     (answer,) = told(fresh, StateAsked(10, TakeOver(sender="next", term=2)))
     assert isinstance(answer, Answer)
@@ -299,7 +299,7 @@ def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
 ) -> None:
     assert told(fresh, asked(1, track("c0", cloud()))) == [FetchMap()]
     again = told(fresh, asked(2, track("c0", cloud())))
-    before = OrderAnswer(sender="w", order=0, term=1, incarnation=7, jobs=())
+    before = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert again == [Answer(1, before)], "and the map is not asked for again"
     done = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
     assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
@@ -500,7 +500,7 @@ def test_a_new_coordinator_is_told_jobs_terms_and_the_reports_since(
     assert isinstance(answer, Answer)
     state = answer.message
     assert isinstance(state, WorkerState)
-    assert (state.term, state.incarnation) == (2, 7)
+    assert state.term == 2
     assert (state.terms, state.founded) == ((1, 2), 1)
     assert [held.job_id for held in state.holds] == ["c0"]
     assert len(state.reports) == len(said) - 1

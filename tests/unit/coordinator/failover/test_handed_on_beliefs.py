@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from coordinator.events import TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
+from protocol.message import MAX_SCAN_STEP
 from protocol.step_reset_detector import HUGE_JUMP
-from protocol.validity import MAX_SCAN_STEP
 from tests.unit.coordinator.living import Living, symmetric_room
 from worker.events import ScanArrived
 

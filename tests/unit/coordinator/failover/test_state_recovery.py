@@ -1,3 +1,5 @@
+import math
+
 from msgspec.structs import replace
 
 from coordinator.failover.state_recovery import (
@@ -10,9 +12,8 @@ from coordinator.failover.state_recovery import (
 )
 from coordinator.failover.trust import Trust
 from protocol.codec import encode
-from protocol.validity import MAX_STEP
-from protocol.work import Assignment, Checkpoint, ElsewhereJob, WorkerState
-from tests.unit.coordinator.reports import elsewhere
+from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
+from tests.unit.coordinator.reports import cloud_at, elsewhere
 
 BEGAN_NS = 5_000_000_000
 KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
@@ -95,9 +96,10 @@ def test_reports_are_asked_for_since_the_oldest_step_to_carry_on_from() -> None:
 
 def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
     good = Assignment(job_id="e0", epoch=3, job=ElsewhereJob(first_step=4))
-    beyond = replace(good, job=ElsewhereJob(first_step=MAX_STEP))
+    nan = cloud_at((math.nan, 0.0, 0.0), 3)
+    beyond = replace(good, job=TrackJob(cluster=1, start=nan, exact=True))
     told = WorkerState(
-        sender="w", term=7, incarnation=1, holds=(beyond, good),
+        sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
     read = told_by(encode(told), Trust(None, "robot", lambda: 0, lambda _: None))

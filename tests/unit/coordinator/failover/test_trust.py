@@ -19,11 +19,11 @@ class Judge:
 
 
 def answer(term: int, proof: bytes) -> OrderAnswer:
-    return OrderAnswer(sender="w", order=1, incarnation=1, jobs=(), term=term, term_proof=proof)
+    return OrderAnswer(sender="w", order=1, jobs=(), term=term, term_proof=proof)
 
 
 def state(term: int, proof: bytes) -> WorkerState:
-    return WorkerState(sender="w", term=term, term_proof=proof, incarnation=1, holds=(), reports=())
+    return WorkerState(sender="w", term=term, term_proof=proof, holds=(), reports=())
 
 
 def test_what_one_coordinator_has_signed_the_others_believe() -> None:

@@ -34,7 +34,7 @@ class Told(OrderDelivery):
         self.answered(
             "w",
             OrderAnswer(
-                sender="w", order=order.order, incarnation=1, problem=problem,
+                sender="w", order=order.order, problem=problem,
                 jobs=tuple((job_id, epoch, 0) for job_id, epoch in jobs.items()),
             ),
         )  # fmt: skip

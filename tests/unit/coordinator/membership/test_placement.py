@@ -34,7 +34,6 @@ def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
         answer = OrderAnswer(
             sender=name,
             order=order.order,
-            incarnation=1,
             jobs=tuple((j, e, 0) for j, e in jobs),
         )
         made.delivery.answered(name, answer)
@@ -147,7 +146,7 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
     follow(made, due(made, 0))
     made.delivery.returned("a")
     (_, order), *_ = due(made, SECOND)
-    made.delivery.answered("a", OrderAnswer(sender="a", order=order.order, incarnation=2, jobs=()))
+    made.delivery.answered("a", OrderAnswer(sender="a", order=order.order, jobs=()))
     again = due(made, SECOND + RESEND_AFTER_NS)
     assert begun(again) == {"a": ["c0"]}
     follow(made, again)
