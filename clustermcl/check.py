@@ -10,11 +10,13 @@ import msgspec
 from clustermcl.as_json import dumped
 from clustermcl.as_text import pose_text
 from evaluation.map_check.agreement import Agreement, agreement_of
+from evaluation.map_check.drawing import map_page
 from evaluation.map_check.report import MapReport, Place, report_of
 from evaluation.map_check.symmetries import Symmetry
 from evaluation.map_check.views import WAY_M
 from evaluation.recordings import opened
 from process_runtime.output import standard_output
+from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from recordings.map_file import load_map_with_obstacles
@@ -35,12 +37,16 @@ def run_check(
     laser_range_m: float,
     places: int,
     as_json: bool,
+    report_file: Path | None = None,
 ) -> None:
     """Examine a map and print what was found.
 
     Raises:
-        ClusterMclError: the map or the recording is unusable, or no robot fits into the map.
+        ClusterMclError: the map or the recording is unusable, no robot fits into the map, or the
+            file of the report cannot be written.
     """
+    if report_file is not None:
+        check_output_file(report_file)
     grid_map = load_map_with_obstacles(map_file)
     if grid_map.cells.size > MOST_CELLS:
         rows, cols = grid_map.cells.shape
@@ -59,7 +65,10 @@ def run_check(
         seed=settings.seed,
         agreement=agreement,
     )
-    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines_of(report))
+    lines = list(lines_of(report))
+    if report_file is not None:
+        write_output_file(report_file, map_page(report, lines, grid_map))
+    text = dumped(msgspec.to_builtins(report)) if as_json else "\n".join(lines)
     standard_output().write(text + "\n")
     if agreement is not None and agreement.is_of_another_map:
         sys.exit(EXIT_ANOTHER_MAP)

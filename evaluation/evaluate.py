@@ -3,16 +3,11 @@
 It runs one experiment built from the options instead of one from the catalogue.
 """
 
-import json
 import os
-import shlex
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -33,12 +28,22 @@ from evaluation.experiments.case import (
     SimulatedRobot,
     algorithm_named,
 )
-from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.pool import in_parallel
 from evaluation.experiments.task import Finished, Run, Task, run_task
 from evaluation.experiments.trace import Trace
 from evaluation.recordings import opened
 from evaluation.report_page import DRAWN_RUNS, TableText, report_page
+from evaluation.results import (
+    MORE_TABLES,
+    POSES,
+    Columns,
+    Result,
+    as_json,
+    check_results_file,
+    result_of,
+    table_rows,
+    write_results,
+)
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
@@ -72,9 +77,11 @@ class EvaluateOptions:
     as_json: bool = False
     """Print JSON instead of tables."""
     output: Path | None = None
-    """File for the JSON; None: none."""
+    """File for the results, see `write_results`; None: none."""
     record: Path | None = None
     """File for the recording of a single run; None: none."""
+    tum: Path | None = None
+    """File for the estimated trajectory of a single run; None: none."""
     report_file: Path | None = None
     """File for an HTML page."""
 
@@ -87,9 +94,10 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         StoppedError: interrupted.
     """
     algorithm, case = algorithm_named(options.algorithm), case_of(options)
-    for file in (options.output, options.report_file):
-        if file is not None:
-            check_output_file(file)
+    if options.output is not None:
+        check_results_file(options.output)
+    if options.report_file is not None:
+        check_output_file(options.report_file)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
     seeds = range(settings.seed, settings.seed + case.seeds)
@@ -100,6 +108,7 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
             seed=seed,
             settings=settings,
             record=options.record,
+            tum=options.tum,
         )
         for seed in seeds
     ]
@@ -107,36 +116,55 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
         starts = start_steps(steps, options.starts, case.updates or steps)
         tasks = [replace(task, start_step=start) for start in starts for task in tasks]
-    if options.record is not None:
-        _check_record(options.record, len(tasks))
+    for option, file in {"--record": options.record, "--tum": options.tum}.items():
+        if file is not None:
+            _check_file_of_one_run(option, file, len(tasks))
     if options.report_file is not None:
         tasks = [replace(task, with_trace=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
-    results, traces = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
-    text = _as_json(options, results)
+    runs, traces = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
+    common = {
+        "algorithm": options.algorithm,
+        "recording": options.recording,
+        "mirrored": options.mirrored,
+        "map": options.map_file,
+    }
     if options.output is not None:
-        write_output_file(options.output, text)
-    right = sum(run["localized"] for run in results)
-    of = f"{options.algorithm} on {options.recording}"
-    title = f"{of}: localized in {right} of {len(results)}"
-    if options.mirrored:
-        title = f"{of}, mirrored: a robot that is nowhere in the map"
+        write_results(options.output, common, runs)
+    title = _title(options, runs)
+    tables = {title: POSES, **MORE_TABLES}
     if options.report_file is not None:
-        tables = [_table_text(results, columns) for columns in (_POSES, *_MORE_TABLES.values())]
-        page = report_page(title, _made_by(), Run(tasks[0]).course.map, traces, tables)
+        texts = [TableText(list(names), table_rows(runs, names)) for names in tables.values()]
+        page = report_page(title, Run(tasks[0]).course.map, traces, texts)
         write_output_file(options.report_file, page)
     if options.as_json:
-        sys.stdout.write(text)
+        sys.stdout.write(as_json(common, runs))
         return
+    _print_tables(tables, runs)
+
+
+def _print_tables(tables: dict[str, Columns], runs: Sequence[Result]) -> None:
     console = Console(emoji=False, markup=False, highlight=False)  # "sim:office:" is not an emoji
-    for heading, columns in {title: _POSES, **_MORE_TABLES}.items():
+    for heading, columns in tables.items():
         console.print(heading, soft_wrap=True)
-        console.print(_table(results, columns))
+        table = Table(*columns, box=None, padding=(0, 1, 0, 0), header_style="bold")
+        for column in table.columns:
+            column.justify, column.no_wrap = "right", True
+        for row in table_rows(runs, columns):
+            table.add_row(*row)
+        console.print(table)
 
 
-def _check_record(file: Path, runs: int) -> None:
+def _title(options: EvaluateOptions, runs: Sequence[Result]) -> str:
+    of = f"{options.algorithm} on {options.recording}"
+    if options.mirrored:
+        return f"{of}, mirrored: a robot that is nowhere in the map"
+    return f"{of}: localized in {sum(run['localized'] for run in runs)} of {len(runs)}"
+
+
+def _check_file_of_one_run(option: str, file: Path, runs: int) -> None:
     if runs > 1:
-        problem = "--record: of one run; leave out --seeds and --starts"
-        raise SettingsError(key="--record", problem=problem)
+        problem = f"{option}: of one run; leave out --seeds and --starts"
+        raise SettingsError(key=option, problem=problem)
     check_output_file(file)
 
 
@@ -229,7 +257,7 @@ def _steps_count(task: Task) -> int:
 
 def _all_results(
     tasks: Sequence[Task], steps: int, jobs: int | None
-) -> tuple[list[dict[str, Any]], list[Trace]]:
+) -> tuple[list[Result], list[Trace]]:
     """Run one task per core; return all results in order, and the steps of runs that keep them."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, Finished] = {}
@@ -255,40 +283,6 @@ def _all_results(
     return results, [trace for trace in traces if trace is not None]
 
 
-def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> dict[str, Any]:
-    """An entry in `runs` of the JSON; steps are counted from 0, updates from 1.
-
-    `start_step` counts the steps of the recording; all others count those of the run.
-    """
-    settled, sure = measures.settled_at_update, measures.sure_and_right_at_update
-    return {
-        "seed": seed,
-        "start_step": start_step,
-        "steps": measures.updates,
-        "localized": measures.localized,
-        "final_error_m": measures.final_error_m,
-        "final_error_rad": measures.final_error_rad,
-        "localized_at_step": None if settled is None else settled - 1,
-        "localized_at_s": measures.settled_after_s,
-        "confidently_wrong_fraction": measures.confidently_wrong_share,
-        "truth_tracked_fraction": measures.tracked_share,
-        "truth_probability_mean": measures.truth_probability,
-        "rmse_m": measures.rmse_m,
-        "sure_and_right_at_step": None if sure is None else sure - 1,
-        "log_score_mean": measures.log_score,
-        "truth_probability_lowest_once_sure": measures.truth_lowest_once_sure,
-        "brier_mean": measures.brier,
-        "elsewhere_probability_mean": measures.elsewhere_probability,
-        "off_map_probability_mean": measures.off_map_probability,
-        "localized_fraction": measures.localized_share,
-        "ambiguous_fraction": measures.ambiguous_share,
-        "lost_fraction": measures.lost_share,
-        "searching_fraction": measures.searching_share,
-        "wall_s": measures.wall_s,
-        "cpu_s": measures.cpu_s,
-    }
-
-
 def _progress() -> Progress:
     """Show progress on standard error, if that is a terminal."""
     console = Console(stderr=True, emoji=False)
@@ -303,80 +297,3 @@ def _progress() -> Progress:
         transient=True,
         disable=is_quiet() or not console.is_terminal,
     )
-
-
-def _as_json(options: EvaluateOptions, results: Sequence[dict[str, Any]]) -> str:
-    whole = {
-        "algorithm": options.algorithm,
-        "recording": options.recording,
-        "mirrored": options.mirrored,
-        "map": options.map_file,
-        "runs": results,
-    }
-    return json.dumps(whole, indent=2) + "\n"
-
-
-_POSES = {
-    "seed": ("seed", "d"),
-    "from": ("start_step", "d"),
-    "at step": ("localized_at_step", "d"),
-    "s": ("localized_at_s", ".1f"),
-    "error m": ("final_error_m", ".2f"),
-    "rad": ("final_error_rad", ".3f"),
-    "rmse m": ("rmse_m", ".3f"),
-    "wrong": ("confidently_wrong_fraction", ".3f"),
-    "steps": ("steps", "d"),
-    "wall s": ("wall_s", ".1f"),
-    "cpu s": ("cpu_s", ".1f"),
-}
-"""Columns: the key of a run's measure, and its format."""
-_STATES = {
-    "seed": ("seed", "d"),
-    "from": ("start_step", "d"),
-    "localized": ("localized_fraction", ".3f"),
-    "ambiguous": ("ambiguous_fraction", ".3f"),
-    "lost": ("lost_fraction", ".3f"),
-    "searching": ("searching_fraction", ".3f"),
-    "p(elsewhere)": ("elsewhere_probability_mean", ".2f"),
-    "p(off map)": ("off_map_probability_mean", ".2f"),
-}
-_PROBABILITIES = {
-    "seed": ("seed", "d"),
-    "from": ("start_step", "d"),
-    "sure at": ("sure_and_right_at_step", "d"),
-    "then never under": ("truth_probability_lowest_once_sure", ".2f"),
-    "tracked": ("truth_tracked_fraction", ".3f"),
-    "p(truth)": ("truth_probability_mean", ".2f"),
-    "log": ("log_score_mean", ".2f"),
-    "brier": ("brier_mean", ".2f"),
-}
-
-
-_MORE_TABLES = {
-    "probability of the true place": _PROBABILITIES,
-    "share of the steps in each state": _STATES,
-}
-
-
-def _made_by() -> str:
-    """Return the report's origin: date, version, command."""
-    command = shlex.join(["clustermcl", *sys.argv[1:]])
-    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, version {version('clustermcl')}: {command}"
-
-
-def _table_text(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> TableText:
-    rows = [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
-    return TableText(list(columns), rows)
-
-
-def _table(runs: Sequence[dict[str, Any]], columns: dict[str, tuple[str, str]]) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), header_style="bold")
-    for name in columns:
-        table.add_column(name, justify="right", no_wrap=True)
-    for run in runs:
-        table.add_row(*(_shown(run[key], form) for key, form in columns.values()))
-    return table
-
-
-def _shown(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)

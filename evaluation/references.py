@@ -1,21 +1,26 @@
-"""Reference trajectories: where the robot really was, in the TUM format.
+"""Trajectories in the TUM format: the ground truth is read, the estimate written.
 
-One pose a line, `timestamp x y z qx qy qz qw`, in seconds and metres; `#` begins a remark. Of the
-orientation only the heading is used.
+One pose a line, `timestamp x y z qx qy qz qw`, in seconds and metres; `#` begins a comment. Only
+the heading is used of the orientation. evo and the TUM RGB-D benchmark's tools read the same.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from operator import itemgetter
 from pathlib import Path
 
 from particle_filter.trajectory import Trajectory
+from process_runtime.output_files import write_output_file
 from protocol.errors import ReferenceFileError
 from protocol.message import MAX_POSE_M, PoseTuple
 from recordings.log_file import LogFile, numbers_of, stamp_ns_of
 
 MAX_OUTSIDE_NS = 1_000_000_000
-"""Before the first and after the last pose, that pose holds for so long [ns]."""
+"""Before the first and after the last pose, that pose holds for this time [ns]."""
+
+OnPose = Callable[[int, PoseTuple], None]
+"""Takes a stamp [ns] and the pose `map_from_robot` then."""
 
 _WORDS = 8
 _MAX_NORM_ERROR = 0.05
@@ -47,6 +52,29 @@ def load_reference(path: Path | str) -> Trajectory:
     for stamp_ns, pose in sorted(poses, key=itemgetter(0)):  # stamps of a file may step back
         reference.add(stamp_ns, pose)
     return reference
+
+
+@contextmanager
+def written_trajectory(path: Path | None) -> Iterator[OnPose]:
+    """Write the poses that are given within the ``with`` block, at its end.
+
+    Args:
+        path: of the file, which is replaced; None: none is written.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    lines = ["# timestamp x y z qx qy qz qw\n"]
+    yield lambda stamp_ns, map_from_robot: lines.append(_line(stamp_ns, map_from_robot))
+    if path is not None:
+        write_output_file(path, "".join(lines))
+
+
+def _line(stamp_ns: int, map_from_robot: PoseTuple) -> str:
+    seconds, ns = divmod(stamp_ns, 1_000_000_000)
+    x, y, heading = map_from_robot
+    qz, qw = math.sin(heading / 2.0), math.cos(heading / 2.0)
+    return f"{seconds}.{ns:09d} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n"
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:

@@ -1,18 +1,26 @@
-"""`clustermcl evaluate --report`: a self-contained HTML page."""
+"""Reports as one self-contained HTML file: the frame of all, and `evaluate --report`."""
 
 import base64
 import html
 import io
 import math
+import shlex
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import numpy as np
+from PIL import Image
 
 from evaluation.experiments.trace import Trace, TraceStep
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from live_view.drawing import PALETTE, map_picture
 from live_view.map_reduction import reduced
-from protocol.steps import MapMessage
+from particle_filter.arrays import FREE, Poses
+from particle_filter.poses import compose
 
 DRAWN_RUNS = 12
 """Most runs drawn; the table has all."""
@@ -20,6 +28,7 @@ _WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 54.0, 18.0
 """Size of a plot, and its left and lower margins [px]."""
 _MOST_ERROR_M = 10.0
 _JUMP_M = 2.0
+_MARGIN_M = 0.5
 _TRUE, _RIGHT, _WRONG = "#1a2027", PALETTE[1], "#c0262d"
 _STYLE = """
 :root {
@@ -51,6 +60,7 @@ i::before {
   vertical-align: middle; background: var(--of);
 }
 code { overflow-wrap: anywhere; }
+pre { overflow-x: auto; }
 @media (max-width: 800px) {
   .run { grid-template-columns: 1fr; }
   th, td { padding: 3px 4px; font-size: 13px; }
@@ -71,52 +81,106 @@ class TableText:
 
 def report_page(
     title: str,
-    made_by: str,
     grid_map: GridMap,
     traces: Sequence[Trace],
     tables: Sequence[TableText],
 ) -> str:
-    """Return the page.
+    """Return the page of evaluated runs.
 
     Args:
         title: the experiment and its result.
-        made_by: date, version and command.
         grid_map: the map of all runs.
         traces: steps of the drawn runs.
         tables: tables of all runs.
     """
-    small = reduced(to_message(grid_map, "evaluate"))
-    runs = "".join(_run(trace, small) for trace in traces if trace.steps)
+    drawn = MapDrawing(grid_map)
+    runs = "".join(_run(trace, drawn) for trace in traces if trace.steps)
+    legend = (
+        f'On the map: <i style="--of:{_RIGHT}">the estimate, right</i>, '
+        f'<i style="--of:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true path, '
+        f"dotted. The first {DRAWN_RUNS} runs are drawn, where the true pose is known."
+    )
+    return html_page(title, "".join(map(_table, tables)), legend, drawn.shared + runs)
+
+
+def html_page(title: str, before: str, legend: str, after: str) -> str:
+    """A page with its date, version and command.
+
+    Args:
+        title: plain text.
+        before: HTML above the legend.
+        legend: HTML of a paragraph.
+        after: HTML below it.
+    """
     shown = html.escape(title)
+    command = html.escape(shlex.join(["clustermcl", *sys.argv[1:]]))
+    origin = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, version {version('clustermcl')}"
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{shown}</title>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<style>{_STYLE}</style></head><body>\n<h1>{shown}</h1>\n"
-        f'<p class="legend"><code>{html.escape(made_by)}</code></p>\n'
-        f"{''.join(map(_table, tables))}\n"
-        f'<p class="legend">On the map: <i style="--of:{_RIGHT}">the estimate, right</i>, '
-        f'<i style="--of:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true way, '
-        f"dotted. Drawn are the first {DRAWN_RUNS} runs, as far as the true pose is known.</p>\n"
-        '<svg width="0" height="0" style="position:absolute"><defs>'
-        f"{_shared_map(small)}</defs></svg>\n{runs}</body></html>\n"
+        f'<p class="legend">{origin}: <code>{command}</code></p>\n{before}\n'
+        f'<p class="legend">{legend}</p>\n{after}</body></html>\n'
     )
 
 
-def _shared_map(grid_map: MapMessage) -> str:
-    """Return the map in metres, shared by all runs."""
+class MapDrawing:
+    """Draws on a map, cropped to its free ground; coordinates in metres, `map_from_...`."""
+
+    def __init__(self, grid_map: GridMap) -> None:
+        self._map = reduced(to_message(grid_map, "report"))
+        self.west, self.south, self.east, self.north = free_bounds(grid_map)
+
+    @property
+    def size_m(self) -> float:
+        """Of the longer side."""
+        return max(self.east - self.west, self.north - self.south)
+
+    @property
+    def shared(self) -> str:
+        """The map itself; has to be in the page once, above the drawings."""
+        pixels = png_data(map_picture(self._map))
+        x, y, heading = self._map.map_from_grid
+        c, s = math.cos(heading), math.sin(heading)
+        width, height = self._map.cols * self._map.cell_m, self._map.rows * self._map.cell_m
+        return (
+            '<svg width="0" height="0" style="position:absolute"><defs><g id="map"><image '
+            f'transform="matrix({c:.6f} {s:.6f} {-s:.6f} {c:.6f} {x:.3f} {y:.3f})" '
+            f'width="{width:.3f}" height="{height:.3f}" preserveAspectRatio="none" '
+            f'style="image-rendering:pixelated" href="{pixels}"/></g></defs></svg>\n'
+        )
+
+    def with_shapes(self, shapes: Sequence[str]) -> str:
+        """The map with SVG shapes over it."""
+        box = (
+            f"{self.west:.2f} {-self.north:.2f} "
+            f"{self.east - self.west:.2f} {self.north - self.south:.2f}"
+        )
+        return (
+            f'<svg class="map" viewBox="{box}"><g transform="scale(1 -1)"><use href="#map"/>'
+            f"{''.join(shapes)}</g></svg>"
+        )
+
+
+def png_data(picture: Image.Image) -> str:
+    """A picture as a ``data:`` address."""
     pixels = io.BytesIO()
-    map_picture(grid_map).save(pixels, "PNG", optimize=True)
-    picture = base64.b64encode(pixels.getvalue()).decode()
-    x, y, heading = grid_map.map_from_grid
-    c, s = math.cos(heading), math.sin(heading)
-    width, height = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
-    return (
-        f'<g id="map"><image transform="matrix({c:.6f} {s:.6f} {-s:.6f} {c:.6f} {x:.3f} {y:.3f})" '
-        f'width="{width:.3f}" height="{height:.3f}" preserveAspectRatio="none" '
-        f'style="image-rendering:pixelated" href="data:image/png;base64,{picture}"/></g>'
-    )
+    picture.save(pixels, "PNG", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(pixels.getvalue()).decode()}"
 
 
-def _run(trace: Trace, grid_map: MapMessage) -> str:
+def free_bounds(grid_map: GridMap) -> tuple[float, float, float, float]:
+    """West, south, east and north edge of the free ground [m], with a margin."""
+    rows, cols = np.nonzero(grid_map.cells == FREE)
+    sides = [(float(each.min()), float(each.max()) + 1.0) for each in (cols, rows)]
+    corners: Poses = np.array([(col, row, 0.0) for col in sides[0] for row in sides[1]])
+    corners[:, :2] *= grid_map.cell_m
+    xy = compose(np.array(grid_map.map_from_grid), corners)[:, :2]
+    (west, south), (east, north) = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
+    return float(west), float(south), float(east), float(north)
+
+
+def _run(trace: Trace, drawn: MapDrawing) -> str:
     steps, last = trace.steps, trace.steps[-1].update
     placed = [step for step in steps if step.places]
     errors = [(step.update, min(_error_m(step), _MOST_ERROR_M)) for step in placed]
@@ -125,7 +189,7 @@ def _run(trace: Trace, grid_map: MapMessage) -> str:
     scale_m = next((m for m in (0.2, 0.5, 1.0, 2.0, 5.0) if most_m <= m), _MOST_ERROR_M)
     return (
         f'<section class="run"><h2>seed {trace.seed}</h2>'
-        f"<figure>{_map(steps, grid_map)}</figure><div>"
+        f"<figure>{_map(steps, drawn)}</figure><div>"
         f"<figure>{_plot([(errors, _WRONG)], last, scale_m, ' m')}<figcaption>how far the most "
         f"probable place is off, up to {_MOST_ERROR_M:.0f} m</figcaption></figure>"
         f"<figure>{_plot([*_of_clusters(placed), (of_truth, _TRUE)], last, 1.0)}<figcaption>"
@@ -147,25 +211,15 @@ def _of_clusters(steps: Sequence[TraceStep]) -> list[_Curve]:
     return [(curve, PALETTE[i % len(PALETTE)]) for i, curve in enumerate(curves.values())]
 
 
-def _map(steps: Sequence[TraceStep], grid_map: MapMessage) -> str:
-    x, y, heading = grid_map.map_from_grid
-    c, s = math.cos(heading), math.sin(heading)
-    w, h = grid_map.cols * grid_map.cell_m, grid_map.rows * grid_map.cell_m
-    corners = [(x + c * a - s * b, y + s * a + c * b) for a in (0.0, w) for b in (0.0, h)]
-    west, south = (min(values) for values in zip(*corners, strict=True))
-    east, north = (max(values) for values in zip(*corners, strict=True))
-    stroke_m = max(east - west, north - south) / 250.0
+def _map(steps: Sequence[TraceStep], drawn: MapDrawing) -> str:
+    stroke_m = drawn.size_m / 250.0
     truth = _ways([step.truth[:2] for step in steps], _TRUE, stroke_m, dotted=True)
     ways = [
         way
         for right, piece in _pieces(steps)
         for way in _ways(piece, _RIGHT if right else _WRONG, stroke_m)
     ]
-    box = f"{west:.2f} {-north:.2f} {east - west:.2f} {north - south:.2f}"
-    return (
-        f'<svg class="map" viewBox="{box}"><g transform="scale(1 -1)"><use href="#map"/>'
-        f"{''.join([*ways, *truth])}</g></svg>"
-    )
+    return drawn.with_shapes([*ways, *truth])
 
 
 def _pieces(steps: Sequence[TraceStep]) -> Iterator[tuple[bool, list[tuple[float, float]]]]:

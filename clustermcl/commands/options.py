@@ -63,7 +63,8 @@ AllowCommands = Annotated[
 HERE = "127.0.0.1"  # with the usual port; the page itself is not imported here
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 Output = Annotated[
-    Path | None, typer.Option("--output", metavar="FILE", help="Write the results as JSON.")
+    Path | None,
+    typer.Option("--output", metavar="FILE", help="Write the results: .json, .csv or .parquet."),
 ]
 
 

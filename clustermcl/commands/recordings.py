@@ -89,6 +89,10 @@ def evaluate(
     as_json: AsJson = False,
     output: Output = None,
     record_file: RecordFile = None,
+    tum: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.tum", help="Write the estimated trajectory of one run."),
+    ] = None,
     report_file: Annotated[
         Path | None, typer.Option("--report", metavar="FILE.html", help="Draw the runs on a page.")
     ] = None,
@@ -119,6 +123,7 @@ def evaluate(
         as_json=as_json,
         output=output,
         record=record_file,
+        tum=tum,
         report_file=report_file,
     )
     given = [
@@ -137,6 +142,9 @@ def check(
         float, typer.Option("--range", min=0.5, metavar="M", help="Range of the laser [m].")
     ] = 12.0,
     places: Annotated[int, typer.Option(min=1, max=1_000, help="Number of tested places.")] = 24,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", metavar="FILE.html", help="Draw it on a page.")
+    ] = None,
     scan_topic: ScanTopic = "",
     odom_topic: OdomTopic = "",
     odom_frame: OdomFrame = "",
@@ -162,6 +170,7 @@ def check(
         laser_range_m=laser_range_m,
         places=places,
         as_json=as_json,
+        report_file=report_file,
     )
 
 

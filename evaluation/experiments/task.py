@@ -14,6 +14,7 @@ from evaluation.experiments.course import Course, course_of
 from evaluation.experiments.measures import Counts, RunMeasures
 from evaluation.experiments.observer import Observer
 from evaluation.experiments.trace import Trace
+from evaluation.references import OnPose, written_trajectory
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import Settings
 from protocol.errors import MapFileError
@@ -39,6 +40,8 @@ class Task:
     with_trace: bool = False
     record: Path | None = None
     """File for a bag of the run; None: none."""
+    tum: Path | None = None
+    """File for the most probable pose of each step; None: none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,20 +91,22 @@ class Run:
         self._model = _model(self.course, self._settings, task.cache_folder)
         self._follow = ALGORITHMS[task.algorithm]
         self.observer = Observer(case, task.seed, self.course.map, with_trace=task.with_trace)
-        self._record = task.record
+        self._record, self._tum = task.record, task.tum
 
     def outcomes(self) -> Iterator[Outcome]:
         """Yield the algorithm's outcome of every step, lazily."""
-        with _recorder(self._record) as recorder:
-            yield from self._followed(recorder)
+        with _recorder(self._record) as recorder, written_trajectory(self._tum) as on_pose:
+            yield from self._followed(recorder, on_pose)
 
-    def _followed(self, recorder: RunRecorder | None) -> Iterator[Outcome]:
+    def _followed(self, recorder: RunRecorder | None, on_pose: OnPose) -> Iterator[Outcome]:
         truths: dict[int, PoseTuple | None] = {}
         observer = self.observer
         for scan, outcome in self._follow(self._scans(truths), self._model, self._settings):
             observer.on_step(scan, outcome, truths.pop(scan.step))
             if recorder is not None:
                 self._tell(recorder, scan, outcome)
+            if outcome.hypotheses:
+                on_pose(scan.stamp_ns, outcome.hypotheses[0].mean)
             yield outcome
             if observer.over:
                 return

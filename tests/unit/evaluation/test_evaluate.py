@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation import evaluate
-from evaluation.evaluate import EvaluateOptions, case_of, result_of, start_steps
+from evaluation.evaluate import EvaluateOptions, case_of, start_steps
 from evaluation.experiments.case import (
     ALGORITHMS,
     NAMES,
@@ -21,6 +21,7 @@ from evaluation.experiments.case import (
 )
 from evaluation.experiments.measures import measures_of
 from evaluation.experiments.step_facts import facts_of
+from evaluation.results import result_of
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.answers import Hypothesis, State
@@ -206,6 +207,6 @@ def test_a_result_that_has_nowhere_to_go_is_refused_before_any_run(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(evaluate, "_all_results", lambda *_: pytest.fail("a run has begun"))
-    options = EvaluateOptions(recording="sim:cross", output=Path("/nonexistent/x"))
-    with pytest.raises(OutputError, match="/nonexistent/x: cannot be written: its folder"):
+    options = EvaluateOptions(recording="sim:cross", output=Path("/nonexistent/x.csv"))
+    with pytest.raises(OutputError, match=r"/nonexistent/x\.csv: cannot be written: its folder"):
         evaluate.run_evaluate(options, Settings())

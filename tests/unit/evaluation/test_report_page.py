@@ -1,9 +1,12 @@
 """The page of a report: one file, with every run in it."""
 
 import re
+import sys
 import xml.etree.ElementTree as ET
+from importlib.metadata import version
 
 import numpy as np
+import pytest
 
 from evaluation.experiments.trace import Trace, TracePlace, TraceStep
 from evaluation.report_page import TableText, report_page
@@ -19,9 +22,7 @@ def step(update: int, x: float, *, right: bool) -> TraceStep:
 
 
 def page(*steps: TraceStep) -> str:
-    return report_page(
-        "cluster-mcl on <sim>", "today, version 1: <x>", ROOM, [Trace(7, list(steps))], [TABLE]
-    )
+    return report_page("cluster-mcl on <sim>", ROOM, [Trace(7, list(steps))], [TABLE])
 
 
 def test_the_page_needs_nothing_from_elsewhere() -> None:
@@ -31,12 +32,14 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
     assert "http" not in text
 
 
-def test_what_is_named_cannot_break_the_page() -> None:
+def test_what_is_named_cannot_break_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["clustermcl", "evaluate", "<x>.log"])
     text = page(step(1, 1.0, right=True))
     assert "<sim>" not in text
     assert "<td><b>" not in text
     assert "&lt;sim&gt;" in text
-    assert "version 1: &lt;x&gt;" in text
+    command = "<code>clustermcl evaluate &#x27;&lt;x&gt;.log&#x27;</code>"
+    assert f"UTC, version {version('clustermcl')}: {command}" in text
 
 
 def test_every_drawing_is_well_formed() -> None:
