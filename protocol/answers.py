@@ -1,6 +1,6 @@
 """The coordinator's publications and answers, and the commands that clients send."""
 
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -8,6 +8,7 @@ from msgspec import Meta
 from protocol.health import Health
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import (
+    LIST_BYTES,
     MAX_ID_CHARACTERS,
     Circle,
     Covariance,
@@ -60,6 +61,7 @@ class Belief(Message, frozen=True, kw_only=True, tag="belief/1"):
     Published by the coordinator on ``belief`` after each step; the next one repairs a loss.
     """
 
+    max_bytes: ClassVar[int] = LIST_BYTES
     step: int
     """Number of the step; increases by one."""
     stamp_ns: int
@@ -141,6 +143,7 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
 class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
     """All places with their probabilities, predicted by odometry. Answers ``hypotheses``."""
 
+    max_bytes: ClassVar[int] = LIST_BYTES
     pose: PoseAnswer
     """The answer to `pose` at the same moment."""
     hypotheses: tuple[Hypothesis, ...]
@@ -150,6 +153,7 @@ class Hypotheses(Message, frozen=True, kw_only=True, tag="hypotheses/1"):
 class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     """State of the system and its counters. Answers queries on ``status``."""
 
+    max_bytes: ClassVar[int] = LIST_BYTES
     version: str
     """Version of the coordinator."""
     state: State

@@ -1,10 +1,10 @@
 """Events of clusters and searches: what began or ended, and why."""
 
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import msgspec
 
-from protocol.message import Id, Message, Number, Probability
+from protocol.message import LIST_BYTES, Id, Message, Number, Probability
 
 BeganCause: TypeAlias = Literal["first search", "restart", "prior pose", "given", "split"]
 """Found by the first search; found by a later one; taken from the last pose; given by a command;
@@ -86,6 +86,7 @@ class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
     answers queries there with the last 200 of its term: query after a gap in the numbers.
     """
 
+    max_bytes: ClassVar[int] = LIST_BYTES
     events: tuple[NumberedEvent, ...]
     """Oldest first."""
     term: Number = 0

@@ -7,7 +7,7 @@ namespace; see `protocol.keys`.
 """
 
 import sys
-from typing import Annotated, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -19,6 +19,15 @@ MAX_STEP = 2**53
 MAX_SCAN_STEP = 2**50
 """Limit for the steps of scans, so that numbers derived from them stay below `MAX_STEP`."""
 MAX_ID_CHARACTERS = 128
+
+SMALL_BYTES = 64 * 1024
+"""Poses, commands and their answers; a few hundred bytes are usual."""
+SCAN_BYTES = 256 * 1024
+"""20,000 beams, more than any laser has, of eight bytes each."""
+LIST_BYTES = 1024 * 1024
+"""Hypotheses of thousands of clusters, the list of a thousand processes."""
+LARGEST_BYTES = 32 * 1024 * 1024
+"""A million particles; 300 scans of 20,000 beams; the map of a square kilometre, compressed."""
 
 # Decoding refuses a number outside its type's range, NaN and infinity included.
 Number: TypeAlias = Annotated[int, Meta(ge=0, lt=MAX_STEP)]
@@ -50,6 +59,9 @@ Covariance: TypeAlias = tuple[
 
 class Message(msgspec.Struct, frozen=True, kw_only=True, tag_field="schema"):
     """Base class of all messages."""
+
+    max_bytes: ClassVar[int] = SMALL_BYTES
+    """A larger message is refused before it is copied or decoded."""
 
     sender: Annotated[str, Meta(max_length=MAX_ID_CHARACTERS)]
     """Name of the sending process."""

@@ -1,12 +1,21 @@
 """Readings from a robot to the bridge, and the steps and the map that the bridge sends on."""
 
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import msgspec
 
 from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
-from protocol.message import Finite, Message, Number, PoseTuple, ScanStep, Stamp
+from protocol.message import (
+    LARGEST_BYTES,
+    SCAN_BYTES,
+    Finite,
+    Message,
+    Number,
+    PoseTuple,
+    ScanStep,
+    Stamp,
+)
 
 
 class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/1"):
@@ -19,6 +28,7 @@ class OdometryReading(Message, frozen=True, kw_only=True, tag="odometry_reading/
 class LaserReading(Message, frozen=True, kw_only=True, tag="laser_reading/1"):
     """A raw scan. From a robot on ``readings/laser``; losing one costs at most one step."""
 
+    max_bytes: ClassVar[int] = SCAN_BYTES
     stamp_ns: int
     ranges: ArrayBlob
     """(B,) float32 [m], counter-clockwise; not finite, <= 0 or >= range_max_m: no return."""
@@ -47,6 +57,7 @@ class MapReading(Message, frozen=True, kw_only=True, tag="map_reading/1"):
     bridge that starts later.
     """
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     cell_m: float
     """Side of a cell (`resolution`)."""
     map_from_grid: PoseTuple
@@ -73,6 +84,7 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     A worker that loses one moves by the difference of odometry and loses that step's evidence.
     """
 
+    max_bytes: ClassVar[int] = SCAN_BYTES
     step: ScanStep
     stamp_ns: Stamp
     odom_from_robot: PoseTuple
@@ -100,6 +112,7 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):
     """Past steps. The bridge's answer to a query on ``scans``; query again after a loss."""
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     scans: tuple[Scan, ...]
     """In the order of the steps, without those that the bridge no longer keeps."""
 
@@ -107,6 +120,7 @@ class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):
 class MapMessage(Message, frozen=True, kw_only=True, tag="map/1"):
     """The map. The bridge's answer to a query on ``map``; query again after a loss."""
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     digest: str
     cell_m: float
     map_from_grid: PoseTuple

@@ -1,6 +1,6 @@
 """Work orders from the coordinator to workers, and the workers' reports."""
 
-from typing import Annotated, TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -8,6 +8,7 @@ from msgspec import Meta
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.message import (
+    LARGEST_BYTES,
     Circle,
     Corners,
     Covariance,
@@ -108,6 +109,7 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     order has no effect.
     """
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     order: Number
     """Increases with each order of a term; a worker ignores a lower one than the last."""
     term: Number = 0
@@ -158,6 +160,7 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
     coordinator. Losing one costs its cluster that step's update.
     """
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     job_id: Id
     epoch: Number
     step: Number
@@ -179,6 +182,7 @@ class TrackReport(Message, frozen=True, kw_only=True, tag="track_report/1"):
 class SearchReport(Message, frozen=True, kw_only=True, tag="search_report/2"):
     """The places that a search shard considers possible after a step. Sent like `TrackReport`."""
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     job_id: Id
     epoch: Number
     step: Number
@@ -217,6 +221,7 @@ class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     losing one costs nothing, for the steps since are applied again from the workers' reports.
     """
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     term: Number
     """Start of the coordinator's term [us of its clock]; higher than all earlier terms."""
     serial: Number
@@ -254,6 +259,7 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     """A worker's answer to a `TakeOver`: what a new coordinator needs to recover the state."""
 
+    max_bytes: ClassVar[int] = LARGEST_BYTES
     term: Number
     """The highest term that the worker knows, including that of the `TakeOver`."""
     holds: tuple[Assignment, ...]

@@ -15,7 +15,7 @@ import zenoh
 
 from process_runtime.settings import RobotSettings, ZenohSettings
 from protocol.errors import SettingsError
-from protocol.sizes import LARGEST_BYTES
+from protocol.message import LARGEST_BYTES
 
 CONNECT_TRY_MS = 1000
 """Time-out of one `zenoh.open`; Python handles signals only between two attempts."""

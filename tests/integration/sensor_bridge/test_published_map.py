@@ -11,7 +11,7 @@ from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.arrays import ArrayBlob
 from protocol.codec import encode
-from protocol.sizes import LARGEST_BYTES
+from protocol.message import LARGEST_BYTES
 from protocol.steps import MapReading
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, answering

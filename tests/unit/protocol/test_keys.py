@@ -4,7 +4,7 @@ from protocol import keys
 from protocol.errors import MalformedMessageError
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.limits import max_bytes_on
-from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
+from protocol.message import LARGEST_BYTES, SMALL_BYTES
 
 CONSTANTS = [
     value

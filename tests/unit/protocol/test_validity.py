@@ -9,9 +9,8 @@ from protocol.answers import Drive, Kidnap, Relocalize, SetPose
 from protocol.arrays import ArrayBlob
 from protocol.codec import MAX_ITEMS, decode, encode
 from protocol.errors import MalformedMessageError
-from protocol.message import MAX_SCAN_STEP, Message
+from protocol.message import LARGEST_BYTES, MAX_SCAN_STEP, SMALL_BYTES, Message
 from protocol.reading_checks import NO_RETURNS, laser_problem
-from protocol.sizes import LARGEST_BYTES, SMALL_BYTES
 from protocol.steps import OdometryReading, Scan, ScanHistory, TruePose
 from protocol.work import (
     Assignment,
