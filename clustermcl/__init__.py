@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from clustermcl.localizer import ClusterMCL as ClusterMCL
     from clustermcl.readings import Reading as Reading
     from clustermcl.readings import read_recording as read_recording
+    from particle_filter.extensions import register as register
     from process_runtime.output_files import OutputError as OutputError
     from protocol.answers import Hypothesis as Hypothesis
     from protocol.errors import ClusterMclError as ClusterMclError
@@ -44,6 +45,7 @@ _WHERE = {
     "UnreachableError": "protocol.errors",
     "load_map": "recordings.map_file",
     "read_recording": "clustermcl.readings",
+    "register": "particle_filter.extensions",
 }
 __all__ = [*_WHERE]  # noqa: PLE0604 - names
 

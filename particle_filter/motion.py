@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
 from particle_filter.elementary_functions import cos_sin
+from particle_filter.extensions import extension
 from particle_filter.kernel_arguments import plain
 from particle_filter.kernels import kernel
 from particle_filter.motion_noise import along_across_turn, turn_drive_turn
@@ -50,9 +51,17 @@ def move_with_noise(
     Rows: along the drive, across it, turn; or first turn, drive, second turn.
     """
     poses = plain(map_from_robot)
-    if settings.model == "differential":
-        return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
-    return _drive_along_bearing(poses, along_across_turn(before_from_after, settings), noise)
+    match settings.model:
+        case "differential":
+            return _turn_drive_turn(poses, turn_drive_turn(before_from_after, settings), noise)
+        case "omnidirectional":
+            along = along_across_turn(before_from_after, settings)
+            return _drive_along_bearing(poses, along, noise)
+        case name:
+            moved: Poses = extension("motion_model", name)(
+                poses, before_from_after, settings, noise
+            )
+            return moved
 
 
 # Bearings in single precision: a drive of a metre ends at most 0.2 um beside.

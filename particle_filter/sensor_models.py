@@ -1,22 +1,25 @@
 """All sensor models by the name that `sensor.model` has for them."""
 
-from typing import assert_never
-
 from particle_filter.beam_model import BeamModel
+from particle_filter.extensions import extension
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.settings import SensorModelName, SensorSettings
 
+OWN: dict[SensorModelName, type[SensorModel]] = {
+    "likelihood_field": LikelihoodFieldModel,
+    "beam": BeamModel,
+}
 
-def model_class(name: SensorModelName) -> type[SensorModel]:
-    """The class of the model that the settings name."""
-    match name:
-        case "likelihood_field":
-            return LikelihoodFieldModel
-        case "beam":
-            return BeamModel
-        case _:
-            assert_never(name)
+
+def model_class(name: str) -> type[SensorModel]:
+    """The class of the model that the settings name.
+
+    Raises:
+        ValueError: it is none of `OWN`, and not installed.
+    """
+    own = {str(known): kind for known, kind in OWN.items()}
+    return own.get(name) or extension("sensor_model", name)
 
 
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:

@@ -5,13 +5,16 @@ filter alike. The defaults are one set for all buildings and recordings.
 """
 
 from functools import lru_cache
-from typing import Annotated, Literal, TypeAlias, TypeVar
+from typing import Annotated, Literal, TypeAlias, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta
 
+from particle_filter.extensions import Kind, names
+
 SensorModelName: TypeAlias = Literal["likelihood_field", "beam"]
 """`sensor_models.model_class` has a class for each."""
+MotionModelName: TypeAlias = Literal["omnidirectional", "differential"]
 
 _NAME, _NUMBER = r"[A-Za-z0-9_-]+", r"-?\d+(\.\d+)?"
 _CORNER = rf"{_NUMBER}[ ]+{_NUMBER}"
@@ -31,12 +34,18 @@ def described(meaning: str, unit: str = "", form: str = "", **bounds: float | st
     return Meta(description=meaning, extra={"unit": unit, "form": form}, **bounds)  # type: ignore[call-overload, no-any-return] # one signature for its four
 
 
+def _check_model(kind: Kind, name: str, own: tuple[str, ...]) -> None:
+    if name not in own and name not in names(kind):
+        raise ValueError(f"no {kind} {name!r} is installed")
+
+
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How far odometry errs (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
 
-    model: Annotated[Literal["omnidirectional", "differential"], described("motion model")] = (
-        "omnidirectional"
-    )
+    model: Annotated[
+        str,
+        described("motion model", form='"omnidirectional", "differential" or an installed one'),
+    ] = "omnidirectional"
     turn_noise_per_turn: Annotated[
         float,
         described("noise of a turn caused by turning (root of nav2's alpha1)", "rad/rad", ge=0),
@@ -69,11 +78,16 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         described("slips are thought of where the best particle fits worse", "nat/beam"),
     ] = 0.5
 
+    def __post_init__(self) -> None:
+        _check_model("motion_model", self.model, get_args(MotionModelName))
+
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a scan is weighed against the map."""
 
-    model: Annotated[SensorModelName, described("sensor model")] = "likelihood_field"
+    model: Annotated[
+        str, described("sensor model", form='"likelihood_field", "beam" or an installed one')
+    ] = "likelihood_field"
     scan_likelihood_exponent: Annotated[
         float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
     ] = 0.1
@@ -122,6 +136,9 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float,
         described("log-weight of a particle on occupied or unknown ground, each step", le=0),
     ] = -1.0
+
+    def __post_init__(self) -> None:
+        _check_model("sensor_model", self.model, get_args(SensorModelName))
 
 
 class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

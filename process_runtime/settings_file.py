@@ -214,7 +214,7 @@ def _check(setting: SettingInfo, value: object, where: str, name: str | None = N
     """Check a value with msgspec; the error has the setting's name, the value and its type."""
     fits = not isinstance(value, int | float) or abs(value) <= _LARGEST  # NaN does not
     try:
-        msgspec.convert(value, setting.checked_type)
+        msgspec.convert({setting.name.rpartition(".")[2]: value}, setting.section)
     except msgspec.ValidationError:
         fits = False
     if not fits:

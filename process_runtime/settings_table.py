@@ -6,7 +6,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from operator import attrgetter
 from types import MappingProxyType
-from typing import Any, Literal, get_args, get_origin
+from typing import Literal, get_args, get_origin
 
 import msgspec
 
@@ -22,8 +22,8 @@ class SettingInfo:
 
     name: str
     """``section.key``, or ``key`` alone at the top."""
-    checked_type: Any
-    """What `msgspec.convert` checks a value against."""
+    section: type[msgspec.Struct]
+    """The structure that has it."""
     kind: type
     """bool, int, float or str."""
     expected: str
@@ -90,13 +90,15 @@ def _table() -> Iterator[SettingInfo]:
     sections = [field for field in fields if isinstance(field.default, msgspec.Struct)]
     for field in fields:
         if field not in sections:
-            yield _info(field.name, field)
+            yield _info(field.name, field, Settings)
     for section in sections:
         for field in msgspec.structs.fields(section.type):
-            yield _info(f"{section.name}.{field.name}", field)
+            yield _info(f"{section.name}.{field.name}", field, section.type)
 
 
-def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
+def _info(
+    name: str, field: msgspec.structs.FieldInfo, section: type[msgspec.Struct]
+) -> SettingInfo:
     plain, meta = get_args(field.type)
     choices = get_args(plain) if get_origin(plain) is Literal else ()
     kind = str if choices else plain
@@ -107,7 +109,7 @@ def _info(name: str, field: msgspec.structs.FieldInfo) -> SettingInfo:
     ]
     return SettingInfo(
         name=name,
-        checked_type=field.type,
+        section=section,
         kind=kind,
         expected=" or ".join(map(_toml, choices))
         or meta.extra["form"]

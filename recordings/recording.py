@@ -1,9 +1,11 @@
 """From a file to readings in the order of time, whatever the format of the recording."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
+from particle_filter.extensions import extension, names
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.errors import RecordingError
@@ -27,6 +29,8 @@ SENDER = "recording"
 """Sender of the readings of a recording."""
 
 _FORMAT_LINES = 1000
+_BETWEEN_READINGS_NS = 1_000_000_000
+"""Between readings of an own reader that have no stamps, as `ClusterMCL` takes them."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,17 @@ class Recording:
     laser_count: int
 
 
+class OwnReading(Protocol):
+    """What a reader of the user's own yields; `clustermcl.Reading` is one."""
+
+    def as_message(self, stamp_ns: int, robot_from_laser: PoseTuple) -> Reading:
+        """The reading as a robot publishes it; the arguments replace what it does not know."""
+
+
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a ROS bag, a Wean Hall or CARMEN log; the format shows in the content.
+    """Read a ROS bag, a Wean Hall or CARMEN log, or what an installed reader can read.
+
+    The format shows in the content.
 
     Args:
         path: the file, perhaps packed by gzip or xz, or the folder of a rosbag2.
@@ -63,6 +76,14 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
             bag, a line is a message that was read.
     """
     path = Path(path)
+    mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
+    for name in names("recording_reader"):
+        try:
+            own = extension("recording_reader", name)(path)
+            if own is not None:
+                return _own_recording(path, own, mount)
+        except (OSError, ValueError) as error:
+            raise RecordingError(path, f"reader {name!r}: {error}") from error
     if is_bag(path):
         # Imported here: bags need scipy for turns, and a live robot's bridge is to start fast.
         from recordings.ros_bag import bag_entries  # noqa: PLC0415
@@ -76,7 +97,6 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     if not lasers:
         raise RecordingError(path, _no_scan(entries, skipped))
     limit_m = range_limit_m(entry.ranges for entry in lasers)
-    mount = (settings.laser_x_m, settings.laser_y_m, settings.laser_heading_rad)
     entries, times = merged(entries)
     return Recording(
         path=path,
@@ -85,6 +105,18 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
         duration_s=(times[-1] - times[0]) / 1e9,
         laser_count=len(lasers),
     )
+
+
+def _own_recording(path: Path, own: Iterable[OwnReading], mount: PoseTuple) -> Recording:
+    readings: list[Reading] = []
+    for reading in own:
+        next_ns = readings[-1].stamp_ns + _BETWEEN_READINGS_NS if readings else 0
+        readings.append(reading.as_message(next_ns, mount))
+    laser_count = sum(isinstance(reading, LaserReading) for reading in readings)
+    if not laser_count:
+        raise RecordingError(path, f"no scan in it: {len(readings)} readings of odometry")
+    duration_s = (readings[-1].stamp_ns - readings[0].stamp_ns) / 1e9
+    return Recording(path, readings, (), duration_s, laser_count)
 
 
 def _entries(path: Path) -> tuple[list[Entry], list[SkippedLine]]:

@@ -122,7 +122,7 @@ def _motion_model(name: str) -> str:
 
 
 def _nav2_motion_model(model: str) -> str:
-    return next(plugin for plugin, ours in _PLUGINS.items() if ours == model)
+    return next((plugin for plugin, ours in _PLUGINS.items() if ours == model), model)
 
 
 def _sensor_model(name: str) -> str:

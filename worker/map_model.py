@@ -17,7 +17,7 @@ import numpy as np
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import Cells
 from particle_filter.sensor_model import Grid, MapArrays, SensorModel
-from particle_filter.sensor_models import model_class
+from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
 
 CACHE_VERSION = 7
@@ -49,7 +49,8 @@ def sensor_model(
 
     Its arrays are computed once for a map and settings, written to the cache folder, and mapped
     from there, so that the processes of a machine share one copy. A folder that cannot be
-    written or read costs a warning and a copy of one's own.
+    written or read costs a warning and a copy of one's own. Arrays of an installed model are not
+    kept, for its code may change.
 
     Args:
         grid_map: the map.
@@ -59,7 +60,7 @@ def sensor_model(
     Raises:
         ValueError: the map has no obstacle.
     """
-    if cache_folder is not None:
+    if cache_folder is not None and settings.model in OWN:
         entry = cache_folder / _name(grid_map, settings)
         try:
             with _one_at_a_time(cache_folder):

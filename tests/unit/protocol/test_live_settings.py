@@ -17,7 +17,8 @@ NUMBERS = (-1, 0, 1e-9, 0.5, 1, 1.5, 2, 65_536, 65_537, 1e9, 1e10, math.nan, mat
 
 def setting_of(name: str) -> Any:
     (found,) = [TABLE[f"{one}.{name}"] for one in SECTIONS if f"{one}.{name}" in TABLE]
-    return found.checked_type
+    (field,) = [f for f in msgspec.structs.fields(found.section) if f.name == name]
+    return field.type
 
 
 def fits(value: object, kind: Any) -> bool:

@@ -1,0 +1,51 @@
+"""Models and readers of the user's own, by the names that settings have for them.
+
+A name stands for code that this process has registered, or that is installed as an entry point.
+Settings and messages select among these names and load nothing else.
+"""
+
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal, TypeAlias
+
+Kind: TypeAlias = Literal["sensor_model", "motion_model", "recording_reader"]
+"""The group of an entry point is ``clustermcl.`` and the kind; docs/extending.md has recipes."""
+
+_registered: dict[tuple[Kind, str], Any] = {}
+
+
+def register(kind: Kind, name: str, extension: object) -> None:
+    """Make an extension known in this process; one of the same name is replaced.
+
+    Args:
+        kind: what it is.
+        name: of ``sensor.model`` or ``motion.model``; of a reader, any.
+        extension: a `SensorModel` class; a function like `motion.move_with_noise`; or a function
+            from a path to `clustermcl.Reading`s, or to None where it cannot read the file.
+    """
+    _registered[kind, name] = extension
+
+
+def names(kind: Kind) -> list[str]:
+    """All that are registered or installed."""
+    return [*(name for of, name in _registered if of == kind), *_installed(kind)]
+
+
+def extension(kind: Kind, name: str) -> Any:
+    """The extension of this name.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if (kind, name) not in _registered:
+        if name not in _installed(kind):
+            known = ", ".join(names(kind)) or "none"
+            raise ValueError(f"no {kind} {name!r} is installed; known: {known}")
+        register(kind, name, _installed(kind)[name].load())
+    return _registered[kind, name]
+
+
+@cache
+def _installed(kind: Kind) -> dict[str, EntryPoint]:
+    """Entry points by name; looking for them takes 10 ms."""
+    return {point.name: point for point in entry_points(group=f"clustermcl.{kind}")}

@@ -1,0 +1,142 @@
+"""Models and readers of one's own: registered here, or installed as entry points."""
+
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from clustermcl import (
+    ClusterMCL,
+    Reading,
+    RecordingError,
+    SettingsError,
+    read_recording,
+    register,
+)
+from particle_filter import extensions
+from particle_filter.likelihood_field_model import LikelihoodFieldModel
+from particle_filter.sensor_model import Grid
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import FilterSettings
+from protocol.arrays import ArrayBlob
+from protocol.work import Assignment, ElsewhereJob, Job, Particles, SearchJob, TrackJob
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world
+from tests.integration.system.conftest import SMALL
+from worker.jobs import running
+
+
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
+    monkeypatch.setattr(extensions, "_registered", {})
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    extensions._installed.cache_clear()
+    yield
+    extensions._installed.cache_clear()
+
+
+class Counting(LikelihoodFieldModel):
+    asked = 0
+
+    def log_likelihood(self, *of: object) -> np.ndarray:
+        type(self).asked += 1
+        return super().log_likelihood(*of)  # type: ignore[arg-type] # handed on
+
+
+def test_an_own_sensor_model_weighs_for_search_tracking_and_elsewhere() -> None:
+    register("sensor_model", "counting", Counting)
+    hall = world("hall")
+    settings = FilterSettings(
+        sensor=msgspec.structs.replace(SMALL.sensor, model="counting"), search=SMALL.search
+    )
+    grid = Grid(hall.map.cells, hall.map.cell_m, np.array(hall.map.map_from_grid))
+    model = computed_model(grid, settings.sensor)
+    scan, _ = next(simulated_steps(SimulatedSource(Simulation(hall, 0), steps=1), SMALL.bridge, ""))
+    start = Particles(
+        step=0,
+        odom_from_robot=scan.odom_from_robot,
+        map_from_robot=ArrayBlob.of(np.zeros((9, 3)), "float64"),
+        log_weights=ArrayBlob.of(np.zeros(9), "float64"),
+    )
+    jobs: list[Job] = [
+        SearchJob(search=0, shard=0, first_step=0),
+        TrackJob(cluster=0, start=start, exact=True),
+        ElsewhereJob(first_step=0),
+    ]
+    for job in jobs:
+        before = Counting.asked
+        running(Assignment(job_id="job", epoch=0, job=job), model, settings, sender="test").advance(
+            scan
+        )
+        assert Counting.asked > before, job
+
+
+def test_an_own_motion_model_moves_the_particles() -> None:
+    hall = world("hall")
+    asked = []
+
+    def still(poses: np.ndarray, motion: np.ndarray, _settings: object, noise: np.ndarray):  # type: ignore[no-untyped-def] # as a user writes it
+        asked.append((poses.shape, motion.shape, noise.shape))
+        return poses.copy()
+
+    register("motion_model", "still", still)
+    mcl = ClusterMCL(hall.map, settings={"motion.model": "still", "cluster.particles": 200})
+    for tick in islice(Simulation(hall, 0), 20):
+        mcl.update(Reading.of(tick.odometry[0]))
+        mcl.update(Reading.of(tick.laser))
+    poses, motion, noise = asked[-1]
+    assert (poses[1], motion, noise) == (3, (3,), (3, poses[0]))
+
+
+def test_an_installed_model_is_found_by_its_entry_point(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "own_model.py").write_text(
+        "from particle_filter.likelihood_field_model import LikelihoodFieldModel\n"
+        "class Own(LikelihoodFieldModel):\n    pass\n"
+    )
+    about = tmp_path / "own_model-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: own_model\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[clustermcl.sensor_model]\nown = own_model:Own\n")
+    with pytest.raises(SettingsError, match='"beam" or an installed one'):
+        ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
+    extensions._installed.cache_clear()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mcl = ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
+    assert type(mcl._model).__name__ == "Own"
+    assert not list((tmp_path / "clustermcl").glob("field-*")), "its arrays are not kept"
+
+
+@pytest.mark.parametrize("wrong", ["os:system", "os.system", "../model.py", "", "a" * 10_000])
+def test_a_name_loads_nothing_that_is_not_installed(wrong: str) -> None:
+    for kind in ("sensor", "motion"):
+        with pytest.raises(SettingsError, match="an installed one"):
+            ClusterMCL(world("hall").map, settings={f"{kind}.model": wrong})
+
+
+def test_an_own_reader_is_asked_first_and_its_errors_name_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "run.own"
+
+    def reader(path: Path) -> Iterator[Reading] | None:
+        return lines(path) if path.suffix == ".own" else None
+
+    def lines(path: Path) -> Iterator[Reading]:
+        for line in path.read_text().split():
+            yield Reading((float(line), 0.0, 0.0), [1.0, 2.0], angle_step=0.1, range_max=9.0)
+
+    register("recording_reader", "own", reader)
+    file.write_text("0 0.5 1.0")
+    assert [reading.odom_from_robot[0] for reading in read_recording(file)] == [0.0, 0.5, 1.0]  # type: ignore[index] # given
+    file.write_text("0 x")
+    with pytest.raises(RecordingError, match=r"run\.own: reader 'own': could not convert"):
+        read_recording(file)
+    file.write_text("")
+    with pytest.raises(RecordingError, match="no scan in it"):
+        read_recording(file)
+    with pytest.raises(RecordingError, match="no such file"):
+        read_recording(tmp_path / "other.log")
