@@ -118,6 +118,8 @@ def fields(module: ModuleType, name: str) -> Iterator[tuple[str, str, str]]:
             if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant):
                 told = " ".join(str(after.value.value).split())
             type_ = ast.unparse(node.annotation)
+            if type_.startswith("ClassVar"):
+                continue
             yield node.target.id, type_.replace("|", "\\|"), told.replace("|", "\\|")
 
 
