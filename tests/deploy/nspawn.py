@@ -76,10 +76,10 @@ def _said(command: list[str]) -> str:
 
 
 class Machine:
-    """A machine without a network that is booted, rebooted and told commands.
+    """A machine without a network that can be booted and rebooted and that runs commands.
 
     Args:
-        folder: its root file system; what it says while booting goes to a file beside it.
+        folder: its root file system; its boot messages go to a file next to it.
     """
 
     def __init__(self, folder: Path) -> None:

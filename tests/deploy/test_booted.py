@@ -69,7 +69,7 @@ class Robot(Machine):
     settings = SETTINGS
 
     def ask(self, question: str) -> dict[str, Any]:
-        """Its answer; nothing while nobody answers."""
+        """Its answer; empty while there is none."""
         said = self.run(f"{COMMAND} {question} --json --settings {self.settings}", check=False)
         answer: dict[str, Any] = json.loads(said) if said.startswith("{") else {}
         return answer
@@ -81,7 +81,7 @@ class Robot(Machine):
         return known and pose["step"] > since_step and pose["workers"] == 4
 
     def comes_back(self, what: str, begin_s: float, since_step: int = 0) -> None:
-        """Wait until it localizes, and tell how long that took since `begin_s`."""
+        """Wait until it localizes; return the time since `begin_s`."""
         try:
             wait_until(lambda: self.localizes(since_step), deadline_s=300.0)
         except pytest.fail.Exception:

@@ -1,4 +1,4 @@
-"""Whatever valid messages say, and in whatever order: nobody stumbles over it."""
+"""Valid messages of any content in any order: no process fails."""
 
 import math
 from typing import Any
@@ -136,7 +136,7 @@ BELIEF = {
 
 @st.composite
 def reports(draw: st.DrawFn) -> Report:
-    """Reports that are valid, of jobs that there are or not; the epoch is set when it is told."""
+    """Valid reports of existing and unknown jobs; the epoch is set when one is delivered."""
     poses = NEAR_POSE | ANY_POSE.filter(lambda pose: all(abs(x) < 1e8 for x in pose))
     job, step, pose = draw(JOBS), draw(STEPS), draw(poses)
     if job.startswith("s"):

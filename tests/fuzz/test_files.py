@@ -1,4 +1,4 @@
-"""Whatever is in a file, a reader reads it or says what is wrong with it in its own error."""
+"""Whatever a file contains, its reader reads it or raises its own error."""
 
 import contextlib
 import gzip

@@ -51,7 +51,7 @@ SECOND = 1_000_000_000
 
 @cache
 def real_checkpoints() -> list[Checkpoint]:
-    """Of a search, of clusters that workers hold, of some that nobody holds, and of a command."""
+    """With a search, clusters with and without a worker, and a command."""
     living = Living(symmetric_room())
     found = []
     for step in range(14):

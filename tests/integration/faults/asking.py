@@ -1,4 +1,4 @@
-"""Somebody who asks where the robot is, again and again, whatever happens meanwhile."""
+"""A client that queries the pose repeatedly during a fault."""
 
 import threading
 import time

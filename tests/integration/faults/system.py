@@ -1,4 +1,4 @@
-"""A whole system under test, with somebody who hears all that it says and can hurt it."""
+"""A whole system under test, with a subscriber to all its messages and means to inject faults."""
 
 import os
 import signal
@@ -91,7 +91,7 @@ class System:
         wait_until(lambda: len(self.since(step)) >= 5 and self.tracks(), 30.0)
 
     def wait_for_steps(self, count: int, deadline_s: float = 30.0) -> None:
-        """Until so many more steps are believed."""
+        """Wait for this many more beliefs."""
         step = self.step
         wait_until(lambda: self.step >= step + count, deadline_s)
 
@@ -115,7 +115,7 @@ class System:
         os.kill(self.pid(name), number)
 
     def mend(self) -> None:
-        """Start again who has died, as `clustermcl up` does."""
+        """Restart dead processes, as `clustermcl up` does."""
 
         def all_run() -> bool:
             self.stack.ended()

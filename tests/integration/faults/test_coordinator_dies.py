@@ -41,7 +41,7 @@ PATIENT = msgspec.structs.replace(
 
 
 def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
-    """Every belief that was heard, also one that was told twice, is what one process believes."""
+    """Every received belief, repeated ones included, equals that of one process."""
     expected = {outcome.step: outcome for outcome in alone}
     for belief in beliefs:
         assert belief.missing == (), f"step {belief.step}"
@@ -51,7 +51,7 @@ def assert_same(beliefs: Sequence[Belief], alone: Sequence[Outcome]) -> None:
 
 
 def alone_of(tested: System, settings: Settings) -> list[Outcome]:
-    """What one process believes after the steps that the bridge has sent so far."""
+    """The beliefs of one process after the bridge's steps up to now."""
     history = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=5.0)
     assert history.scans[0].step == 0
     grid_map = world(WORLD).map
@@ -80,7 +80,7 @@ def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_be
 
 
 def test_a_robot_that_drives_on_is_followed_again_within_two_seconds() -> None:
-    """Steps that passed while nobody was there are applied from the workers' reports."""
+    """Steps without a coordinator are applied later from the workers' reports."""
     with with_live_robot(PATIENT) as (tested, _robot):
         tested.wait_until_it_tracks()
         before, workers = tested.step, tested.worker_pids()

@@ -47,7 +47,8 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
 
 
 def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
-    """What a follower heard last is of no use; it carries on from the file next to it."""
+    """The last checkpoint that a follower received is useless; it continues from its state
+    file."""
     with with_live_robot(PATIENT) as (tested, _robot):
         standby = tested.start(COORDINATOR, "--standby")
         standby.wait_for("standing by")

@@ -1,6 +1,6 @@
-"""A link that came back and carries nothing this way: Zenoh failed to declare all anew over it.
+"""A link that is open again and carries nothing: Zenoh did not repeat its declarations.
 
-Here processes come back to a router at which nobody is, while the others are at another one.
+Here processes reconnect to an empty router while the others are at another one.
 """
 
 import signal
@@ -84,7 +84,7 @@ def here(short_folder: str) -> Iterator[zenoh.Session]:
 
 @pytest.fixture
 def nowhere(short_folder: str) -> Iterator[zenoh.Session]:
-    """A session at the router where nobody is."""
+    """A session at the empty router."""
     yield from session_at(short_folder, "nowhere")
 
 

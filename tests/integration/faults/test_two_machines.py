@@ -34,7 +34,7 @@ class TwoMachines(NamedTuple):
         return len(status.workers) == NEAR + FAR and self.system.tracks()
 
     def goes_on(self, after_term: int, after_step: int) -> bool:
-        """Whether another coordinator believes later steps; who has died is started again."""
+        """Whether another coordinator publishes later steps; dead processes are restarted."""
         self.system.stack.ended()
         last = self.system.beliefs[-1]
         return last.term > after_term and last.step >= after_step + 5

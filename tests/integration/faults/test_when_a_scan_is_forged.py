@@ -1,4 +1,5 @@
-"""docs/failures.md: scans of steps far ahead blind nobody while the honest bridge goes on."""
+"""docs/failures.md: scans with steps far ahead change no belief while the real bridge
+continues."""
 
 from collections.abc import Callable
 

@@ -36,7 +36,7 @@ MALFORMED = {
 
 
 def dropped_by(status: Status, process: str) -> dict[str, int]:
-    """What a process says that it has dropped, by cause."""
+    """A process's counters of dropped messages, by cause."""
     (health,) = (health for health in status.processes if health.sender == process)
     return dict(health.dropped)
 

@@ -1,4 +1,5 @@
-"""docs/failures.md: workers that answer orders and never report stop no search and blind nobody."""
+"""docs/failures.md: workers that answer orders and never report delay a search for seconds
+only."""
 
 import uuid
 

@@ -29,7 +29,7 @@ def machine() -> Iterator[OtherMachine]:
 
 
 def put_and_time_the_answer(session: zenoh.Session) -> float:
-    """Publish what the dead links shall have as well; return how long a question took [s]."""
+    """Publish while the links are dead; return the duration of a query [s]."""
     session.put("test", bytes(10_000))
     asked_s = time.monotonic()
     wait_until(lambda: any(reply.ok for reply in session.get("pose", timeout=1.0)), 30.0)

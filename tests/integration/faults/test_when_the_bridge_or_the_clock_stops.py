@@ -16,7 +16,7 @@ STALE_AFTER_S = 1.0
 
 
 def poses_until_stale(tested: System) -> list[PoseAnswer]:
-    """What is answered from now on, until it is stale."""
+    """Collect answers from now on until one is stale."""
     poses: list[PoseAnswer] = []
 
     def is_stale() -> bool:

@@ -1,4 +1,4 @@
-"""docs/failures.md: odometry goes on, and no scan is weighed: the pose is blind, and says so."""
+"""docs/failures.md: odometry continues without scans: the pose is dead reckoning and marked so."""
 
 import os
 import signal
@@ -40,7 +40,7 @@ def sigma_m(pose: PoseAnswer) -> float:
 
 
 def assert_blind_and_honest(client: Client, robot: Robot) -> None:
-    """From now on until the robot is far: blind, ever less certain, and never far beside that."""
+    """Until the robot is far: dead reckoning, growing covariance, true pose inside it."""
     wait_until(lambda: client.pose().freshness == "blind")
     poses: list[PoseAnswer] = []
 

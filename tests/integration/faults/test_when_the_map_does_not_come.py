@@ -1,4 +1,4 @@
-"""A worker that waits for its map goes on answering; nothing it is told meanwhile is lost."""
+"""A worker that waits for its map still answers, and loses no message meanwhile."""
 
 import threading
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ SOON_S = 1.0
 
 
 class Bridge:
-    """Holds questions for the map until it is told to answer them; has no past scans."""
+    """Holds back queries for the map until released; has no past scans."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self.asked: list[zenoh.Query] = []
@@ -62,7 +62,7 @@ def _room() -> GridMap:
 
 
 class Coordinator:
-    """Gives orders without waiting, and hears what the worker says."""
+    """Sends orders without waiting and collects the worker's reports."""
 
     def __init__(self, session: zenoh.Session, bridge: Bridge) -> None:
         self._session, self._digest = session, bridge.map_digest
@@ -137,7 +137,7 @@ def _answers(coordinator: Coordinator) -> bool:
     try:
         coordinator.state()
     except ClusterMclError:
-        return False  # its queryable has not been heard of yet
+        return False  # its queryable is not yet known
     return True
 
 

@@ -1,4 +1,4 @@
-"""A robot that stands is told where it may be: after its start, a command, and with a new map."""
+"""A standing robot gets places: after its start, after a command, and with a new map."""
 
 import math
 import threading

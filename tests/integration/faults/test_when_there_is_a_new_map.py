@@ -1,4 +1,4 @@
-"""docs/operations.md: a new map means a restart of the bridge; everything is located anew."""
+"""docs/operations.md: a new map means a restart of the bridge and a new search."""
 
 from pathlib import Path
 

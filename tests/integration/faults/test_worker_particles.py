@@ -26,7 +26,7 @@ from worker.jobs import RunningJob, running
 from worker.map_model import sensor_model
 
 Snapshots = dict[tuple[str, int], set[bytes]]
-"""Particles of a job after a step, by whoever told them."""
+"""Particles of a job after a step, by the reporting worker."""
 
 
 def told(report: Report, snapshots: Snapshots) -> None:
@@ -37,7 +37,7 @@ def told(report: Report, snapshots: Snapshots) -> None:
 
 
 def undisturbed(settings: Settings) -> Snapshots:
-    """What one process without a network comes to."""
+    """The result of one process without a network."""
     world = world_of(settings)
     source = SimulatedSource(Simulation(world, settings.seed), steps=STEPS)
     plain = filter_settings(settings)
@@ -68,7 +68,7 @@ def undisturbed(settings: Settings) -> Snapshots:
 
 
 def heard(tested: System) -> Snapshots:
-    """What the workers tell, from now on."""
+    """The workers' reports from now on."""
     snapshots = defaultdict[tuple[str, int], set[bytes]](set)
 
     def on_report(sample: zenoh.Sample) -> None:
@@ -95,7 +95,7 @@ def test_whoever_tracks_a_cluster_has_the_same_particles() -> None:
 
 
 def assert_same(snapshots: Snapshots, *, after: int) -> None:
-    """All that was heard is what one process comes to, also after the last death."""
+    """All received particles equal those of one process, also after the last kill."""
     expected = undisturbed(PACED)
     assert len([step for _, step in snapshots if step > after]) >= 4
     for (job, step), particles in snapshots.items():

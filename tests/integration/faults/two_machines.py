@@ -26,7 +26,7 @@ class Cable:
 
     @contextmanager
     def cut(self, *, from_here: bool, from_there: bool) -> Iterator[None]:
-        """Nothing gets through in these directions; nobody is told."""
+        """Drop all packets in these directions silently."""
         cuts = [((), self.there)] if from_here else []
         cuts += [(self.over_there, self.here)] if from_there else []
         for where, address in cuts:  # narrower than the cable's own route
@@ -39,7 +39,7 @@ class Cable:
 
     @contextmanager
     def shaped(self, *how: str) -> Iterator[None]:
-        """What goes to the far machine is delayed, lost or throttled, as `tc` is told."""
+        """Delay, drop or throttle packets to the far machine with `tc`."""
         try:
             ran("tc", "qdisc", "add", "dev", self.device, "root", *how)
         except subprocess.CalledProcessError as error:

@@ -55,7 +55,7 @@ class UntrueWorker:
 
 @contextmanager
 def untrue_workers(tested: System, *names: str) -> Iterator[list[UntrueWorker]]:
-    """Some beside the honest ones; they are gone afterwards."""
+    """Add some to the honest ones, and remove them afterwards."""
     settings = tested.settings
     with ExitStack() as sessions:
         session = open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0)

@@ -70,7 +70,7 @@ class System:
                 process.resume()
 
     def causes(self) -> list[str]:
-        """Why clusters and searches began and ended so far."""
+        """The events of clusters and searches up to now."""
         with Client(self.settings) as client:
             return [numbered.event.cause for numbered in client.events().events]
 

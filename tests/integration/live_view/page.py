@@ -106,7 +106,7 @@ class Page:
 
     @contextmanager
     def holding(self, key: str) -> Iterator[None]:
-        """Hold a key down."""
+        """Keep a key pressed."""
         from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - extra
 
         ActionChains(self.driver).key_down(key).perform()
@@ -157,7 +157,7 @@ class Page:
         return [entry["message"] for entry in self.driver.get_log("browser")]
 
     def wait_for_places(self, count: int, deadline_s: float = 90.0) -> None:
-        """Wait until so many places are drawn that are not improbable."""
+        """Wait until this number of probable places is drawn."""
         probable = "return (liveView.view.step?.places ?? []).filter(one => one.p > 0.04).length"
         wait_until(lambda: self.run(probable) == count, deadline_s)
 

@@ -1,4 +1,4 @@
-"""A page without a system: the real server and the real page, told what a test wants drawn."""
+"""The real server and page without a system; tests give it what it should draw."""
 
 import queue
 import zlib
@@ -18,7 +18,7 @@ from protocol.steps import MapMessage
 
 
 class Stage:
-    """Tests tell `picture`, and call `pump` until the page shows it."""
+    """Tests change `picture`, and call `pump` until the page shows it."""
 
     def __init__(self, *others: str) -> None:
         robots = ["r", *others]

@@ -20,7 +20,7 @@ from tests.integration.processes import RunningProcess
 
 @pytest.fixture
 def nobody(tmp_path: Path) -> str:
-    """A router's endpoint where nobody listens."""
+    """A router's endpoint without a router."""
     return f"zenoh.router=unixsock-stream/{tmp_path}/r.sock"
 
 

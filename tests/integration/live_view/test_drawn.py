@@ -1,4 +1,4 @@
-"""What the page draws of what it is told, in a real browser, without a system behind it."""
+"""The page's drawings of given messages, in a real browser, without a system behind it."""
 
 import importlib.util
 from collections.abc import Callable, Iterator
@@ -52,7 +52,7 @@ def drawn(stage: Stage, driver: Any) -> Iterator[Page]:
 
 
 def shows(stage: Stage, condition: Callable[[], object]) -> None:
-    """Wait until the page shows what the stage was told."""
+    """Wait until the page shows the stage's last message."""
 
     def pumped() -> object:
         stage.pump()
@@ -73,7 +73,7 @@ def play(stage: Stage, steps: range) -> None:
 
 
 def has_steps(stage: Stage, page: Page, count: int) -> None:
-    """Wait until the page knows all steps so far, also those that were skipped in haste."""
+    """Wait until the page has all steps, including those skipped for speed."""
     shows(stage, lambda: [row[0] for row in page.history()] == list(range(count)))
 
 

@@ -51,7 +51,7 @@ def told(page: ClientConnection) -> dict[str, Any]:
 
 
 def answer_of(page: ClientConnection, topic: str) -> dict[str, Any]:
-    """A topic that was asked for; what is told meanwhile of others is the same as before."""
+    """The requested topic; other messages that arrive meanwhile are unchanged."""
     while topic not in (message := told(page)):
         pass
     answer: dict[str, Any] = message[topic]

@@ -1,4 +1,4 @@
-"""Robots behind one router: each localizes, and what it is told is of its own readings alone."""
+"""Robots behind one router: each localizes, by its own readings alone."""
 
 import math
 from pathlib import Path
@@ -13,7 +13,7 @@ def assert_each_finds_itself(robots: int, at_most_s: float, folder: Path) -> Non
     assert len(heard) == robots
     for name, robot in heard.items():
         assert robot.localized_after_s < math.inf, f"{name}: {robot.errors_m[-5:]}"
-        # Not all: under load, the one who hears everything misses some readings.
+        # Not all: under load, the subscriber to everything misses some readings.
         assert robot.made_of(robot.laser_stamps_ns) > len(robot.told_stamps_ns) / 2, name
         assert strangers(name, heard) == 0, name
     stamps = [stamp_ns for robot in heard.values() for stamp_ns in robot.laser_stamps_ns]

@@ -25,7 +25,7 @@ def test_ten_minutes_at_forty_hertz_lose_no_step_and_beliefs_come_before_the_nex
 
 @contextmanager
 def other_work(processes: int) -> Iterator[None]:
-    """Somebody else keeps the machine busy."""
+    """Keep the machine busy with other work."""
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)]
     try:
         yield

@@ -51,7 +51,7 @@ def python(program: str) -> list[str]:
 
 
 def gone(pids: Sequence[int]) -> bool:
-    """Whether none runs; a zombie that nobody reaps, as in some containers, does not run."""
+    """Whether none runs; an unreaped zombie, as in some containers, does not run."""
     for pid in pids:
         try:
             if psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:

@@ -1,4 +1,4 @@
-"""Signs of life: given while the loop goes round, to whoever listens, and not a moment longer."""
+"""Watchdog messages are sent while the loop runs, and stop when it stops."""
 
 import os
 import signal

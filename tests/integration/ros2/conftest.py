@@ -1,4 +1,4 @@
-"""The bridge as a process, a robot of ROS, and somebody who stands in for our own system."""
+"""The bridge as a process, a ROS robot, and a double of our own system."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

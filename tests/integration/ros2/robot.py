@@ -1,6 +1,6 @@
 """A robot that speaks ROS 2 over rmw_zenoh: a node made of the bridge's own parts, and listeners.
 
-What it puts on the wire is held against a recorded robot in `tests/unit/ros2_bridge`.
+`tests/unit/ros2_bridge` compares its bytes with those of a recorded robot.
 """
 
 import math
@@ -71,7 +71,7 @@ class RosRobot:
         self._publishers[topic.name].put(message)
 
     def listen(self, topic: Topic) -> list[Any]:
-        """What is said on a topic, from now on and, where it is latched, last; it grows."""
+        """A growing list of a topic's messages from now on, and the latched one."""
         heard: list[Any] = self.heard.setdefault(topic.name, [])
         at_s = self.heard_at_s.setdefault(topic.name, [])
 
@@ -136,7 +136,7 @@ class RosRobot:
         frame: str = "laser",
         deadline_s: float = 20.0,
     ) -> None:
-        """Say odometry and scans of a standing robot until a condition holds."""
+        """Publish odometry and scans of a standing robot until a condition holds."""
 
         def said() -> object:
             stamp_ns = time.time_ns()

@@ -1,4 +1,5 @@
-"""Stands in for bridge, coordinator and workers: hears readings and commands, tells beliefs."""
+"""Stands in for bridge, coordinator and workers: receives readings and commands, publishes
+beliefs."""
 
 from typing import Any
 

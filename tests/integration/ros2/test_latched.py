@@ -1,4 +1,4 @@
-"""What is said once and has to reach who comes later."""
+"""Latched messages: published once, and delivered to later subscribers."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_a_map_published_before_the_bridge_came_reaches_it_and_each_new_one(
     assert cells.shape == (300, 400)
     assert np.count_nonzero(cells == 100) == np.count_nonzero(cells) == 2 * 400 + 2 * 298
     assert cell_m == 0.05
-    assert system.ask_for_map() == system.maps[0][2]  # also who comes later
+    assert system.ask_for_map() == system.maps[0][2]  # also a later subscriber
     put_map(robot)  # the same: nothing happens
     put_map(robot, width=200, x_m=1.0)
     wait_until(lambda: len(system.maps) >= 2)

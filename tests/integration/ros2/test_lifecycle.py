@@ -132,7 +132,7 @@ def test_the_bond_goes_on_whatever_the_system_does(
     places = [(number, 0.001, (float(number), 0.0, 0.0)) for number in range(200)]
 
     def is_flooded() -> bool:
-        """A coordinator says more than the bridge can tell: what does not fit is lost."""
+        """A coordinator publishes faster than the bridge can: surplus messages are dropped."""
         system.believe(stamp_ns, *places, state="localized")
         return len(poses) >= 30
 

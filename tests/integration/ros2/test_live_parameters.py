@@ -80,7 +80,7 @@ def test_what_is_set_holds_from_the_next_step_on_everywhere_and_after_every_take
             kill(tested, "sensor_bridge")
             tested.wait_for_steps(3, 90.0)
             assert newest_scan(tested).settings == EXPECTED
-            # Whoever has forgotten them is told again.
+            # A restarted process receives them again.
             done = ask(
                 tested.session, keys.CONFIGURE, CommandDone, timeout_s=5.0,
                 message=Configure(sender="test", settings=LiveSettings()),

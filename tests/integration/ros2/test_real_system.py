@@ -1,4 +1,4 @@
-"""A robot of ROS on our real processes, while they are hurt, told to search, or given a new map."""
+"""A ROS robot on our real processes during faults, searches and a change of the map."""
 
 import math
 import time

@@ -1,6 +1,6 @@
 """Our messages against ROS's own: rclpy of each release reads ours, and writes the same bytes.
 
-`.ci/run` installs rclpy beside us and says where in ROS_PYTHONS; without it these are skipped.
+`.ci/run` installs rclpy and sets ROS_PYTHONS; without it these tests are skipped.
 """
 
 import dataclasses
@@ -53,7 +53,7 @@ pytestmark = pytest.mark.skipif(not PYTHONS, reason="no rclpy: see .ci/run")
 
 @cache
 def answers(python: str) -> dict[str, dict[str, Any]]:
-    """What one release says of all messages."""
+    """One release's bytes of all messages."""
     asked = "".join(
         json.dumps(
             {

@@ -69,7 +69,7 @@ def test_diagnostics_tell_of_the_state_and_of_what_was_refused(
     robot.put_mounts(("laser", IDENTITY))
     start_bridge(ACTIVE)
     told = robot.listen(DIAGNOSTICS)
-    wait_until(lambda: told and told[-1].status[0].level == 2)  # nobody is there yet
+    wait_until(lambda: told and told[-1].status[0].level == 2)  # no service is there yet
     assert told[-1].status[0].message == "searching, unreachable"
     system = open_system()
     robot.stand_until(lambda: system.lasers)

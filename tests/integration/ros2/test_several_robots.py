@@ -1,4 +1,4 @@
-"""Two robots in namespaces of one router: neither hears or moves the other."""
+"""Two robots in namespaces of one router do not affect each other."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""`clustermcl up` on a robot of ROS: beside a router that is there, with nav2's own parameters."""
+"""`clustermcl up` on a ROS robot: with an existing router and nav2's own parameters."""
 
 import os
 import signal

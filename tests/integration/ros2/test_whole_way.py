@@ -101,7 +101,7 @@ class Drive:
     When it is at ease, it pauses before and after each reading, as robots do.
 
     Args:
-        robot: who says what it measures.
+        robot: the publisher of the readings.
         tested: who believes it.
     """
 
@@ -148,7 +148,7 @@ class Drive:
                 if (scan := maker.on_reading(stamped)) is not None:
                     self._wait_for_belief(scan.stamp_ns, stop)
                 if at_ease:
-                    stop.wait(_AT_EASE_S)  # whoever hears has the interpreter for himself
+                    stop.wait(_AT_EASE_S)  # subscribers have the interpreter to themselves
             if stop.is_set():
                 return
 
@@ -160,7 +160,7 @@ class Drive:
             self._robot.put_scan(reading, stamp_ns=reading.stamp_ns)
 
     def _wait_for_belief(self, stamp_ns: int, stop: StopFlag) -> None:
-        """Wait, but not for ever: ROS's scans may be lost on their way, and it drives on."""
+        """Wait for a limited time: ROS may lose scans, and the robot drives on."""
         until_s = time.monotonic() + _BELIEVED_WITHIN_S
         while time.monotonic() < until_s and not stop.wait(0.002):
             if self._tested.beliefs and self._tested.beliefs[-1].stamp_ns >= stamp_ns:
@@ -168,7 +168,7 @@ class Drive:
 
 
 class RobotOfOurs:
-    """A robot that says its scans to us without ROS, under a key that nobody else reads.
+    """A robot that publishes its scans without ROS, on a private key.
 
     Args:
         session: of its own.
@@ -179,7 +179,7 @@ class RobotOfOurs:
         self.said_at_s: dict[int, float] = {}
 
     def say(self, reading: OdometryReading | LaserReading) -> None:
-        """Say it, if it is a scan."""
+        """Publish it, if it is a scan."""
         if isinstance(reading, LaserReading):
             self.said_at_s[reading.stamp_ns] = time.monotonic()
             self._publisher.put(reading)
@@ -222,7 +222,7 @@ class Heard:
 
 @pytest.fixture(autouse=True)
 def short_turns() -> Iterator[None]:
-    """The simulation leaves the interpreter after 0.2 ms to who hears: times are theirs."""
+    """The simulation releases the interpreter after 0.2 ms, so times are the subscribers'."""
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(2e-4)
     yield
@@ -275,7 +275,7 @@ def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]
     """From ROS's scan to AMCL's pose it takes hardly longer than from a scan of ours to the belief.
 
     More is what a reading takes through the bridge less what it takes without, and the time from
-    the belief to the pose. A scan goes on with the transform that tells where the robot was.
+    the belief to the pose. A scan is forwarded with the transform at its time.
     """
     at_ease = drive.readings[drive.at_ease_from :]
     odometry_ns = sorted(one.stamp_ns for one in at_ease if isinstance(one, OdometryReading))
@@ -301,10 +301,10 @@ def assert_early_enough(drive: Drive, heard: Heard, poses_at_s: dict[int, float]
 def steps_of(
     said: list[OdometryReading | LaserReading], heard: list[OdometryReading | LaserReading]
 ) -> tuple[list[Scan], list[Scan]]:
-    """The steps of what the robot measured and of what our system heard: they are the same.
+    """The steps of the robot's measurements equal those that our system received.
 
     A busy machine may lose a scan or a transform on ROS's side: the scans that came are compared,
-    and their odometry wherever the transforms beside it came too. Where one did not, nothing is
+    and their odometry wherever its transforms arrived too. Where one did not, nothing is
     answered for the robot's own numbers: the beliefs that they make are others.
     """
     heard = sorted(heard, key=lambda one: one.stamp_ns)  # as far as it goes: more may come
@@ -338,8 +338,8 @@ def steps_of(
 def assert_same_beliefs(
     beliefs: list[Belief], from_ros: list[Scan], from_readings: list[Scan]
 ) -> None:
-    """What was believed is what one process makes of the readings, bit for bit; what it makes of
-    the robot's own numbers is the same but for ROS's quaternions and float32.
+    """The beliefs equal those of one process on the received readings, bit for bit, and on the
+    robot's own numbers up to ROS's quaternions and float32.
     """
     model = sensor_model(world(WORLD).map, SMALL.sensor, cache_folder=None)
     of_ros, of_readings = (

@@ -44,12 +44,12 @@ def client_with(folder: Path, name: str, router: str) -> ZenohSettings:
 
 
 def without_certificate(settings: ZenohSettings) -> ZenohSettings:
-    """The same client, who knows the authority and has nothing to show."""
+    """The same client without a certificate; it knows the authority."""
     return msgspec.structs.replace(settings, tls_certificate="", tls_private_key="")
 
 
 def with_lifetime(folder: Path, name: str, begin: timedelta, end: timedelta) -> None:
-    """Sign the certificate of this name anew, for a time around now that may be over."""
+    """Sign this name's certificate again, for a period near now that may have ended."""
     for file, text in (
         ("index.txt", ""),
         ("serial", f"{os.getrandom(8).hex()}\n"),

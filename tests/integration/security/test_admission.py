@@ -27,7 +27,7 @@ ClientOf = Callable[[str], ZenohSettings]
 
 
 def refusal(settings: ZenohSettings) -> str:
-    """What a person is told who tries to connect."""
+    """The error message of a refused connection."""
     with (
         pytest.raises(UnreachableError) as caught,
         open_session(settings, RobotSettings(), StopFlag(), wait_s=0.2),

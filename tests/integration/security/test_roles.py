@@ -1,7 +1,7 @@
 """What each role may do at a router with access control, each case tried for real.
 
-Zenoh drops in silence what is denied. So that a test need not wait for what does not come, the one
-who is entitled speaks afterwards: links keep their order, and what was let through is there first.
+Zenoh drops in silence what is denied. To avoid waiting for messages that never arrive, the
+permitted role publishes last: links keep their order, so every admitted message arrives before it.
 """
 
 import itertools
@@ -26,7 +26,7 @@ REPORT_A, REPORT_B = keys.worker_report("worker-a-0"), keys.worker_report("worke
 ORDER_A = keys.worker_order("worker-a-0")
 STATE_A = keys.worker_state("worker-a-0")
 
-PUBLISHED = {  # key: who may publish it, who reads it
+PUBLISHED = {  # key: roles that may publish it, roles that read it
     keys.ODOMETRY_READING: ("robot", "bridge"),
     keys.LASER_READING: ("robot", "bridge"),
     keys.MAP_READING: ("robot", "bridge"),
@@ -43,7 +43,7 @@ PUBLISHED = {  # key: who may publish it, who reads it
     keys.BRIDGE_HEALTH: ("bridge", "coordinator"),
 }
 
-SERVED = {  # key: who serves it, who may ask for it
+SERVED = {  # key: roles that serve it, roles that may query it
     keys.MAP: ("bridge", {"coordinator", "worker-a", "worker-b", "recorder", "viewer", "operator"}),
     keys.SCAN_HISTORY: ("bridge", {"worker-a", "worker-b", "coordinator", "recorder"}),
     keys.KIDNAP: ("bridge", {"operator"}),
@@ -76,7 +76,7 @@ def pattern(key: str) -> str:
 
 
 def heard_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> set[str]:
-    """Which of the speakers is heard on a key; the last of them must be entitled to speak."""
+    """The roles whose messages arrive on a key; the last one must be permitted."""
     turn, heard = next(_ROUNDS), set()
     subscriber = reader.declare_subscriber(pattern(key), handlers.FifoChannel(100))
     try:

@@ -1,4 +1,4 @@
-"""Those who connect to the router and say nothing keep nobody else out."""
+"""Silent connections to the router do not lock out others."""
 
 import select
 import socket
@@ -37,7 +37,7 @@ def endpoint(certificates: Path) -> Iterator[str]:
 
 @pytest.fixture
 def silent(endpoint: str) -> Iterator[list[socket.socket]]:
-    """Connections to the router over which nobody says a word."""
+    """Connections to the router that send nothing."""
     host, _, port = endpoint.removeprefix("tls/").rpartition(":")
     with ExitStack() as held:
         address = (host, int(port))
@@ -54,7 +54,7 @@ def test_silent_connections_keep_nobody_out(
 ) -> None:
     viewer = client_with(certificates, "viewer", endpoint)
     gets_in_at_once(viewer)
-    # Whenever the router loses patience with one of them, it opens to nobody for a moment.
+    # Whenever the router drops one of them, it accepts no connection for a moment.
     select.select(silent, [], [], 1.2 * ZENOHS_PATIENCE_S)
     gets_in_at_once(viewer)
 

@@ -28,7 +28,7 @@ def walled_map(folder: Path) -> Path:
 
 @contextmanager
 def answering(session: zenoh.Session, reading: MapReading) -> Iterator[None]:
-    """Tell a map to whoever asks, as somebody does who published it long ago."""
+    """Answer queries for the map, as a robot does that published it earlier."""
 
     def answer(query: zenoh.Query) -> None:
         with query:
@@ -54,7 +54,7 @@ class Robot:
         self.put(key, encode(reading))
 
     def steps(self) -> list[Scan]:
-        """What the bridge has made so far; it answers in its loop, after what came before."""
+        """The bridge's steps up to now; its loop answers after the earlier messages."""
         history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=60.0)
         return list(history.scans)
 

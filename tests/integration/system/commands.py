@@ -24,7 +24,7 @@ SMALL_FILTER = [
 
 
 class TypedCommand:
-    """A command that runs, with all processes that it has started so far."""
+    """A running command with all its child processes."""
 
     def __init__(
         self, words: tuple[str, ...], folder: Path, environment: dict[str, str], module: str

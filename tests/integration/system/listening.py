@@ -36,7 +36,7 @@ def beliefs_of(
     Args:
         stack: not started yet.
         settings: of the system.
-        at_step: what to do when the belief of a step has been heard.
+        at_step: actions on receipt of a step's belief.
         among_strangers: what is no belief may come on its key, too, and is left out.
     """
     stack.start_without_coordinator()

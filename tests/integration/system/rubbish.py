@@ -1,4 +1,4 @@
-"""Whatever a stranger may put on a key or ask there, but for what an honest process would say."""
+"""Everything a stranger may publish or query, except an honest process's messages."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -53,11 +53,11 @@ NO_MESSAGES = {
 
 @dataclass
 class Stranger:
-    """Somebody on the network.
+    """A stranger on the network.
 
     Args:
         session: a client like all others.
-        scans: what the bridge has published so far, by step; the stranger listens, too.
+        scans: the bridge's scans up to now, by step; the stranger subscribes to them.
     """
 
     session: zenoh.Session
@@ -90,7 +90,7 @@ class Stranger:
             self._get(selector, b"")
 
     def shout(self) -> None:
-        """A hundred megabytes on keys that all workers and the coordinator hear."""
+        """A hundred megabytes on keys of all workers and the coordinator."""
         for key in (keys.SCAN, keys.worker_report(WORKER)):
             self._put(key, bytes(100_000_000))
             self._put(key, bytes(33_000_000))

@@ -1,4 +1,4 @@
-"""What a person can get wrong: one line that says what and where, and nothing is left."""
+"""A user's mistakes: one line with what and where, and no process left behind."""
 
 import subprocess
 import sys

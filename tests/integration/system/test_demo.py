@@ -59,7 +59,7 @@ def test_a_demo_ends_by_itself_with_one_json_object(environment: dict[str, str])
 
 
 def test_a_robot_in_a_map_of_ones_own_is_found(environment: dict[str, str], tmp_path: Path) -> None:
-    """A room with one cabinet: looked at once, it tells where the robot is."""
+    """A room with one cabinet: a single view of it localizes the robot."""
     cells = np.full((120, 160), 254, np.uint8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 0
     cells[20:50, 100:130] = 0

@@ -36,7 +36,7 @@ def dropped_by(status: Status, role: str) -> dict[str, int]:
 
 
 class Disturbance:
-    """A stranger who is there from the first step on."""
+    """A stranger from the first step on."""
 
     def __init__(self, settings: Settings, resources: ExitStack) -> None:
         self._settings, self._resources = settings, resources
@@ -81,7 +81,7 @@ def test_rubbish_on_every_key_is_counted_by_cause_and_changes_no_belief(
         with Client(settings) as client:
             wait_until(lambda: not uncounted(client.status()))
             processes = client.status().processes
-    beliefs = {belief.step: belief for belief in heard}  # who asks for a step again is told again
+    beliefs = {belief.step: belief for belief in heard}  # a repeated query gets a repeated answer
     assert list(beliefs) == list(range(STEPS))
     for step, outcome in enumerate(outcomes_of(SMALL, steps=STEPS)):
         assert beliefs[step].missing == (), f"step {step}"

@@ -15,7 +15,7 @@ STEPS = 60
 
 @pytest.fixture(scope="module")
 def alone() -> list[Outcome]:
-    """What one process without a network believes."""
+    """The beliefs of one process without a network."""
     return outcomes_of(SMALL, steps=STEPS)
 
 

@@ -15,7 +15,7 @@ from tests.integration.waiting import wait_until
 MINUTES = 2.25
 SEED = 7
 LONG_ONLY = {Kind.ROBOT_KIDNAPPED, Kind.WORKER_LINKS_CUT, Kind.COORDINATOR_LINK_CUT}
-"""Not all promises are kept yet where these come close together; docs/soak.md tells which."""
+"""Not all promises are kept yet where these follow closely; docs/soak.md lists them."""
 KINDS = [kind for kind in Kind if kind not in LONG_ONLY]
 
 

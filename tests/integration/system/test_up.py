@@ -1,4 +1,4 @@
-"""`clustermcl up`: everything in the foreground, until it is told to stop."""
+"""`clustermcl up`: everything in the foreground, until a signal."""
 
 import asyncio
 import os

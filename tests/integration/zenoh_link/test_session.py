@@ -38,7 +38,7 @@ def end(process: RunningProcess, number: int = signal.SIGTERM) -> tuple[int, flo
 
 
 def say(session: zenoh.Session, text: str, process: RunningProcess) -> None:
-    """Put until it is heard: what is put while a link comes up is lost."""
+    """Publish until it arrives: messages are lost while a link is being set up."""
 
     def heard() -> bool:
         session.put("test", text)

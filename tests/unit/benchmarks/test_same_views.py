@@ -1,4 +1,4 @@
-"""A robot that sees the same again and again is told nothing new by it."""
+"""Repeated views add no evidence."""
 
 import pytest
 
@@ -9,7 +9,7 @@ from process_runtime.settings_file import load_settings
 
 @pytest.mark.parametrize("name", ["turn", "pace"])
 def test_one_block_that_the_map_lacks_tells_once_which_place_is_right(name: str) -> None:
-    """Counted at each turn anew it made the robot sure of the wrong end of a symmetric hall."""
+    """Counted at each turn, it made the robot sure of the wrong end of a symmetric hall."""
     case = CASES[name]
     answers = run(case, 0, load_settings(None, case.settings))
     assert not any(a.best >= CONFIDENT_PROBABILITY and not a.is_right for a in answers)

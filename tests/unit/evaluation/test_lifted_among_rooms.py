@@ -1,4 +1,4 @@
-"""A robot that is lifted into another of eight rooms exactly alike, with as many clusters."""
+"""A robot that is lifted into another of eight identical rooms, with eight clusters."""
 
 from collections.abc import Iterator
 from math import hypot
@@ -21,7 +21,7 @@ SETTINGS = Settings(
     belief=BeliefSettings(max_clusters=PLACES),
     bridge=BridgeSettings(gate_distance_m=0.0, gate_turn_rad=0.0),
 )
-"""Every scan is a step, so that a step tells little."""
+"""Every scan is a step, so a step has little evidence."""
 FOUND_WITHIN = 40
 
 

@@ -1,4 +1,4 @@
-"""The baseline has as much to work with as what it is compared with."""
+"""The baseline gets the same number of particles as Cluster-MCL."""
 
 import numpy as np
 import pytest

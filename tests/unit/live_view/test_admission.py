@@ -1,4 +1,4 @@
-"""Who may open the page, and who may not."""
+"""Which requests may open the page."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a browser may ask for."""
+"""A browser's permitted commands."""
 
 import pytest
 

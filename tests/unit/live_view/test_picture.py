@@ -1,4 +1,4 @@
-"""What the page is told, message by message."""
+"""The page's messages, one by one."""
 
 import json
 from types import SimpleNamespace

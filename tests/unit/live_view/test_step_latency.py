@@ -1,4 +1,4 @@
-"""How long steps take, as the page's process hears them."""
+"""Step latency as the page's process measures it."""
 
 from live_view.step_latency import LAST_STEPS, StepLatency
 

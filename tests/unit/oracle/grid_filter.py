@@ -1,8 +1,8 @@
 """An exact Bayes filter on a fine grid of poses: as obvious as can be, and shares no product code.
 
 Everything is a sum over cells: the likelihood field cell by cell, the motion as a convolution for
-each heading, Bayes' rule as a product. What it errs by is its cells' size; halving them moves no
-logarithm that the tests compare by 0.02.
+each heading, Bayes' rule as a product. Its error is the size of its cells; halving them moves no
+compared logarithm by 0.02.
 """
 
 import numpy as np

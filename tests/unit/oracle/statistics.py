@@ -6,11 +6,11 @@ import numpy as np
 from scipy.stats import t as students_t
 
 FALSE_ALARMS = 1e-4
-"""Of one comparison, were the seeds drawn anew; they are fixed, so it fails always or never."""
+"""Probability of a false failure for new seeds; seeds are fixed, so a test is deterministic."""
 
 
 def assert_is_mean_of(exact: float, values: Sequence[float], grid_error: float) -> None:
-    """Hold the mean of independent values to an exact one.
+    """Compare the mean of independent values with an exact one.
 
     Args:
         exact: what it should be.

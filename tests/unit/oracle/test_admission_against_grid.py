@@ -1,4 +1,4 @@
-"""What a search's place weighs beside the clusters, against an exact filter over the whole room."""
+"""The weight of a search's place against an exact filter over the whole room."""
 
 import math
 

@@ -96,7 +96,7 @@ def exact_log_odds(
         noise: differences within it count next to nothing [nat].
         power: of the prior.
         hazard: that the robot is lifted elsewhere before a step.
-        unheard: by step from 1, the place of which nothing is heard.
+        unheard: by step from 1, the place without a report.
     """
     here = np.exp(logs) / np.exp(logs).sum()
     here, there = (here[:-1], here[-1]) if hazard > 0.0 else (here, 0.0)

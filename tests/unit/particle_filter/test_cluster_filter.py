@@ -139,7 +139,7 @@ def test_beams_through_a_wall_count_against_a_cluster_only_where_there_is_a_wall
 
 
 def test_particles_at_one_place_share_the_beams_among_them() -> None:
-    """Three of them, a third of the beams each, tell together what each would tell of all."""
+    """Three lasers with a third of the beams each give the evidence of one with all beams."""
     divided = plain_room()
     divided[:, 60] = OCCUPIED
     beams = seen_from(HERE, plain_room())

@@ -1,4 +1,4 @@
-"""Written-out functions against the library's, and that they cannot be told from them in use."""
+"""Written-out functions against the library's; the difference has no effect in use."""
 
 import math
 

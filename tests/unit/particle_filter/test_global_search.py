@@ -128,7 +128,7 @@ def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where()
     cells, rng = plain_room(), np.random.default_rng(0)
     settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
     search, seen = GlobalSearch(model_of(cells), settings, shard=0), seen_from(START, cells)
-    for _ in range(8):  # the robot stands, so no further scan tells where it is
+    for _ in range(8):  # the robot stands, so no further scan adds evidence
         before = search.log_evidence
         per_beam = search.advance(START, START, seen, rng)
     model = model_of(cells)
@@ -166,7 +166,7 @@ def test_a_map_without_a_free_cell_is_refused() -> None:
 
 
 class Corrected:
-    """A model that takes back what it is told, wherever it looks."""
+    """A model whose second scan cancels the first everywhere."""
 
     def __init__(self, cells: np.ndarray, correction: float) -> None:
         self._model, self._correction = model_of(cells), correction

@@ -92,7 +92,7 @@ def test_where_odometry_has_its_origin_does_not_matter(
 @pytest.mark.parametrize("turn", [0.0, 0.3])
 @pytest.mark.parametrize("drive", [0.0, 0.5, -0.5])
 def test_omnidirectional_noise_has_the_promised_deviations(drive: float, turn: float) -> None:
-    """40,000 draws tell a deviation to 0.35 %: 2 % is a false alarm in 10^7."""
+    """40,000 draws estimate a deviation to 0.35 %: 2 % is a false alarm in 10^7."""
     start = np.array([2.0, 3.0, 0.7])
     after = np.array([drive, 0.0, turn])
     rng = np.random.default_rng(3)

@@ -9,7 +9,7 @@ from particle_filter.settings import SearchSettings
 def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None:
     here, there = np.array([1.0, 1.0, 0.0]), np.array([4.0, 1.0, 0.0])
     poses = np.concatenate([np.tile(here, (10, 1)), np.tile(there, (30, 1))])
-    poses[5:10, 1] += 0.2  # half of those here stand a little aside, and count thrice
+    poses[5:10, 1] += 0.2  # half of those here are a little to the side, and count three times
     weights = np.concatenate([np.full(5, 3.0), np.full(5, 9.0), np.full(30, 2.0)])
     rules = SearchSettings(hand_over_particles=400)
     rng = np.random.default_rng(0)
@@ -25,7 +25,7 @@ def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None
 
 
 def test_the_most_probable_have_particles_and_the_others_one_each_of_their_own() -> None:
-    """Places are told by their share, not in the order in which they were found."""
+    """Places are ordered by their share, not by their discovery."""
     at_x = np.array([0.0, 5.0, 10.0, 15.0])
     poses = np.repeat(at_x, 50)[:, None] * [1.0, 0.0, 0.0]
     weights = np.repeat([2.0, 1.0, 4.0, 3.0], 50)

@@ -88,7 +88,7 @@ def test_what_is_taken_back_is_a_share_of_what_was_given_for_beams_through_walls
 def test_who_shares_a_cluster_looks_from_fewer_particles_at_all_beams_alike(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """All particles are the same, so any of them tell the same, unless beams count unevenly."""
+    """All particles are equal, so any subset gives the same, unless beams count unevenly."""
     room, here = plain_room(), np.tile([1.0, 3.0, 0.3], (200, 1))
     divided = plain_room()
     divided[:, 60] = 1

@@ -17,7 +17,7 @@ RAYS = 40
 )
 def test_a_ray_alone_is_as_long_as_among_others_to_the_last_bit(cells: Cells, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    x, y = rng.uniform([-3.0, -3.0], [16.0, 12.0])  # in the map or beside it
+    x, y = rng.uniform([-3.0, -3.0], [16.0, 12.0])  # in the map or outside
     rays = np.stack([*rng.normal(0.0, 6.0, (2, RAYS)), rng.uniform(0.1, 2.0, RAYS)])
     rays[0, 0] = rays[1, 1] = 0.0  # along a row, along a column
     jumps, lengths = jump_field(cells), np.empty(RAYS)

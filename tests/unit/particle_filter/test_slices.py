@@ -62,7 +62,7 @@ def test_no_slice_of_a_search_does_more_than_its_share(monkeypatch: pytest.Monke
     # One part too many is begun before the meter is looked at.
     assert counted.most <= 1.5 * SLICE_WORK
     assert whole > 50 * SLICE_WORK  # else it shows nothing
-    assert counted.slices < 10 * whole / SLICE_WORK  # a slice is worth its overhead
+    assert counted.slices < 10 * whole / SLICE_WORK  # a slice takes longer than its overhead
 
 
 def test_where_slices_end_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

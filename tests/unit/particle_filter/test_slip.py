@@ -41,9 +41,9 @@ def after_forwards() -> tuple[Poses, Poses]:
 def after_a_drive(
     true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS, cut: slice = NONE
 ) -> Weighed:
-    """A step of a cloud that knows where it was; odometry tells of a drive forwards.
+    """A step of a localized particle set; odometry reports a drive forwards.
 
-    Somebody stands half way in some beams, which are cut.
+    A person cuts some beams half way.
     """
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
     beams.ranges[cut] *= 0.5
@@ -121,7 +121,7 @@ def test_the_scan_is_as_likely_as_bayes_rule_has_it_of_a_robot_that_may_have_sli
 
 
 def test_a_slip_is_thought_of_only_where_scans_fit_badly() -> None:
-    """However much better it fits: `slip_below_fit` says what is bad."""
+    """However much better it fits: `slip_below_fit` defines a bad fit."""
     fits_badly = after_a_drive(BACKWARDS, WITHOUT).log_likelihood_per_beam
     for least, follows in ((fits_badly - 0.01, False), (fits_badly + 0.01, True)):
         result = after_a_drive(BACKWARDS, replace(WITH, slip_below_fit=least))

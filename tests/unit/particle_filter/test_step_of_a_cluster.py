@@ -1,4 +1,4 @@
-"""What one step does with weights, noise, evidence and visibility; each has gone wrong once."""
+"""One step's weights, noise, evidence and visibility; each was wrong once."""
 
 import math
 
@@ -133,7 +133,7 @@ def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
     log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
     rng = np.random.default_rng(0)
     drawn = drawn_from(sample, log_weights, ClusterSettings(particles=4000), rng)
-    # The kernel is as wide as the weighted sample's 0.3 m: told apart by the mean.
+    # The kernel is as wide as the weighted sample's 0.3 m; the mean distinguishes them.
     # Systematic draws are exact to 1 in 4,000; the kernel's noise of 0.08 m has 0.0013 m in it.
     assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
 

@@ -20,7 +20,7 @@ LASER = np.array([0.2, -0.1])
 
 
 def hidden(pose: Pose, hits: Points, cells: Cells, field: LikelihoodField) -> float:
-    """Beam by beam: what the field gave, if the ray and both beside it meet something before."""
+    """Beam by beam: the field's value, if the ray and both neighbours are blocked earlier."""
     laser, total = compose(pose, np.array([*LASER, 0.0])), 0.0
     for hit in hits:
         x, y, _ = compose(pose, np.array([*hit, 0.0])) - laser

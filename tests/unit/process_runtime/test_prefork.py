@@ -3,7 +3,7 @@ from process_runtime.stop import StopFlag
 
 
 def test_a_process_that_was_told_to_stop_while_it_compiled_forks_nothing() -> None:
-    """The signal has started a watching thread; a fork beside it would be refused as a bug."""
+    """The signal has started a watching thread; a later fork would be refused as a bug."""
     stop = StopFlag()
     stop.set()
     forked: list[int] = []

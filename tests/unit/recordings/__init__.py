@@ -9,7 +9,7 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 
 
 def data_folder() -> Path:
-    """The folder of recordings: CLUSTERMCL_DATA, else `shared/data` beside the repository."""
+    """The folder of recordings: CLUSTERMCL_DATA, else `shared/data` next to the repository."""
     named = os.environ.get("CLUSTERMCL_DATA")
     return Path(named) if named else REPOSITORY.parent / "shared" / "data"
 

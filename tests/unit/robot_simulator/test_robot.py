@@ -1,4 +1,4 @@
-"""A robot drives where it should, hits nothing, and its odometry errs as it is told."""
+"""A robot drives where it should, hits nothing, and has the configured odometry error."""
 
 from math import hypot, pi
 
@@ -117,7 +117,7 @@ def test_a_quarter_circle_ends_where_geometry_says() -> None:
 
 
 def test_odometry_errs_by_the_root_of_the_way_and_by_its_scale() -> None:
-    """400 robots drive 9 m straight on; each share of the error is as large as it was told."""
+    """400 robots drive 9 m straight on; each component of the error is as large as configured."""
 
     def read(**errors: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         silent = dict.fromkeys(

@@ -1,4 +1,4 @@
-"""Worlds look as they should: symmetric to the last cell, or different where it is told."""
+"""Worlds look as they should: symmetric to the last cell, or different where specified."""
 
 from itertools import islice, pairwise
 
@@ -43,7 +43,7 @@ def test_every_world_is_walled_in_and_has_room_for_the_robot(name: str) -> None:
     cells = somewhere.truth.cells
     assert somewhere.name == name
     assert set(np.unique(cells)) == {FREE, OCCUPIED, UNKNOWN}
-    for axis in (0, 1):  # nobody can leave without crossing a wall
+    for axis in (0, 1):  # every way out crosses a wall
         ahead = np.roll(cells, 1, axis)
         assert not np.any((cells == FREE) & (ahead == UNKNOWN))
         assert not np.any((cells == UNKNOWN) & (ahead == FREE))

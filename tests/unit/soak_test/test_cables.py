@@ -1,4 +1,4 @@
-"""A relay: this process at one end, at the other a router that writes down what it hears."""
+"""A relay between this process and a router that records its messages."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""The jobs themselves: whose noise, from which particles, and what a report tells."""
+"""The jobs themselves: their noise, their particles, and their reports."""
 
 import numpy as np
 import pytest

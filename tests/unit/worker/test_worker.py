@@ -51,7 +51,7 @@ NOBODY = UnreachableError(who="map", problem="no answer on 'map': nobody is ther
 
 
 def told(worker: Worker, *events: Event) -> list[Instruction]:
-    """What comes of the last of some events."""
+    """The instructions after the last of some events."""
     return [worker.handle(event) for event in events][-1]
 
 

@@ -1,4 +1,4 @@
-"""Sessions that hear everything on ``test``, as the workers of a machine hear scans."""
+"""Sessions that receive everything on ``test``, as the workers of a machine receive scans."""
 
 import argparse
 from contextlib import ExitStack

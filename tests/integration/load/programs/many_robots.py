@@ -45,12 +45,12 @@ SETTINGS = Settings(
     worker=WorkerSettings(count=2),
 )
 LOCALIZED_M, LOCALIZED_STEPS = 1.0, 5
-"""So near the truth for so many steps in a row."""
+"""At most this far from the truth, for this number of steps in a row."""
 
 
 @dataclass
 class Robot:
-    """What was heard below one robot's name."""
+    """Messages received in one robot's namespace."""
 
     laser_stamps_ns: set[int] = field(default_factory=set)
     truth: dict[int, PoseTuple] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class Everything:
 
 
 def run_robots(robots: int, at_most_s: float, folder: Path) -> dict[str, Robot]:
-    """Run them all until each has localized, or the time is up; what was heard of each."""
+    """Run all robots until each has localized or time is up; return each one's messages."""
     router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
     worker = msgspec.structs.replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     settings = msgspec.structs.replace(SETTINGS, zenoh=router, worker=worker)
@@ -133,7 +133,7 @@ def _all_localized(heard: Everything, robots: int) -> bool:
 
 
 def _session_of_no_robot(settings: Settings) -> zenoh.Session:
-    """One without a namespace, as nobody of ours has; the router may still be starting."""
+    """A session without a namespace, unlike our processes; the router may still be starting."""
     configuration = client_configuration(settings.zenoh, settings.robot)
     del configuration["namespace"]
     while True:
@@ -144,7 +144,7 @@ def _session_of_no_robot(settings: Settings) -> zenoh.Session:
 
 
 def main() -> int:
-    """Run; exit code 1 if a robot did not localize, or heard of another."""
+    """Run; exit code 1 if a robot did not localize or received another one's messages."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", type=int, default=20)
     parser.add_argument("--minutes", type=float, default=6.0)

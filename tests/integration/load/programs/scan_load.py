@@ -51,7 +51,7 @@ START_WITHIN_S = 120.0
 
 @dataclass
 class Measured:
-    """What was heard in the time of measurement."""
+    """Messages received during the measurement."""
 
     steps: int = 0
     lost: int = 0
@@ -61,7 +61,7 @@ class Measured:
     clusters: int = 0
     """Of the last belief."""
     scan_to_belief_s: list[float] = field(default_factory=list)
-    """From the step's message to its belief's, both as one listener heard them."""
+    """From the step's message to its belief's, both as one subscriber received them."""
     laser_to_belief_s: list[float] = field(default_factory=list)
     """From the laser's own stamp: besides, the wait for the odometry after the scan."""
 
@@ -105,7 +105,7 @@ class Listener:
         )
 
     def between(self, first: int, last: int) -> Measured:
-        """What was measured on some steps."""
+        """Measurements of some steps."""
         measured = Measured(steps=last - first + 1)
         for step in range(first, last + 1):
             if step not in self.beliefs:

@@ -27,9 +27,9 @@ SMALL = (
 )
 END_WITHIN_S = 3.0
 CLEAN_CODES = {0, 130, 143, -signal.SIGINT, -signal.SIGTERM}
-"""Of a process that ends itself, as a shell says it, and as `subprocess` says it."""
+"""Exit code after SIGINT, as a shell reports it and as `subprocess` reports it."""
 OURS = "clustermcl"
-"""What is said without it was said by the interpreter before the first line of ours."""
+"""Output without it comes from the interpreter, before our first line ran."""
 _LOST_AFTER_S = 20.0
 
 
@@ -48,7 +48,7 @@ class Moment:
 
 @dataclass
 class Ended:
-    """How a stack came to its end."""
+    """The end of a stack."""
 
     code: int
     took_s: float

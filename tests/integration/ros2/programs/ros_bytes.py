@@ -64,7 +64,7 @@ def as_ros_has_it(slot: Any, value: Any) -> Any:
 
 
 def by_definition(ros_type: str, definition: str, ours: bytes) -> dict[str, object]:
-    """What is not packed for Python: another reader and writer of ROS's encoding."""
+    """A stand-in for a package that is not on PyPI: another codec of ROS's encoding."""
     name = ros_type.replace("/msg/", "/")
     message = generate_dynamic(name, definition)[name](ours)
     again = serialize_dynamic(name, definition)[name](message)

@@ -1,4 +1,4 @@
-"""A process like all of ours: it waits for the router, subscribes, and says what it hears."""
+"""A process like all of ours: it waits for the router, subscribes, and prints messages."""
 
 import zenoh
 

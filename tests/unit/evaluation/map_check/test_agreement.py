@@ -1,4 +1,4 @@
-"""A recording whose laser and odometry are known, told right or wrong."""
+"""A recording with known laser and odometry, described rightly or wrongly."""
 
 import itertools
 from collections.abc import Iterator
@@ -61,7 +61,7 @@ def test_a_robot_that_never_turns_tells_nothing_of_its_laser() -> None:
 
 
 def recorded(told: PoseTuple) -> Iterator[Scan]:
-    """A robot in the hall whose laser sits at MOUNT, and is told to sit elsewhere."""
+    """A robot in the hall whose laser is at MOUNT and is said to be at another pose."""
     hall = world("hall")
     robot = Simulation(hall, 0, lidar=LidarModel(robot_from_laser=MOUNT))
     source = SimulatedSource(robot, steps=120)

@@ -8,7 +8,7 @@ from grid_maps.grid_map import GridMap
 def test_pieces_and_the_open_rim_of_the_ground_are_measured() -> None:
     cells = np.full((10, 30), 1, np.int8)
     cells[2:8, 2:12] = 0  # 60 cells, walled in
-    cells[2:8, 15:17] = 0  # 12 cells beside them
+    cells[2:8, 15:17] = 0  # 12 cells next to them
     cells[3:5, 17] = -1  # with a window of two cells
     cells[0, 29] = 0  # a speck, on the rim of the map
     ground = ground_of(GridMap(cells, 0.5, (0.0, 0.0, 0.0)))
