@@ -161,8 +161,8 @@ def _elsewhere_problem(log_probability: float) -> str | None:
 
 
 def _quality_problem(quality: MapQuality) -> str | None:
-    shares = (quality.crude, quality.resembling)
-    return None if all(0.0 < share < 1.0 for share in shares) else f"a map of quality {shares}"
+    possible = all(0.0 < share < 1.0 for share in (quality.crude, quality.resembling))
+    return None if possible and 0.0 <= quality.short <= 1.0 else f"a map of {quality}"
 
 
 def _gathered_problem(gathered: tuple[int, float]) -> str | None:

@@ -18,6 +18,9 @@ from particle_filter.settings import BeliefSettings, SensorSettings
 CONTENDED = 0.99
 """The most probable hypotheses with this share of the belief are the contenders."""
 
+SHORT_M = 2.0
+"""People stand anywhere up to here, so far as a beam would have gone."""
+
 
 def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
     """The most probable hypotheses that together hold `CONTENDED` of the belief.
@@ -85,6 +88,17 @@ def misfit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
     peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
     best = math.log(peak + settings.random_weight / settings.max_range_m)
     return max(best - log_likelihood_per_beam, 0.0)
+
+
+def short_beam_gain(rate: float, settings: SensorSettings) -> float:
+    """How much likelier a short beam is where people stand than one that nothing explains [nat].
+
+    Args:
+        rate: share of the beams that people have cut short so far.
+        settings: what nothing explains is uniform up to the largest range.
+    """
+    by_people, by_nothing = rate / SHORT_M, settings.random_weight / settings.max_range_m
+    return math.log(max(by_people / by_nothing, 1.0))
 
 
 def way(before_from_after: Pose) -> tuple[float, float]:

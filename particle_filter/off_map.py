@@ -47,6 +47,8 @@ _RESEMBLING, _FOREIGN = _Kind((9.0, 1.8), (2.0, 9.0)), _Kind((1.5, 1.0), (1.3, 1
 _KINDS = (_CLEAR, _CRUDE, _RESEMBLING, _FOREIGN)
 _CRUDE_SHARE, _RESEMBLING_SHARE = 0.1, 0.5
 """Before anything was seen."""
+_SHORT_SHARE, _SHORT_LEARNED = 0.05, 0.2
+"""Before anything was seen; what a view says of it, against all earlier ones."""
 _ODD_VIEW = 0.05
 """Share of the views of a right place that look like those of a wrong one."""
 _FORGOTTEN = 0.002
@@ -60,6 +62,8 @@ class MapQuality(msgspec.Struct, frozen=True):
     """Probability that right places look as in a crude map."""
     resembling: float = _RESEMBLING_SHARE
     """Probability that wrong places look as in a building much like this one."""
+    short: float = _SHORT_SHARE
+    """Share of the beams that are cut short."""
 
 
 def log_odds_of_here(
@@ -94,9 +98,11 @@ def log_odds_of_here(
     here, crude_now = _mixture(quality.crude, crude, clear)
     nowhere, resembling_now = _mixture(quality.resembling, resembling, foreign)
     forgotten = _FORGOTTEN * new_view
+    short = float(probabilities @ [each.other / sum(each) for each in classes])
     learned = MapQuality(
         crude_now + forgotten * (_CRUDE_SHARE - crude_now),
         resembling_now + forgotten * (_RESEMBLING_SHARE - resembling_now),
+        quality.short + _SHORT_LEARNED * new_view * (short - quality.short),
     )
     return here - nowhere, learned
 

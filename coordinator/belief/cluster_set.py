@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 
 from particle_filter import belief
 from particle_filter.arrays import Pose
-from particle_filter.evidence_model import contenders, counted, misfit, share_that_counts, way
+from particle_filter.evidence_model import (
+    contenders,
+    counted,
+    misfit,
+    share_that_counts,
+    short_beam_gain,
+    way,
+)
 from particle_filter.motion_covariance import composed_covariance, motion_covariance
 from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
 from particle_filter.overlaps import merge_overlapping
@@ -184,13 +191,12 @@ class ClusterSet:
         told = counted(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
         among = belief.mixed(among, self._rules.transition_probability * news)
+        cut_short = self._cut_short(among, reports)
         odds = self._log_odds_of_here(among, reports, new_view)
         if not math.isnan(elsewhere):
-            fits_better = elsewhere - log_scan
+            fits_better = elsewhere - log_scan - cut_short
             # People stand before the laser: where what is left of the beams fits, nothing is odd.
-            log_there += news * (
-                min(fits_better, 0.0) if odds > 0.0 else fits_better * self._telling(among, reports)
-            )
+            log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
             log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
         here = np.append(among + log_here, (log_there, log_off))
         told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
@@ -222,17 +228,16 @@ class ClusterSet:
         )
         return odds
 
-    def _telling(self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]) -> float:
-        """Share of the beams that end on, near or behind an obstacle, at the most probable places.
+    def _cut_short(self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]) -> float:
+        """Log-likelihood that beams before obstacles gain at the clusters, for people stand there.
 
-        1 where the classes of beams are not used: the update is Bayes' rule to the letter then.
+        0 where the classes of beams are not used: the update is Bayes' rule to the letter then.
         """
         if self._rules.off_map_probability == 0.0:
-            return 1.0
-        ordered = map(reports.get, self.job_ids)
-        beams = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
-        shares = np.exp(among) @ beams
-        return float(shares[:3].sum() / shares.sum()) if shares.sum() > 0.0 else 1.0
+            return 0.0
+        others = [r.beam_classes[3] if r else 0 for r in map(reports.get, self.job_ids)]
+        gain = short_beam_gain(self.quality.short, self.sensor)
+        return float(np.exp(among) @ others) * gain * self.sensor.scan_likelihood_exponent
 
     def _kidnapped(self, news: float) -> tuple[float, float, float]:
         """Logs of the probabilities of all clusters together, of elsewhere, and of off the map.

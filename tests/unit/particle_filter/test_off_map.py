@@ -16,7 +16,7 @@ CRUDE = BeamClasses(40, 2, 14, 4)
 RESEMBLING = BeamClasses(42, 9, 7, 2)
 """A wrong place in a building that is much alike."""
 counts = st.integers(0, 200)
-classes = st.builds(BeamClasses, counts, counts, counts, counts)
+classes = st.builds(BeamClasses, counts, counts, counts, counts).filter(any)
 
 
 def after(views: list[BeamClasses], new_view: float = 1.0) -> tuple[float, MapQuality]:
@@ -55,6 +55,13 @@ def test_one_odd_view_of_a_right_place_does_not_lose_it() -> None:
     assert log_odds_of_here(after([RIGHT] * 50)[1], ALL, [WRONG], 1.0)[0] > math.log(0.05) - 0.1
 
 
+def test_the_share_of_beams_that_people_cut_short_is_learned() -> None:
+    among_people, alone = BeamClasses(40, 0, 0, 20), BeamClasses(60, 0, 0, 0)
+    assert after([among_people] * 30)[1].short == pytest.approx(1.0 / 3.0, abs=0.01)
+    assert after([alone] * 30)[1].short < 0.001
+    assert after([alone] * 30, new_view=0.0)[1] == MapQuality()
+
+
 def test_one_right_place_among_many_tells_for_all() -> None:
     shares = np.array([0.2, 0.8])
     odds, _ = log_odds_of_here(MapQuality(), shares, [RIGHT, WRONG], 1.0)
@@ -71,3 +78,4 @@ def test_whatever_is_counted_stays_a_probability(seen: list[BeamClasses], new_vi
         assert math.isfinite(odds)
         assert 0.0 < quality.crude < 1.0
         assert 0.0 < quality.resembling < 1.0
+        assert 0.0 <= quality.short <= 1.0

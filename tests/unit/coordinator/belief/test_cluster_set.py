@@ -178,6 +178,20 @@ def test_elsewhere_learns_from_a_scan_as_far_as_the_robot_has_moved() -> None:
     )
 
 
+@pytest.mark.parametrize(("usual", "is_alarmed"), [((60, 0, 0, 0), True), ((30, 0, 0, 30), False)])
+def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
+    usual: tuple[int, int, int, int], *, is_alarmed: bool
+) -> None:
+    """A kidnapped robot and one in a crowd see the same: short beams, and a few through walls."""
+    made = first(1.0, kidnapping_probability=0.001, off_map_probability=0.05)
+    for beams, likelihood, elsewhere in ((usual, 1.0, -17.0),) * 40 + (
+        ((3, 0, 4, 53), math.exp(-26.0), -17.0),
+    ) * 2:
+        report = replace(told(likelihood)["c0"], beam_classes=beams)
+        made.weigh({"c0": report}, elsewhere, new_view=0.25, news=0.9)
+    assert (made.elsewhere > 0.5) is is_alarmed
+
+
 def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
     made = first(0.6, 0.2, kidnapping_probability=1e-9, transition_probability=0.5)
     made.weigh(told(0.1, 0.1), math.log(0.1))
