@@ -136,7 +136,7 @@ class Coordinator:
                 self._take_over.on_worker_left(worker)
                 return self._on_time_passed(now_ns)
             case events.WorkerReturned(worker):
-                self._state.placement.delivery.returned(worker)
+                self._state.placement.delivery.repeat(worker)
                 return self._on_time_passed(now_ns)
             case events.OrderAnswered(worker, answer):
                 self._on_order_answered(worker, answer)

@@ -307,6 +307,7 @@ class CoordinatorState:
         self.event_log.add(outcome.events, outcome.step, scan.stamp_ns)
         self.placement.jobs.end(outcome.end)
         self.placement.jobs.begin(outcome.begin)
+        self.placement.resize(outcome.resize)
         self.pose.believed(outcome, scan.odom_from_robot)
 
     # --- from one coordinator to the next
@@ -403,7 +404,13 @@ class CoordinatorState:
         again = self._drawn_anew(
             cluster.cluster, 1.0, cluster.mean, cluster.covariance, applied, applied.step
         )
-        return TrackJob(cluster=cluster.cluster, start=again.sample, exact=False)
+        return TrackJob(
+            cluster=cluster.cluster,
+            start=again.sample,
+            exact=False,
+            particles=cluster.particles,
+            particles_from=cluster.particles_from,
+        )
 
     def _drawn_anew(
         self,

@@ -20,7 +20,7 @@ from particle_filter.settings import FilterSettings, filter_with
 from protocol.steps import Scan
 from protocol.validity import first_problem, problem_of
 from protocol.work import Assignment, Job, SearchJob
-from worker.jobs import RunningJob, running
+from worker.jobs import RunningJob, Tracking, running
 
 
 def outcomes(
@@ -101,6 +101,10 @@ class InProcess:
         for job_id in outcome.end:
             del self._jobs[job_id]
         self._begin(outcome.begin)
+        for job_id, size in outcome.resize.items():
+            job = self._jobs[job_id]
+            assert isinstance(job, Tracking)  # only clusters have a number of particles
+            job.size = size
 
     def _begin(self, jobs: Mapping[str, Job]) -> None:
         for job_id, job in jobs.items():

@@ -11,7 +11,6 @@ from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.evidence_model import way
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.ground import ground_log_penalty
-from particle_filter.kld_sampling import sufficient_particles
 from particle_filter.log_weights import multiplied, normalised_weights, shares
 from particle_filter.motion import move
 from particle_filter.resampling import resample, resample_weights
@@ -71,18 +70,12 @@ class Weighed:
     """(3,) the best particle; None where the scan tells nothing."""
 
 
-def resampled(cloud: Cloud, settings: ClusterSettings, rng: np.random.Generator) -> Cloud:
-    """Redraw the particles by weight where too few of them count; else carry the weights on.
-
-    Where `kld_error` is set, as many are drawn as the spread of the cloud asks for.
-    """
-    count = len(cloud.log_weights)
-    if cloud.effective_sample_size >= settings.resample_below_ess * count:
+def resampled(
+    cloud: Cloud, count: int, settings: ClusterSettings, rng: np.random.Generator
+) -> Cloud:
+    """Draw `count` particles by weight where too few of them count; else carry the weights on."""
+    if cloud.effective_sample_size >= settings.resample_below_ess * len(cloud.log_weights):
         return cloud
-    if settings.kld_error > 0.0:
-        count = sufficient_particles(
-            cloud.map_from_robot, settings.kld_error, settings.min_particles, settings.particles
-        )
     chosen = resample_weights(cloud.weights, count, settings.resampling, rng)
     return Cloud.even(cloud.map_from_robot.take(chosen, axis=0))  # thrice as fast as [chosen]
 
@@ -137,6 +130,7 @@ def advanced(
     rng: np.random.Generator,
     *,
     is_first: bool = False,
+    particles: int | None = None,
 ) -> Weighed:
     """One step of MCL: draw from the cloud, move by odometry, weigh by the scan.
 
@@ -154,11 +148,12 @@ def advanced(
         settings: of the cluster.
         rng: all chance of this step.
         is_first: no scan has been seen by this cloud, so all of this one is new.
+        particles: how many a resampling draws; None: as many as there are.
 
     References:
         Section 2, routine 1-3; the draw is left out while enough particles count.
     """
-    cloud = resampled(cloud, settings, rng)
+    cloud = resampled(cloud, particles or len(cloud.log_weights), settings, rng)
     moved = move(cloud.map_from_robot, before_from_after, motion, rng)
     exponent = model.settings.scan_likelihood_exponent
     share = 1.0 if is_first else pose_share(before_from_after, settings)

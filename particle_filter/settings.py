@@ -160,16 +160,8 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
         float,
         described("redraw when effective sample size / particles is under this", gt=0, le=1),
     ] = 0.9
-    kld_error: Annotated[
-        float,
-        described(
-            "adapt the number of particles so that the sampled belief errs by less; 0: off",
-            ge=0,
-            le=1,
-        ),
-    ] = 0.0
     min_particles: Annotated[
-        int, described("never fewer where the number adapts", gt=0, le=1_000_000)
+        int, described("particles of one tracked cluster, at least", gt=0, le=1_000_000)
     ] = 500
     split_every_steps: Annotated[
         int,
@@ -243,7 +235,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     particles: Annotated[
         int,
         described(
-            "particles of all clusters, shared out by probability when they begin; 0: "
+            "particles of all clusters, shared out by probability as it changes; 0: "
             "cluster.particles each",
             ge=0,
             le=50_000_000,

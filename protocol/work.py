@@ -26,6 +26,10 @@ MAX_PARTICLES = 1_000_000
 """Particles of one cluster."""
 
 
+ParticleCount: TypeAlias = Annotated[int, Meta(gt=0, le=MAX_PARTICLES)]
+"""A number of particles that a cluster can have."""
+
+
 class Particles(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A weighted particle set after one step."""
 
@@ -51,8 +55,10 @@ class TrackJob(
     start: Particles
     exact: bool
     """Use `start` unchanged; otherwise draw the cluster's particles from it first."""
-    particles: Annotated[int, Meta(gt=0, le=MAX_PARTICLES)] | None = None
-    """How many are drawn; None: the number in the settings."""
+    particles: ParticleCount | None = None
+    """How many track it; None: the number in the settings."""
+    particles_from: NumberOrNone = -1
+    """An exact start is resampled to `particles` at this step or later, when it next resamples."""
 
 
 class SearchJob(
@@ -120,6 +126,9 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     keep: tuple[tuple[str, Number], ...]
     """(job id, epoch) of jobs to continue."""
     begin: tuple[Assignment, ...]
+    resize: tuple[tuple[str, ParticleCount, NumberOrNone], ...] = ()
+    """(job id, `particles`, `particles_from`) of clusters to continue with another number, as in
+    `TrackJob`."""
     term_proof: bytes = b""
     """Proves to holders of the coordinators' key that a coordinator has had this term."""
 

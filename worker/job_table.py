@@ -9,7 +9,7 @@ from particle_filter.settings import FilterSettings
 from protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from protocol.steps import Scan
 from protocol.work import Assignment, Report, WorkOrder
-from worker.jobs import RunningJob, Searching, running
+from worker.jobs import RunningJob, Searching, Tracking, running
 from worker.recent_reports import RecentReports
 from worker.search_queue import SearchQueue
 
@@ -50,7 +50,13 @@ class JobTable:
     def is_news(self, order: WorkOrder) -> bool:
         """Whether an order changes anything; one that does not is a question after a lost link."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
-        return bool(order.begin) or set(order.keep) != held
+        resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
+        sizes = [job.size for job in resized if job is not None]
+        return (
+            bool(order.begin)
+            or set(order.keep) != held
+            or sizes != [(particles, first_step) for _, particles, first_step in order.resize]
+        )
 
     def holds(self) -> tuple[Assignment, ...]:
         """The jobs, each from where another worker could carry on."""
@@ -83,6 +89,9 @@ class JobTable:
             for assignment in order.begin
         }
         self._jobs = kept | begun
+        for job_id, particles, first_step in order.resize:
+            if (job := self._tracked(job_id)) is not None:
+                job.size = particles, first_step
         self._searches.keep_only(self._jobs.values())
         self._reports.keep_only(self._jobs)
 
@@ -90,6 +99,10 @@ class JobTable:
         """Let all jobs go on with other numbers."""
         for job in self._jobs.values():
             job.use(model, settings)
+
+    def _tracked(self, job_id: str) -> Tracking | None:
+        job = self._jobs.get(job_id)
+        return job if isinstance(job, Tracking) else None
 
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
         """The job if it has begun already: an order may come twice."""

@@ -107,12 +107,16 @@ class Tracking:
             raise ValueError(f"no cloud: poses {poses.shape}, weights {log_weights.shape}")
         if job.exact:
             self._cloud = Cloud(poses, log_weights)
+            particles = job.particles or len(poses)
         else:
             rng = generator(
                 settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step
             )
-            rules = replace(settings.cluster, particles=job.particles or settings.cluster.particles)
+            particles = job.particles or settings.cluster.particles
+            rules = replace(settings.cluster, particles=particles)
             self._cloud = cluster_filter.drawn_from(poses, log_weights, rules, rng)
+        self.size = particles, job.particles_from
+        """Number of particles, and the first step that may resample to it."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
         """Go on with other numbers."""
@@ -126,6 +130,7 @@ class Tracking:
         after = np.array(scan.odom_from_robot)
         before_from_after = between(self._odom_from_robot, after)
         model, beams = self._model, scan_beams(scan, self._model)
+        particles, particles_from = self.size
         result = cluster_filter.advanced(
             self._cloud,
             before_from_after,
@@ -135,6 +140,7 @@ class Tracking:
             self._settings.cluster,
             rng,
             is_first=self._is_new,
+            particles=particles if scan.step >= particles_from else None,
         )
         self._is_new = False
         self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
@@ -161,7 +167,14 @@ class Tracking:
         """The same job, from its particles as they are now."""
         if self._is_new:
             return self.assignment
-        job = TrackJob(cluster=self._cluster, start=self._particles(), exact=True)
+        particles, first_step = self.size
+        job = TrackJob(
+            cluster=self._cluster,
+            start=self._particles(),
+            exact=True,
+            particles=particles,
+            particles_from=first_step,
+        )
         return replace(self.assignment, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:

@@ -25,9 +25,9 @@ from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Covariance, NumberOrNone, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
-from protocol.work import Place, TrackReport
+from protocol.work import ParticleCount, Place, TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
 """So far away, or turned, nearly all of a scan is news of whether the robot is at any cluster."""
@@ -58,6 +58,10 @@ class Cluster(msgspec.Struct, frozen=True):
     protected_until: int = -1
     """The step before which it may not be replaced."""
     effective_sample_size: float = 0.0
+    particles: ParticleCount | None = None
+    """Particles that track it from `particles_from` on; None: not decided."""
+    particles_from: NumberOrNone = -1
+    """First step that may resample to `particles`; -1: since it began."""
     confirmed: bool = True
     """Whether a scan was likelier there than elsewhere; a pose that was given waits for one."""
 
@@ -134,6 +138,12 @@ class ClusterSet:
     def job_ids(self) -> tuple[str, ...]:
         """The jobs that track the clusters."""
         return tuple(cluster.job_id for cluster in self._clusters.values())
+
+    def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
+        """Note how many particles track a cluster, resampled to at `first_step` or later."""
+        self._clusters[cluster] = replace(
+            self._clusters[cluster], particles=particles, particles_from=first_step
+        )
 
     def by_probability(self) -> list[Cluster]:
         """Most probable first."""

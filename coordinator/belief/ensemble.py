@@ -35,6 +35,14 @@ from protocol.work import (
     TrackReport,
 )
 
+SHARE_EVERY_STEPS = 20
+"""Steps from one review of the clusters' numbers of particles to the next."""
+SHARE_AFTER_STEPS = 10
+"""Steps from a review until its numbers hold. No step is created while four are undecided, so all
+workers receive the order before, and resample at the same step. Snapshots, at least as frequent,
+let a job that moves to another worker start after the review before."""
+NEARLY = 0.8
+"""A cluster keeps its number of particles while its share is at least this much of it."""
 ELSEWHERE = "e0"
 """The job that weighs scans all over the map; it begins anew where steps or maps do."""
 LOST_SEARCHES = 5
@@ -144,6 +152,8 @@ class Ensemble:
             self._events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
         self._events += self.clusters.drop_improbable(step)
+        if step % SHARE_EVERY_STEPS == 0:
+            self._share_particles(step)
         self._follow_search(step, reports)
         if self._lost and not was_lost:
             self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
@@ -356,20 +366,40 @@ class Ensemble:
     ) -> None:
         """Begin the jobs of new clusters, each from its place's sample."""
         for place, cluster in zip(places, clusters, strict=True):
+            particles = self._particles(cluster)
+            self.clusters.set_particles(cluster.cluster, particles)
             self._begin[cluster.job_id] = TrackJob(
-                cluster=cluster.cluster,
-                start=place.sample,
-                exact=False,
-                particles=self._particles(cluster),
+                cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
             )
         self._events += events
 
+    # --- the number of particles
+
     def _particles(self, cluster: Cluster) -> int:
-        """A cluster's share of all particles."""
+        """A cluster's share of all particles: the most, a half of it, a quarter ...
+
+        The present number stays where it is nearly right, for each change is an order to a worker.
+        What no cluster explains takes no particles from them.
+        """
         shared, rules = self.settings.belief.particles, self.settings.cluster
         if shared == 0:
             return rules.particles
-        return min(max(round(shared * cluster.probability), rules.min_particles), rules.particles)
+        log_all = np.logaddexp.reduce([one.log_probability for one in self.clusters.all()])
+        share = shared * math.exp(cluster.log_probability - log_all)
+        wanted = min(max(share, rules.min_particles), rules.particles)
+        present = cluster.particles or 0
+        if NEARLY * present <= wanted < 2 * present:
+            return present
+        return max(
+            round(rules.particles * 0.5 ** math.ceil(math.log2(rules.particles / wanted))), 1
+        )
+
+    def _share_particles(self, step: int) -> None:
+        """Change the number of particles of clusters whose probability has changed."""
+        for cluster in self.clusters.all():
+            particles = self._particles(cluster)
+            if particles != cluster.particles:
+                self.clusters.set_particles(cluster.cluster, particles, step + SHARE_AFTER_STEPS)
 
     # --- what it comes to
 
@@ -379,6 +409,7 @@ class Ensemble:
         ended = {event.job_id for event in events if isinstance(event, Ended)}
         begin = {job_id: job for job_id, job in self._begin.items() if job_id not in ended}
         self._begin = {}
+        resized = (c for c in self.clusters.all() if c.particles_from == step + SHARE_AFTER_STEPS)
         tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
         return Outcome(
             step=step,
@@ -389,6 +420,11 @@ class Ensemble:
             searching=self._search.runs,
             missing=missing,
             begin=begin,
+            resize={
+                c.job_id: (c.particles, c.particles_from)
+                for c in resized
+                if c.particles is not None
+            },
             events=events,
             search_progress=self._search.progress,
         )

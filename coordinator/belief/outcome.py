@@ -1,6 +1,7 @@
 """What the belief comes to after a step, and how places are told."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from coordinator.belief.cluster_set import Cluster
 from protocol.answers import Belief, Hypothesis, State
@@ -28,6 +29,8 @@ class Outcome:
 
     search_progress: float = 0.0
     """How near the search that runs is to its end, 0 to 1."""
+    resize: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """By job id: another number of particles, and the first step that may resample to it."""
     off_map_probability: float = 0.0
     """Of `elsewhere_probability`, that the robot is not on the map at all."""
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 
 import msgspec
+from msgspec.structs import replace
 
 from coordinator.membership.balance import Move
 from protocol.work import (
@@ -109,6 +110,13 @@ class Jobs:
         for job_id in job_ids:
             self._jobs.pop(job_id, None)
 
+    def resize(self, job_id: str, particles: int, first_step: int) -> str | None:
+        """Track a cluster with another number of particles; returns the job's worker, if any."""
+        job = self._jobs[job_id]
+        assert isinstance(job.job, TrackJob)  # only clusters have a number of particles
+        job.job = replace(job.job, particles=particles, particles_from=first_step)
+        return job.worker
+
     def may_move(self, job_id: str) -> bool:
         """Whether a job may change hands while its worker is well; a search only before work."""
         job = self._jobs[job_id]
@@ -139,7 +147,7 @@ class Jobs:
         job.in_step |= in_time
         snapshot = report.snapshot if isinstance(report, TrackReport) else None
         if snapshot is not None and isinstance(job.job, TrackJob):
-            job.job = TrackJob(cluster=job.job.cluster, start=snapshot, exact=True)
+            job.job = replace(job.job, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
         """Nobody has to look elsewhere at this step any more."""
@@ -236,7 +244,13 @@ class Jobs:
             if job is None or not job.is_held_as(held):
                 continue
             job.epoch, job.worker, job.placed_ns = held.epoch, worker, now_ns
-            if not isinstance(held.job, ElsewhereJob):  # it may be ahead of what is applied
-                job.job = held.job
+            match job.job, held.job:
+                case _, ElsewhereJob():
+                    pass  # the worker's may be ahead of what is applied
+                case TrackJob(particles=particles, particles_from=first_step), TrackJob() as track:
+                    # The order with the newest number may have been lost.
+                    job.job = replace(track, particles=particles, particles_from=first_step)
+                case _:
+                    job.job = held.job
             kept.append(held)
         return kept

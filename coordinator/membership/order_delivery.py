@@ -11,7 +11,7 @@ import msgspec
 
 from coordinator.membership.jobs import PlacedJob
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, OrderAnswer, WorkOrder
+from protocol.work import Assignment, OrderAnswer, TrackJob, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
 
@@ -65,8 +65,8 @@ class OrderDelivery:
         """A worker is gone."""
         self._workers.pop(worker, None)
 
-    def returned(self, worker: str) -> None:
-        """A worker that could not be reached is back: its next answer tells what it still does."""
+    def repeat(self, worker: str) -> None:
+        """Send a worker its order again: it was out of reach, or one of its jobs has changed."""
         self._workers[worker].told = None
 
     def held(self, worker: str, jobs: Iterable[Assignment]) -> None:
@@ -133,6 +133,7 @@ class OrderDelivery:
             record.told, record.answered = own, False
             keep = tuple(sorted(own.items() & record.known.items()))
             begin = sorted(own.items() - record.known.items())
+            kept = ((job_id, assignment(job_id).job) for job_id, _ in keep)
             order = WorkOrder(
                 sender=self._sender,
                 order=record.order,
@@ -142,6 +143,11 @@ class OrderDelivery:
                 snapshot_every_steps=self._snapshot_every_steps,
                 keep=keep,
                 begin=tuple(assignment(job_id) for job_id, _ in begin),
+                resize=tuple(
+                    (job_id, job.particles, job.particles_from)
+                    for job_id, job in kept
+                    if isinstance(job, TrackJob) and job.particles and job.particles_from >= 0
+                ),
             )
             due.append((name, order))
         return due

@@ -1,6 +1,6 @@
 """Who does what: live workers, their jobs, and the orders that tell them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from coordinator.membership.balance import Move, balanced
 from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState
@@ -43,6 +43,13 @@ class Placement:
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
         """A worker tells which jobs it has, and from where another could carry on."""
         self.delivery.held(worker, self.jobs.held(worker, holds, now_ns))
+
+    def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
+        """Order other numbers of particles: by job id, how many and from which step on."""
+        for job_id, (particles, first_step) in sizes.items():
+            worker = self.jobs.resize(job_id, particles, first_step)
+            if worker is not None and worker in self.delivery:
+                self.delivery.repeat(worker)
 
     # --- steps
 

@@ -14,9 +14,9 @@ from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
 
 SMALL = Settings(
     seed=3,
-    cluster=ClusterSettings(particles=300),
+    cluster=ClusterSettings(particles=300, min_particles=75),
     search=SearchSettings(poses=4_000, max_steps=20),
-    belief=BeliefSettings(max_clusters=6, search_every_steps=12),
+    belief=BeliefSettings(max_clusters=6, particles=1_180, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
     worker=WorkerSettings(count=4),
 )

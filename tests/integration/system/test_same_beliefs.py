@@ -35,6 +35,7 @@ def test_processes_over_zenoh_believe_exactly_what_one_process_believes(
     assert_same(beliefs_of(stack, settings), alone)
     assert any(len(outcome.hypotheses) > 3 for outcome in alone), "clusters were compared"
     assert sum(bool(outcome.end) for outcome in alone) > 2, "and hand-overs"
+    assert any(outcome.resize for outcome in alone[: STEPS - 10]), "and numbers of particles"
 
 
 def test_a_tracking_worker_that_is_killed_changes_no_belief(

@@ -32,7 +32,7 @@ def uneven(count: int) -> Cloud:
 def test_redrawn_particles_count_alike() -> None:
     """Each has had its weight already, in how often it was drawn."""
     cloud = uneven(400)
-    redrawn = resampled(cloud, ClusterSettings(), np.random.default_rng(0))
+    redrawn = resampled(cloud, 400, ClusterSettings(), np.random.default_rng(0))
     assert redrawn is not cloud
     np.testing.assert_array_equal(redrawn.log_weights, np.zeros(400))
     expected = cloud.weights @ cloud.map_from_robot
@@ -152,18 +152,21 @@ def test_the_kernel_is_silvermans_by_half() -> None:
     np.testing.assert_allclose(noise.std(axis=0), width * sigma, rtol=0.16)
 
 
-def test_a_cloud_that_may_shrink_is_redrawn_with_as_many_as_it_needs() -> None:
-    one_place = Cloud(np.tile(HERE, (400, 1)), np.where(np.arange(400) < 4, 0.0, -30.0))
-    settings = ClusterSettings(kld_error=0.05, min_particles=50, particles=400)
-    redrawn = resampled(one_place, settings, np.random.default_rng(0))
-    assert len(redrawn.log_weights) == 50
+@pytest.mark.parametrize("count", [100, 1_600])
+def test_another_number_of_particles_says_the_same_of_the_pose(count: int) -> None:
+    cloud = uneven(400)
+    redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
+    assert len(redrawn.log_weights) == count
+    expected = cloud.weights @ cloud.map_from_robot
+    # Even multinomial draws would move the mean by 0.05 / sqrt(100); three times that.
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.015)
 
 
 def test_the_threshold_is_a_share_of_the_particles() -> None:
     half = Cloud(np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0))
     assert half.effective_sample_size == pytest.approx(50.0)
     rng = np.random.default_rng(0)
-    assert resampled(half, ClusterSettings(resample_below_ess=0.49), rng) is half
-    assert resampled(half, ClusterSettings(resample_below_ess=0.51), rng) is not half
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.49), rng) is half
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.51), rng) is not half
     exactly = Cloud.even(half.map_from_robot)
-    assert resampled(exactly, ClusterSettings(resample_below_ess=1.0), rng) is exactly
+    assert resampled(exactly, 100, ClusterSettings(resample_below_ess=1.0), rng) is exactly

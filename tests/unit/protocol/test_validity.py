@@ -39,6 +39,7 @@ TRACKED = tracked("c0", 3, 0.5, ORIGIN)
 SEARCHED = searched("s0.0", 3, {ORIGIN: 1.0})
 ELSEWHERE = elsewhere(3, -4.0)
 ODOMETRY = OdometryReading(sender="r", stamp_ns=0, odom_from_robot=ORIGIN)
+SEARCH = SearchJob(search=0, shard=0, first_step=0)
 SET_POSE = SetPose(sender="a", command_id="1", map_from_robot=ORIGIN)
 
 
@@ -86,6 +87,9 @@ def refusal(message: Message, expected: type = Message) -> MalformedMessageError
         (changed(ELSEWHERE, epoch=-1), "$.epoch"),
         (begins(ElsewhereJob(first_step=-2)), "$.begin[0].job.first_step"),
         (begins(SearchJob(search=0, shard=0, first_step=-2)), "$.begin[0].job.first_step"),
+        (changed(begins(SEARCH), resize=(("c1", 0, 5),)), "$.resize[0][1]"),
+        (changed(begins(SEARCH), resize=(("c1", 2**40, 5),)), "$.resize[0][1]"),
+        (changed(begins(SEARCH), resize=(("c1", 500, -2),)), "$.resize[0][2]"),
         (changed(TRACKED, step=-1), "$.step"),
         (changed(TRACKED, step=2**60), "$.step"),
         (changed(TRACKED, epoch=-1), "$.epoch"),

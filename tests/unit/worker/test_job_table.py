@@ -102,6 +102,31 @@ def test_a_job_that_the_order_does_not_name_ends(model: SensorModel) -> None:
     assert [job_id for job_id, _, _ in table.summary()] == ["c1"]
 
 
+def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
+    model: SensorModel,
+) -> None:
+    table = JobTable("w")
+    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
+    kept = msgspec.structs.replace(
+        order(keep=(("c0", 1), ("c1", 1))), resize=(("c1", 25, 3), ("c9", 25, 3))
+    )
+    assert table.is_news(kept)
+    table.follow(kept, model, SETTINGS)
+    settled = msgspec.structs.replace(kept, resize=(("c1", 25, 3),))
+    assert not table.is_news(settled)
+    jobs = [job.job for job in table.holds()]
+    assert [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)] == [
+        (None, -1),
+        (None, -1),
+    ], "they have seen no scan, so they are handed on as they were given"
+    reports_of(table, range(1, 2))
+    jobs = [job.job for job in table.holds()]
+    assert [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)] == [
+        (100, -1),
+        (25, 3),
+    ]
+
+
 def test_the_same_order_twice_does_not_start_a_job_anew(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)

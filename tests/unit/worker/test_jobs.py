@@ -17,7 +17,7 @@ from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, SearchJob, SearchReport, TrackReport
 from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
-from worker.jobs import RunningJob, running
+from worker.jobs import RunningJob, Tracking, running
 
 __all__ = ["model"]  # the fixture
 
@@ -95,6 +95,35 @@ def test_a_report_tells_of_the_particles_as_they_are(model: SensorModel) -> None
     assert report.effective_sample_size == pytest.approx(now.effective_sample_size)
     assert (report.step, particles.step) == (3, 3)
     assert particles.odom_from_robot == scan(3).odom_from_robot
+
+
+def sizes(job: RunningJob, steps: range) -> list[int]:
+    return [
+        report.particles
+        for report in map(job.advance, map(scan, steps))
+        if isinstance(report, TrackReport)
+    ]
+
+
+ALWAYS = replace(SETTINGS, cluster=ClusterSettings(particles=100, resample_below_ess=1.0))
+"""Each step resamples."""
+
+
+def test_another_number_of_particles_holds_from_its_step_on(model: SensorModel) -> None:
+    job = begun("c0", model, ALWAYS)
+    assert isinstance(job, Tracking)
+    job.size = 25, 4
+    assert sizes(job, range(1, 7)) == [100, 100, 100, 25, 25, 25]
+
+
+def test_a_cluster_handed_over_before_it_grows_grows_at_the_same_step(model: SensorModel) -> None:
+    job = begun("c0", model, ALWAYS)
+    assert isinstance(job, Tracking)
+    job.size = 400, 5
+    sizes(job, range(1, 4))
+    again = running(job.handed_on(), model, ALWAYS, sender="v")
+    assert sizes(job, range(4, 8)) == sizes(again, range(4, 8)) == [100, 400, 400, 400]
+    np.testing.assert_array_equal(poses_of(job), poses_of(again))
 
 
 def test_a_handed_over_place_is_drawn_by_its_weights(model: SensorModel) -> None:

@@ -65,6 +65,50 @@ def test_probable_places_get_more_of_the_particles_that_all_share() -> None:
     assert [job.particles for job in jobs] == [2_000, 1_000, 500]
 
 
+def test_a_place_that_wins_gets_the_particles_of_those_that_lose() -> None:
+    made = ensemble(particles=4_000)
+    made.begin_at(0)
+    reports = [searched(f"s0.{n}", 0, {NORTH: 0.7, SOUTH: 0.2, EAST: 0.1}) for n in range(2)]
+    begun = made.advance(0, reports).begin.values()
+    assert [job.particles for job in begun if isinstance(job, TrackJob)] == [2_000, 500, 500]
+    sizes = {}
+    for step in range(1, 41):
+        log_likelihood = {"c0": -10.0, "c1": 0.0, "c2": -10.0} if step == 15 else {}
+        outcome = made.advance(
+            step,
+            [
+                tracked(f"c{n}", step, math.exp(log_likelihood.get(f"c{n}", 0.0)), mean)
+                for n, mean in enumerate((NORTH, SOUTH, EAST))
+            ],
+        )
+        if outcome.resize:
+            sizes[step] = outcome.resize
+    assert sizes == {20: {"c0": (500, 30), "c1": (2_000, 30)}}
+
+
+def test_particles_stay_where_a_probability_only_wavers() -> None:
+    made = ensemble(particles=4_000)
+    made.begin_at(0)
+    reports = [searched(f"s0.{n}", 0, {NORTH: 0.74, SOUTH: 0.26}) for n in range(2)]
+    begun = made.advance(0, reports).begin.values()
+    assert [job.particles for job in begun if isinstance(job, TrackJob)] == [2_000, 1_000]
+    for step in range(1, 81):
+        likelier = 1.2 if step % 40 == 20 else 1.2 ** (-1.0) if step % 40 == 21 else 1.0
+        reports = [tracked("c0", step, likelier, NORTH), tracked("c1", step, 1.0, SOUTH)]
+        assert made.advance(step, reports).resize == {}
+
+
+def test_what_no_cluster_explains_takes_no_particles_from_them() -> None:
+    made = ensemble(particles=4_000, kidnapping_probability=0.001)
+    made.begin_at(0)
+    made.advance(0, [searched(f"s0.{n}", 0, {NORTH: 0.6, SOUTH: 0.4}) for n in range(2)])
+    for step in range(1, 21):
+        reports = [tracked("c0", step, 0.1, NORTH), tracked("c1", step, 0.1, SOUTH)]
+        outcome = made.advance(step, [*reports, elsewhere(step, math.log(0.9))])
+        assert outcome.resize == {}
+    assert outcome.elsewhere_probability > 0.9
+
+
 def test_shards_count_by_their_evidence() -> None:
     made = ensemble()
     made.begin_at(0)

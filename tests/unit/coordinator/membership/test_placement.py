@@ -2,7 +2,7 @@ from coordinator.membership.order_delivery import RESEND_AFTER_NS
 from coordinator.membership.placement import Placement
 from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
-from protocol.work import OrderAnswer, SearchJob, TrackJob, WorkOrder
+from protocol.work import Assignment, OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
@@ -81,6 +81,35 @@ def test_the_cluster_of_a_dead_worker_goes_on_elsewhere_from_its_last_snapshot()
     assert not made.jobs.is_current("c0", epoch), "a resurrected worker has no vote"
 
 
+def test_a_new_number_of_particles_reaches_the_worker_and_whoever_takes_over() -> None:
+    made = placement("a", "b")
+    made.jobs.begin({"c0": track(0), "c1": track(1)})
+    follow(made, due(made, 0))
+    made.resize({"c0": (500, 30)})
+    ((name, order),) = due(made, 1)
+    assert (name, order.begin, order.resize) == ("a", (), (("c0", 500, 30),))
+    follow(made, [(name, order)])
+    assert due(made, 2) == []
+    made.left("a")
+    ((name, order),) = due(made, 3)
+    (given,) = order.begin
+    assert name == "b"
+    assert isinstance(given.job, TrackJob)
+    assert (given.job.particles, given.job.particles_from) == (500, 30)
+
+
+def test_a_number_of_particles_that_its_worker_never_received_is_ordered_again() -> None:
+    made = placement("a")
+    made.jobs.begin({"c0": track(0)})
+    follow(made, due(made, 0))
+    made.resize({"c0": (500, 30)})
+    due(made, 1)  # lost
+    before = Assignment(job_id="c0", epoch=made.jobs.by_worker()["a"]["c0"], job=track(0, 9))
+    made.held("a", [before], 2)
+    ((_, order),) = due(made, 3)
+    assert order.resize == (("c0", 500, 30),)
+
+
 def test_without_a_worker_jobs_are_kept_until_one_appears() -> None:
     made = placement()
     made.jobs.begin({"c0": track(0)})
@@ -132,7 +161,7 @@ def test_a_worker_that_returns_with_its_jobs_keeps_them() -> None:
     made.jobs.begin({"c0": track(0), "c1": track(1)})
     follow(made, due(made, 0))
     current = [made.jobs.is_current(job_id, epoch) for job_id, epoch in (("c0", 1), ("c1", 2))]
-    made.delivery.returned("a")
+    made.delivery.repeat("a")
     (name, order), *others = due(made, SECOND)
     assert (name, order.keep, order.begin, others) == ("a", (("c0", 1),), (), [])
     follow(made, [(name, order)])
@@ -144,7 +173,7 @@ def test_a_worker_that_returns_without_its_jobs_gets_them_anew() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
     follow(made, due(made, 0))
-    made.delivery.returned("a")
+    made.delivery.repeat("a")
     (_, order), *_ = due(made, SECOND)
     made.delivery.answered("a", OrderAnswer(sender="a", order=order.order, jobs=()))
     again = due(made, SECOND + RESEND_AFTER_NS)

@@ -2,9 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from particle_filter.cluster_filter import Cloud, resampled
-from particle_filter.kld_sampling import BIN_M, BIN_RAD, sufficient_particles
-from particle_filter.settings import ClusterSettings
+from evaluation.ordinary_mcl import KLD_BIN_M, KLD_BIN_RAD, sufficient_particles
 
 
 def spread(sigma_m: float) -> np.ndarray:
@@ -30,20 +28,9 @@ def test_the_bounds_hold(sigma_m: float, error: float) -> None:
     assert 100 <= sufficient_particles(spread(sigma_m), error, 100, 500) <= 500
 
 
-def test_a_draw_takes_as_many_where_the_number_adapts_and_else_keeps_it() -> None:
-    poses = spread(0.02)
-    cloud = Cloud(poses, np.where(np.arange(2000) < 20, 0.0, -50.0))
-    rng = np.random.default_rng(0)
-    fixed = resampled(cloud, ClusterSettings(), rng)
-    adapted = resampled(cloud, ClusterSettings(kld_error=0.1, min_particles=50), rng)
-    assert len(fixed.log_weights) == 2000
-    assert 50 <= len(adapted.log_weights) < 2000
-    assert np.exp(adapted.log_weights).sum() == len(adapted.log_weights)
-
-
 def test_bins_count_that_are_apart_in_anything() -> None:
     bins = np.array(np.meshgrid(range(7), range(5), range(3))).reshape(3, -1).T
-    poses = (bins + 0.5) * np.array([BIN_M, BIN_M, BIN_RAD])
+    poses = (bins + 0.5) * np.array([KLD_BIN_M, KLD_BIN_M, KLD_BIN_RAD])
     k = 7 * 5 * 3 - 1
     expected = k / 0.1 * (1 - 2 / (9 * k) + (2 / (9 * k)) ** 0.5 * 2.326) ** 3
     assert sufficient_particles(poses, 0.05, 1, 10**6) == int(np.ceil(expected))
