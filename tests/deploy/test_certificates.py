@@ -88,7 +88,7 @@ def test_running_it_again_keeps_what_is_good(folder: Path) -> None:
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
-def test_what_ends_soon_is_made_anew_and_keeps_its_hosts(folder: Path) -> None:
+def test_a_certificate_that_expires_soon_is_renewed_and_keeps_its_hosts(folder: Path) -> None:
     old = serial(folder / "router.pem")
     ran = make_certificates(folder, "--renew-before", "400", "--days", "500", "router")
     assert "router: made" in ran.stdout
@@ -96,7 +96,7 @@ def test_what_ends_soon_is_made_anew_and_keeps_its_hosts(folder: Path) -> None:
     assert "DNS:router.example" in about(folder / "router.pem", "-ext", "subjectAltName")
 
 
-def test_a_new_host_makes_the_routers_certificate_anew(folder: Path) -> None:
+def test_a_new_host_renews_the_routers_certificate(folder: Path) -> None:
     assert "made" in make_certificates(folder, "--host", "other.example", "router").stdout
 
 

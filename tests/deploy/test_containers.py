@@ -78,7 +78,7 @@ def test_the_router_is_the_official_one_of_the_version_that_is_tested() -> None:
     zenoh.Config.from_file(str(DEPLOY / "router.json5"))
 
 
-def test_the_pages_tell_the_official_router_how_many_threads_ours_has() -> None:
+def test_the_pages_give_the_official_router_as_many_threads_as_ours_has() -> None:
     files = [DEPLOY / "router.json5", DEPLOY / "systemd" / "clustermcl-router.service"]
     for file in (*files, DEPLOY.parent / "docs" / "operations.md"):
         assert MANY_LINKS in file.read_text(), file

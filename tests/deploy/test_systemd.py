@@ -208,7 +208,7 @@ def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:
     assert {"authority.pem", "own.pem", "own.key"} <= set(credentials)
 
 
-def test_systemd_restarts_who_hangs_and_gives_the_first_start_time_to_compile() -> None:
+def test_systemd_restarts_a_hanging_process_and_gives_the_first_start_time_to_compile() -> None:
     common = unit(UNITS / "clustermcl-.service.d" / "common.conf")["Service"]
     assert (common["Type"], common["Restart"]) == ("notify", "always")
     assert float(common["WatchdogSec"]) == HUNG_AFTER_S, "as for who runs clustermcl up"

@@ -35,7 +35,7 @@ def computed() -> SensorModel:
 
 @cases(0.02)
 @given(st.integers(0, 3), st.lists(mutations(), min_size=1, max_size=3))
-def test_a_damaged_cache_is_computed_anew(
+def test_a_damaged_cache_is_computed_again(
     folder: Path, computed: SensorModel, which: int, damages: list[Mutation]
 ) -> None:
     sensor_model(walled(), SETTINGS, folder)

@@ -120,7 +120,7 @@ def test_one_that_stands_by_takes_over_at_once_and_one_that_does_not_refuses_to_
         assert standby.wait() == 0
 
 
-def test_one_that_was_frozen_steps_down_and_never_acts_beside_the_other() -> None:
+def test_a_frozen_coordinator_steps_down_and_never_acts_next_to_its_successor() -> None:
     with with_live_robot(PATIENT) as (tested, _robot):
         standby = tested.start(COORDINATOR, "--standby")
         standby.wait_for("standing by")

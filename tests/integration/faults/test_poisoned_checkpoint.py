@@ -66,7 +66,7 @@ def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
         assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
 
 
-def test_a_term_that_would_be_the_last_is_followed_by_nobody() -> None:
+def test_the_highest_possible_term_is_refused_by_all() -> None:
     with with_live_robot(PATIENT) as (tested, _robot):
         tested.wait_until_it_tracks()
         last = replace(heard(tested), term=2**53 - 1)

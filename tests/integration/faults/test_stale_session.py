@@ -131,7 +131,7 @@ def comes_back(
         ("coordinator", (), keys.COORDINATOR_ALIVE, "worker/other/alive"),
     ],
 )
-def test_a_process_that_hears_nothing_where_others_are_opens_another_session(
+def test_a_process_that_receives_nothing_next_to_others_opens_another_session(
     module: str,
     arguments: tuple[str, ...],
     token: str,
@@ -150,7 +150,7 @@ def test_a_process_that_hears_nothing_where_others_are_opens_another_session(
     assert STALE in process.err
 
 
-def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
+def test_the_soak_opens_another_session_when_its_own_is_stale(
     detour: Detour, here: zenoh.Session, nowhere: zenoh.Session
 ) -> None:
     """It holds a token, by which is seen where it is."""
@@ -177,7 +177,7 @@ def test_the_soak_hears_through_another_session_what_its_own_no_longer_brings(
 
 
 @pytest.mark.parametrize("is_another_there", [True, False])
-def test_one_that_stands_by_and_hears_nothing_takes_over_only_where_nobody_is(
+def test_a_follower_that_receives_nothing_takes_over_only_without_a_coordinator(
     is_another_there: bool,
     start_router: Callable[[], RunningProcess],
     open_client: OpenClient,

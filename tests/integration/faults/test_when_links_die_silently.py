@@ -36,7 +36,7 @@ def put_and_time_the_answer(session: zenoh.Session) -> float:
     return time.monotonic() - asked_s
 
 
-def test_who_still_has_a_link_is_answered_while_others_die(
+def test_a_client_with_a_link_is_answered_while_other_links_die(
     machine: OtherMachine, start_process: StartProcess
 ) -> None:
     settings = ZenohSettings(router=f"tcp/{machine.address_here}:{free_port(machine.address_here)}")

@@ -85,7 +85,7 @@ def wait_until_told(tested: System, client: Client, pose: tuple[float, ...], dig
     wait_until(is_told, 90.0)
 
 
-def test_a_robot_that_stands_is_told_where_it_may_be() -> None:
+def test_a_standing_robot_gets_its_possible_places() -> None:
     before, after = world("cross").map, world("cross_feature").map
     bridge = BridgeSettings(map="zenoh", source="zenoh")
     with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested, tested.client as client:

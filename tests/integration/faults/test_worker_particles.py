@@ -79,7 +79,7 @@ def heard(tested: System) -> Snapshots:
     return snapshots
 
 
-def test_whoever_tracks_a_cluster_has_the_same_particles() -> None:
+def test_every_worker_that_tracks_a_cluster_has_the_same_particles() -> None:
     """One worker is killed, then two, then all at once: no standby is left."""
     with system(PACED, "--steps", str(STEPS)) as tested:
         snapshots = heard(tested)

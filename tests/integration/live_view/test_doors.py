@@ -127,7 +127,7 @@ def test_away_from_loopback_a_page_may_only_look(open_to_all: tuple[int, str]) -
         assert "may only look" in told["done"]["problem"]
 
 
-def test_without_a_system_a_command_is_answered_that_nobody_is_there(port: int) -> None:
+def test_without_a_system_a_command_is_answered_with_the_reason(port: int) -> None:
     with opened(port) as page:
         page.recv(5)
         page.send('{"type": "drawn"}')
@@ -142,7 +142,7 @@ def test_without_a_system_a_command_is_answered_that_nobody_is_there(port: int) 
 @pytest.mark.parametrize(
     "rubbish", ["{}", "x" * 5000, '{"type": "set_pose", "pose": [1e99, 0, 0]}']
 )
-def test_a_browser_that_talks_rubbish_is_shown_out_and_harms_nobody(
+def test_a_browser_that_sends_rubbish_is_disconnected_and_harms_no_other(
     port: int, rubbish: str
 ) -> None:
     with opened(port) as page:

@@ -235,7 +235,7 @@ def test_the_simulated_robot_is_kidnapped_and_driven(stage: Stage, drawn: Page) 
     shows(stage, lambda: stage.commands[-1] == DriveRobot(0.0, 0.0, by_hand=False))
 
 
-def test_whoever_sets_the_pose_says_how_sure_they_are(stage: Stage, drawn: Page) -> None:
+def test_set_pose_asks_for_its_uncertainty(stage: Stage, drawn: Page) -> None:
     from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
 
     drawn.click("set-pose")
@@ -337,7 +337,7 @@ def test_a_map_of_16384_cells_a_side_is_shown(stage: Stage, drawn: Page) -> None
     assert close.pixel_at(601.0, 400.05) == (255, 255, 255)
 
 
-def test_how_probable_it_is_that_the_robot_is_elsewhere_stands_beside_the_clusters(
+def test_the_probability_of_elsewhere_is_listed_with_the_clusters(
     stage: Stage, drawn: Page
 ) -> None:
     stage.picture.on_belief(belief(1, 4))
@@ -549,7 +549,7 @@ def test_a_distance_is_measured(stage: Stage, drawn: Page) -> None:
     assert drawn.run("return liveView.view.ruler") is None
 
 
-def test_all_keys_are_told(drawn: Page) -> None:
+def test_help_lists_all_keys(drawn: Page) -> None:
     press(drawn, "?")
     assert drawn.is_visible("keys")
     assert "kidnap" in drawn.text("keys")
@@ -671,7 +671,7 @@ def serious_problems(page: Page) -> list[str]:
     ]
 
 
-def test_a_demo_tells_its_story(stage: Stage, drawn: Page, pictures: Path) -> None:
+def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) -> None:
     stage.picture.on_belief(belief(1, 1, 2))
     shows(stage, lambda: shown_step(drawn) == 1)
     assert not drawn.is_visible("caption")  # only of a demo

@@ -296,9 +296,7 @@ def test_the_page_says_that_no_worker_is_alive(running: Page, system: System) ->
     wait_until(lambda: not running.is_visible("banner"), 60.0)
 
 
-def test_the_page_survives_that_the_system_ends_and_begins_anew(
-    running: Page, system: System
-) -> None:
+def test_the_page_survives_a_restart_of_the_system(running: Page, system: System) -> None:
     wait_until(lambda: len(running.history()) > 20, 60.0)
     before = running.history()[-1][0]
     system.stop()

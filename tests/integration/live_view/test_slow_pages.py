@@ -21,7 +21,7 @@ def opened(stage: Stage, **options: Any) -> ClientConnection:
     return connect(f"ws{link[4:]}live", origin=link.rstrip("/"), proxy=None, **options)  # type: ignore[arg-type]  # a NewType of str
 
 
-def test_who_asks_for_more_and_reads_nothing_is_cut_off_and_harms_nobody() -> None:
+def test_a_page_that_requests_and_never_reads_is_disconnected_and_delays_no_other() -> None:
     with Stage() as stage:
         for step in range(STEPS):
             stage.picture.on_belief(belief(step, *range(PLACES)))

@@ -20,11 +20,11 @@ def assert_each_finds_itself(robots: int, at_most_s: float, folder: Path) -> Non
     assert len(set(stamps)) == len(stamps), "no two readings have one stamp, so they tell whose"
 
 
-def test_three_robots_find_themselves_and_hear_of_no_other(short_folder: str) -> None:
+def test_three_robots_localize_and_receive_nothing_of_each_other(short_folder: str) -> None:
     assert_each_finds_itself(3, 90.0, Path(short_folder))
 
 
 @pytest.mark.soak
 @pytest.mark.timeout(900)
-def test_twenty_robots_find_themselves_and_hear_of_no_other(short_folder: str) -> None:
+def test_twenty_robots_localize_and_receive_nothing_of_each_other(short_folder: str) -> None:
     assert_each_finds_itself(20, 600.0, Path(short_folder))

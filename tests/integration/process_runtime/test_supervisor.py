@@ -74,7 +74,7 @@ def test_a_killed_child_is_started_again(supervisors: list[Supervisor]) -> None:
     assert supervisor.pids()["sleeper"] != first
 
 
-def test_a_child_that_refuses_its_settings_stays_down_and_its_words_are_told(
+def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
     tmp_path: Path, supervisors: list[Supervisor]
 ) -> None:
     command = python_module("zenoh_link.router", "--set", "seed=none")

@@ -103,7 +103,7 @@ def test_a_loop_that_hangs_is_silent_though_a_thread_of_it_lives(
     assert "never.wait()" in process.err or "in body" in process.err
 
 
-def test_nobody_is_told_without_the_variable_or_in_another_process(systemd: Systemd) -> None:
+def test_no_sign_of_life_without_the_variable_or_in_another_process(systemd: Systemd) -> None:
     sign_of_life({})()
     named = {"NOTIFY_SOCKET": os.environ["NOTIFY_SOCKET"], "WATCHDOG_USEC": "1"}
     sign_of_life({**named, "WATCHDOG_PID": "1"})()
@@ -112,7 +112,7 @@ def test_nobody_is_told_without_the_variable_or_in_another_process(systemd: Syst
     assert systemd.hears(1.0) == b"READY=1\nWATCHDOG=1"
 
 
-def test_a_listener_that_is_gone_or_has_no_time_holds_nobody_up(tmp_path: Path) -> None:
+def test_a_missing_or_slow_watchdog_delays_no_process(tmp_path: Path) -> None:
     sign_of_life({"NOTIFY_SOCKET": str(tmp_path / "gone"), "WATCHDOG_USEC": "1"})()
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as deaf:
         deaf.bind(str(tmp_path / "deaf"))

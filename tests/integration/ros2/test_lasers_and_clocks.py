@@ -98,7 +98,7 @@ def say(robot: RosRobot, stamp_ns: int) -> None:
     robot.put_scan(SCAN, stamp_ns=stamp_ns)
 
 
-def test_simulated_time_that_is_set_back_begins_anew_and_the_pose_follows(
+def test_the_pose_follows_after_simulated_time_is_set_back(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     settings = Ros2Settings(autostart=True, use_sim_time=True)

@@ -85,7 +85,7 @@ def test_transforms_of_several_nodes_reach_a_bridge_that_comes_later(
         robot.stand_until(is_heard, frame=frame)
 
 
-def test_who_comes_late_gets_the_last_pose_and_places_but_no_old_cloud(
+def test_a_late_subscriber_gets_the_last_pose_and_places_but_no_old_particles(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot, system = open_robot(), open_system()

@@ -102,7 +102,7 @@ def test_the_manager_brings_it_up_pauses_resumes_and_resets_it(
     assert manager.events[1].goal_state.label == "inactive"
 
 
-def test_the_graph_of_states_is_told(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
+def test_the_graph_of_states_is_answered(open_robot: OpenRobot, start_bridge: StartBridge) -> None:
     robot = open_robot()
     robot.put_mounts()
     start_bridge(ACTIVE)

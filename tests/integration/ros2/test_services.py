@@ -62,7 +62,7 @@ def test_whether_it_is_localized_can_be_asked(
     wait_until(lambda: not answer().success)
 
 
-def test_diagnostics_tell_of_the_state_and_of_what_was_refused(
+def test_diagnostics_show_the_state_and_refused_messages(
     open_robot: OpenRobot, open_system: OpenSystem, start_bridge: StartBridge
 ) -> None:
     robot = open_robot()

@@ -48,7 +48,7 @@ def test_a_certificate_of_the_routers_authority_gets_in(client_of: ClientOf) -> 
         wait_until(session.info.routers_zid)
 
 
-def test_without_a_certificate_nobody_gets_in(client_of: ClientOf) -> None:
+def test_without_a_certificate_a_connection_is_refused(client_of: ClientOf) -> None:
     said = refusal(without_certificate(client_of("viewer")))
     assert "a client without a certificate: the router requires a certificate" in said
 
@@ -88,7 +88,7 @@ def test_plain_tcp_is_refused(client_of: ClientOf) -> None:
     assert "no router at tcp/" in refusal(ZenohSettings(router=plain))
 
 
-def test_where_nobody_listens_certificates_are_not_blamed(client_of: ClientOf) -> None:
+def test_without_a_router_the_error_does_not_blame_certificates(client_of: ClientOf) -> None:
     away = msgspec.structs.replace(client_of("viewer"), router="tls/localhost:1")
     assert refusal(away).startswith("no router at tls/localhost:1 within")
 

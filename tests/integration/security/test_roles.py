@@ -120,7 +120,7 @@ def answers(session: zenoh.Session, key: str) -> set[str]:
 
 
 @pytest.mark.parametrize("key", PUBLISHED)
-def test_only_its_owner_is_heard_on_a_key(key: str, as_role: OpenAs) -> None:
+def test_only_a_keys_owner_can_publish_on_it(key: str, as_role: OpenAs) -> None:
     owner, reader = PUBLISHED[key]
     others = [name for name in NAMES if name not in (owner, reader)]
     speakers = [as_role(name) for name in (*others, owner)]
@@ -128,7 +128,7 @@ def test_only_its_owner_is_heard_on_a_key(key: str, as_role: OpenAs) -> None:
 
 
 @pytest.mark.parametrize("key", SERVED)
-def test_only_who_may_ask_gets_an_answer_and_only_its_owner_gives_it(
+def test_only_permitted_roles_are_answered_and_only_a_keys_owner_answers(
     key: str, as_role: OpenAs
 ) -> None:
     owner, entitled = SERVED[key]
@@ -179,7 +179,7 @@ def test_a_workers_certificate_announces_a_bounded_number_of_names(as_role: Open
 
 
 @pytest.mark.parametrize("role", ["viewer", "operator"])
-def test_who_looks_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> None:
+def test_a_viewer_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> None:
     looks, worker, bridge = as_role(role), as_role("worker-a"), as_role("bridge")
     assert heard_by(looks, keys.SCAN, [worker, bridge]) == {str(bridge.zid())}
     assert heard_by(worker, keys.SCAN, [looks, bridge]) == {str(bridge.zid())}
@@ -196,7 +196,7 @@ def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
         subscriber.undeclare()
 
 
-def test_nobody_reads_the_routers_own_pages(as_role: OpenAs) -> None:
+def test_no_role_reads_the_routers_own_pages(as_role: OpenAs) -> None:
     operator = as_role("operator")
     (router,) = operator.info.routers_zid()
     assert list(operator.get(f"@/{router}/**", timeout=5.0)) == []

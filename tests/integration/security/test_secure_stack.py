@@ -132,7 +132,7 @@ def test_a_viewer_gets_the_map(stack: SecureStack) -> None:
 
 
 @pytest.mark.parametrize("command", [("relocalize",), ("set-pose", "1", "2", "0")])
-def test_a_viewer_cannot_command_and_is_told_why(
+def test_a_viewer_cannot_command_and_gets_the_reason(
     stack: SecureStack, command: tuple[str, ...]
 ) -> None:
     tried = stack.typed("viewer", *command)

@@ -49,7 +49,7 @@ def gets_in_at_once(viewer: ZenohSettings) -> None:
         wait_until(session.info.routers_zid)
 
 
-def test_silent_connections_keep_nobody_out(
+def test_silent_connections_do_not_lock_out_others(
     certificates: Path, endpoint: str, silent: list[socket.socket]
 ) -> None:
     viewer = client_with(certificates, "viewer", endpoint)
@@ -59,7 +59,7 @@ def test_silent_connections_keep_nobody_out(
     gets_in_at_once(viewer)
 
 
-def test_certificates_that_are_shown_in_silence_keep_nobody_out(
+def test_authenticated_silent_connections_do_not_lock_out_others(
     certificates: Path, endpoint: str, silent: list[socket.socket]
 ) -> None:
     operator = client_with(certificates, "operator", endpoint)

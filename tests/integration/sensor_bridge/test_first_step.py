@@ -55,7 +55,7 @@ def test_steps_go_on_though_a_coordinator_refuses_for_its_link_has_just_come_bac
     assert len(asked) == REFUSALS + 1
 
 
-def test_near_the_highest_step_that_can_be_steps_begin_anew(
+def test_near_the_highest_possible_step_numbering_restarts(
     router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
 ) -> None:
     far = replace(STATUS, newest_step=MAX_SCAN_STEP // 2)

@@ -92,7 +92,7 @@ def test_a_missing_recording(map_file: Path) -> None:
 
 
 @pytest.mark.parametrize("ranges", ["nan nan nan", "0 0 0", "inf -1 nan"])
-def test_a_recording_whose_scans_tell_nothing(tmp_path: Path, map_file: Path, ranges: str) -> None:
+def test_a_recording_of_scans_without_returns(tmp_path: Path, map_file: Path, ranges: str) -> None:
     log = log_of(tmp_path, ranges, ranges)
     assert_refused(typed("evaluate", str(log), "--map", str(map_file)), "log.clf")
 
@@ -147,7 +147,7 @@ def test_a_demo_of_a_live_robot() -> None:
 
 
 @pytest.mark.parametrize("command", ["pose", "hypotheses", "status", "watch", "relocalize"])
-def test_nobody_there_is_said_within_three_seconds(command: str) -> None:
+def test_without_a_system_a_query_fails_within_three_seconds(command: str) -> None:
     process = subprocess.run(
         [*COMMAND, command, "--set", NO_ROUTER], capture_output=True, text=True,
         timeout=stretched_s(5.0), check=False,

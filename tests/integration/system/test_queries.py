@@ -98,7 +98,7 @@ def test_another_program_gets_the_map_that_poses_are_in(system: Settings) -> Non
     assert (found.cell_m, found.map_from_grid) == (hall.cell_m, hall.map_from_grid)
 
 
-def test_status_tells_workers_steps_and_what_was_lost(system: Settings) -> None:
+def test_status_shows_workers_steps_and_losses(system: Settings) -> None:
     status = json.loads(typed(system, "status", "--json").stdout)
     assert status["steps_applied"] == 30
     assert status["steps_lost"] == 0
@@ -107,7 +107,7 @@ def test_status_tells_workers_steps_and_what_was_lost(system: Settings) -> None:
     assert status["clusters"] >= 1
 
 
-def test_events_tell_how_every_place_began_and_why_others_ended(system: Settings) -> None:
+def test_events_show_how_every_place_began_and_why_others_ended(system: Settings) -> None:
     done = typed(system, "events", "--json")
     assert (done.returncode, done.stderr) == (0, "")
     events = json.loads(done.stdout)["events"]
@@ -122,9 +122,7 @@ def test_events_tell_how_every_place_began_and_why_others_ended(system: Settings
     assert "was found by the first search" in lines[0]
 
 
-def test_whoever_follows_events_gets_those_before_and_those_that_happen(
-    system: Settings, tmp_path: Path
-) -> None:
+def test_following_events_gives_past_and_new_ones(system: Settings, tmp_path: Path) -> None:
     endpoint = f"zenoh.router={system.zenoh.router}"
     words = ("events", "--follow", "--set", endpoint)
     with started(*words, folder=tmp_path, environment=dict(os.environ)) as following:

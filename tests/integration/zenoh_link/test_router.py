@@ -16,7 +16,7 @@ from tests.integration.waiting import wait_until
 ROUTER_FILE = Path(__file__).parents[3] / "deploy" / "router.json5"
 
 
-def test_a_router_says_when_it_listens_and_ends_when_told_to(
+def test_a_router_reports_when_it_listens_and_ends_on_a_signal(
     start_router: Callable[[], RunningProcess],
 ) -> None:
     process = start_router()

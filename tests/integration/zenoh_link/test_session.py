@@ -47,7 +47,7 @@ def say(session: zenoh.Session, text: str, process: RunningProcess) -> None:
     wait_until(heard)
 
 
-def test_two_clients_hear_each_other_and_those_of_another_robot_do_not(
+def test_two_clients_receive_each_others_messages_and_those_of_another_robot_do_not(
     router: ZenohSettings,
 ) -> None:
     heard: list[tuple[str, str]] = []
@@ -89,7 +89,7 @@ def test_a_client_waits_for_a_router_that_comes_later(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_process_that_waits_for_the_router_ends_when_told_to(
+def test_a_process_that_waits_for_the_router_ends_on_a_signal(
     number: int, zenoh_settings: ZenohSettings, start_process: StartProcess
 ) -> None:
     process = start_process(client_command(zenoh_settings))
@@ -99,7 +99,7 @@ def test_a_process_that_waits_for_the_router_ends_when_told_to(
     assert took_s < 2.0
 
 
-def test_a_connected_process_closes_its_session_and_ends_when_told_to(
+def test_a_connected_process_closes_its_session_and_ends_on_a_signal(
     router: ZenohSettings, start_process: StartProcess
 ) -> None:
     process = start_process(client_command(router))
@@ -120,7 +120,7 @@ def test_a_bug_with_the_session_open_does_not_hang_the_exit(
     assert "ZeroDivisionError: crash" in process.err
 
 
-def test_a_session_finds_its_router_again_and_declares_everything_anew(
+def test_a_session_reconnects_to_its_router_and_repeats_its_declarations(
     zenoh_settings: ZenohSettings,
     start_router: Callable[[], RunningProcess],
     start_process: StartProcess,
@@ -148,7 +148,7 @@ def test_a_stop_ends_the_search_for_a_router(zenoh_settings: ZenohSettings) -> N
         pass
 
 
-def test_a_process_is_told_that_its_link_is_lost_and_that_it_is_back(
+def test_a_process_is_notified_of_a_lost_and_a_restored_link(
     start_router: Callable[[], RunningProcess], open_client: OpenClient
 ) -> None:
     first_router = start_router()
@@ -163,7 +163,7 @@ def test_a_process_is_told_that_its_link_is_lost_and_that_it_is_back(
 
 
 @pytest.mark.usefixtures("router")
-def test_messages_nobody_reads_are_kept_as_many_as_asked_and_wake_nobody(
+def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
     open_client: OpenClient,
 ) -> None:
     inbox: Events = Inbox({"state": 1})

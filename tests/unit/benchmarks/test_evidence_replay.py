@@ -87,7 +87,7 @@ def test_where_no_place_is_right_elsewhere_is_the_truth() -> None:
     np.testing.assert_allclose(replayed.truth, replayed.elsewhere)
 
 
-def test_the_first_sure_and_right_step_is_told() -> None:
+def test_the_first_sure_and_right_step_is_found() -> None:
     found, never = record([[0.0, 0.0], [5.0, 0.0]]), record([[0.0, 5.0], [0.0, 5.0]])
     replayed = Stack([found, never]).replayed(EXACT)
     assert list(replayed.sure_right_from) == [2.0, np.inf]

@@ -8,7 +8,7 @@ from process_runtime.settings_file import load_settings
 
 
 @pytest.mark.parametrize("name", ["turn", "pace"])
-def test_one_block_that_the_map_lacks_tells_once_which_place_is_right(name: str) -> None:
+def test_one_unmapped_block_counts_once_as_evidence(name: str) -> None:
     """Counted at each turn, it made the robot sure of the wrong end of a symmetric hall."""
     case = CASES[name]
     answers = run(case, 0, load_settings(None, case.settings))

@@ -3,7 +3,7 @@ from protocol.job_events import Ended, NumberedEvent
 from tests.unit.evaluation.places import belief, place
 
 
-def test_a_story_tells_what_was_held_and_when_one_place_won() -> None:
+def test_a_story_shows_the_places_and_when_one_won() -> None:
     summary = DemoSummary()
     summary.on_belief(belief(0, "searching"))
     for step in (1, 2):

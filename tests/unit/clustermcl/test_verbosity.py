@@ -41,7 +41,7 @@ def test_quiet_is_accepted_before_and_after_the_command(
     assert told[0].log.level == "error"
 
 
-def test_verbose_lets_the_processes_tell_all_unless_a_setting_says_else(
+def test_verbose_makes_processes_log_everything_unless_a_setting_differs(
     told: list[Settings],
 ) -> None:
     CliRunner().invoke(app, ["up", "-v"])

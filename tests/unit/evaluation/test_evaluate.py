@@ -55,7 +55,7 @@ def test_localized_means_right_over_the_last_ten_steps() -> None:
     assert one_wrong["localized_at_step"] is one_wrong["rmse_m"] is None
 
 
-def test_a_wrong_step_begins_the_count_anew() -> None:
+def test_a_wrong_step_restarts_the_count() -> None:
     verdict = judged(*[sure_of(RIGHT)] * 20, sure_of(WRONG), *[sure_of(RIGHT)] * 12)
     assert verdict["localized_at_step"] == 21
 
@@ -118,7 +118,7 @@ def test_without_a_reference_nothing_is_claimed() -> None:
     assert verdict["localized_fraction"] == 1.0
 
 
-def test_what_is_first_held_where_nobody_knows_the_truth_ends_the_first_search() -> None:
+def test_without_ground_truth_the_first_place_ends_the_first_search() -> None:
     unjudged: tuple[State, list[Hypothesis], None] = "localized", [place(1.0)], None
     searching: tuple[State, list[Hypothesis], PoseTuple] = "searching", [], TRUTH
     assert judged(unjudged, searching, sure_of(RIGHT))["truth_tracked_fraction"] == 0.5
@@ -145,7 +145,7 @@ def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
         start_steps(steps=61, starts=3, steps_each=60)
 
 
-def test_with_starts_a_run_has_60_steps_unless_told_otherwise() -> None:
+def test_with_starts_a_run_has_60_steps_by_default() -> None:
     recorded = {"recording": "a.log", "map_file": "b.yaml", "starts": 8}
     assert case_of(EvaluateOptions(**recorded)).updates == 60
     assert case_of(EvaluateOptions(**recorded, steps=9)).updates == 9
@@ -154,7 +154,7 @@ def test_with_starts_a_run_has_60_steps_unless_told_otherwise() -> None:
     assert (simulated.updates, simulated.seeds) == (60, 8)
 
 
-def test_a_simulated_robot_drives_300_steps_unless_told_otherwise() -> None:
+def test_a_simulated_robot_drives_300_steps_by_default() -> None:
     case = case_of(EvaluateOptions(recording="sim:hall"))
     assert (case.robot, case.updates) == (SimulatedRobot(world="hall"), 300)
     asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9, kidnap_at=4)

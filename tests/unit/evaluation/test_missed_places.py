@@ -19,9 +19,7 @@ SETTINGS = FilterSettings(belief=BeliefSettings(search_every_steps=EVERY))
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_next_searches_bring_back_the_rooms_that_nobody_named(
-    seed: int, tmp_path: Path
-) -> None:
+def test_later_searches_bring_back_the_missing_rooms(seed: int, tmp_path: Path) -> None:
     world = eight_rooms()
     source = SimulatedSource(Simulation(world, seed), steps=STEPS)
     model = sensor_model(world.map, SETTINGS.sensor, tmp_path)

@@ -41,7 +41,7 @@ def kidnapped(algorithm: Algorithm, cache: Path) -> RunMeasures:
     return run_task(after_20).measures
 
 
-def test_who_is_kidnapped_is_found_again_with_random_particles_only(tmp_path: Path) -> None:
+def test_a_kidnapped_robot_is_found_again_only_with_random_particles(tmp_path: Path) -> None:
     with_recovery, without = (
         kidnapped("amcl-tuned", tmp_path),
         kidnapped("mcl-visibility", tmp_path),

@@ -25,7 +25,7 @@ def test_the_free_area_counts_free_cells_only() -> None:
     assert a_map().size_m == (1.5, 1.0)
 
 
-def test_nobody_can_change_a_map() -> None:
+def test_a_map_cannot_be_changed() -> None:
     cells = CELLS.copy()
     grid_map = a_map(cells)
     with pytest.raises(ValueError, match="read-only"):

@@ -75,7 +75,7 @@ def test_a_small_map_stays_as_it_is() -> None:
     assert known_part(cells, CELL_M, (1.0, 2.0, 0.5)).cells.shape == cells.shape
 
 
-def test_a_large_map_of_nothing_is_refused() -> None:
+def test_a_large_unknown_map_is_refused() -> None:
     with pytest.raises(ValueError, match="no free cell"):
         known_part(np.full((200, 300), UNKNOWN, np.int8), CELL_M, (0.0, 0.0, 0.0))
 

@@ -42,7 +42,7 @@ def pixel(image: Any, x_m: float, y_m: float) -> tuple[int, int, int]:
     return found
 
 
-def test_free_cells_walls_and_what_is_beyond_are_told_apart() -> None:
+def test_free_cells_walls_and_unknown_ground_have_different_colours() -> None:
     image = drawn_picture(room(), None)
     assert image.size == (1448, 748)
     assert pixel(image, 0.0, 8.0) == WHITE

@@ -88,7 +88,7 @@ def test_a_command_that_changes_a_step_replaces_it(picture: Picture) -> None:
     assert [(row[0], len(row[1])) for row in history] == [(5, 2)]
 
 
-def test_steps_that_begin_anew_begin_the_history_anew(picture: Picture) -> None:
+def test_steps_that_restart_also_restart_the_history(picture: Picture) -> None:
     picture.on_belief(belief(500, 1))
     picture.changes()
     picture.on_belief(belief(0, 1))
@@ -130,7 +130,7 @@ def test_a_step_that_is_not_kept_has_nothing_to_show(picture: Picture) -> None:
     assert picture.past(3) == {"events": []}
 
 
-def test_steps_that_begin_anew_forget_the_past(picture: Picture) -> None:
+def test_steps_that_restart_clear_the_past(picture: Picture) -> None:
     picture.on_belief(belief(50, 1))
     picture.on_belief(belief(2, 1))
     assert json.loads(bytes(picture.past(50)["step"]))["step"] == 2
@@ -147,7 +147,7 @@ def test_particles_come_with_their_cluster_and_go_with_it(picture: Picture) -> N
     assert "cloud 1" not in picture.everything()
 
 
-def test_a_coordinator_of_the_past_is_not_heard(picture: Picture) -> None:
+def test_a_coordinator_of_an_old_term_is_ignored(picture: Picture) -> None:
     picture.on_belief(belief(5, 1, term=2))
     picture.changes()
     picture.on_belief(belief(6, 1, term=1))
@@ -155,7 +155,7 @@ def test_a_coordinator_of_the_past_is_not_heard(picture: Picture) -> None:
     assert picture.changes() == {}
 
 
-def test_a_system_that_is_started_again_counts_its_terms_anew(picture: Picture) -> None:
+def test_a_restarted_system_counts_its_terms_again(picture: Picture) -> None:
     picture.on_status(status())
     picture.on_belief(belief(50, 1, term=7))
     picture.on_link("no router")
@@ -186,7 +186,7 @@ def test_the_map_is_wanted_until_it_is_the_systems_own(picture: Picture) -> None
     assert picture.has_wanted_map
 
 
-def test_a_status_says_who_works_on_what_and_what_was_dropped(picture: Picture) -> None:
+def test_a_status_shows_each_workers_jobs_and_the_dropped_messages(picture: Picture) -> None:
     picture.on_status(status())
     shown = picture.changes()["status"]
     assert [(w["name"], w["jobs"]) for w in shown["workers"]] == [

@@ -26,7 +26,7 @@ def test_a_frame_stands_for_the_steps_after_it_until_the_next() -> None:
     assert shown(archive, 3) == {"cloud 7": "new", "step": 2}
 
 
-def test_but_not_for_ever() -> None:
+def test_steps_are_kept_up_to_a_limit() -> None:
     archive = StepArchive()
     archive.add(1, "cloud 7", "old")
     archive.add(LOOK_BACK_STEPS + 2, "step", 2)

@@ -16,7 +16,7 @@ def test_a_step_took_from_its_scan_to_its_first_belief() -> None:
     assert latency.frame() == {"last": 30.0, "median": 20.0, "most": 30.0, "steps": 2}
 
 
-def test_a_belief_whose_scan_was_not_heard_tells_nothing() -> None:
+def test_a_belief_without_its_scan_has_no_latency() -> None:
     latency = StepLatency()
     latency.on_belief(7, MS)
     assert latency.frame() is None

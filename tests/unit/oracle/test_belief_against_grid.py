@@ -179,7 +179,7 @@ def test_two_places_that_look_alike_stay_alike() -> None:
 
 
 @pytest.mark.parametrize("hazard", [0.0, 0.02])
-def test_a_place_that_is_not_heard_of_keeps_its_probability(hazard: float) -> None:
+def test_a_place_without_a_report_keeps_its_probability(hazard: float) -> None:
     """Elsewhere is compared with the average over the places that reported, not with their sum."""
     shares = {"truth": 0.4, "mirrored": 0.35, "beside": 0.25}
     if hazard > 0.0:

@@ -62,7 +62,7 @@ def test_a_beam_that_ends_just_before_a_close_wall_may_have_met_a_person() -> No
     assert seen(cells, 1.3, 1.525, 1.7) == BeamClasses(1, 1, 0, 1), "before it, on it, behind it"
 
 
-def test_beyond_unknown_ground_nothing_is_told() -> None:
+def test_beams_beyond_unknown_ground_have_no_class() -> None:
     cells = room()
     cells[:, 140:145] = UNKNOWN
     assert seen(cells, AHEAD_M, 1.0, AHEAD_M + 2.0) == BeamClasses(0, 0, 0, 3)

@@ -60,7 +60,7 @@ def test_without_any_report_nothing_changes() -> None:
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, np.nan)), prior)
 
 
-def test_a_scan_that_is_impossible_everywhere_tells_nothing() -> None:
+def test_a_scan_that_is_impossible_everywhere_adds_no_evidence() -> None:
     prior = belief.normalised_logs(np.array([0.0, -1.0]))
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, -np.inf)), prior)
 

@@ -59,7 +59,7 @@ def test_weights_sum_to_the_number_of_particles() -> None:
     assert np.exp(result.cloud.log_weights).sum() == pytest.approx(64.0)
 
 
-def test_a_scan_without_a_valid_beam_tells_nothing() -> None:
+def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
     cloud = cloud_round(HERE, 10)
     nothing = Beams(np.empty(0), np.empty(0), np.zeros(3), 10.0)
     result = weighed(cloud, nothing, model_of(plain_room()), exponent=0.2)

@@ -40,7 +40,7 @@ def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
 
 
 @given(EVIDENCE, st.floats(0.0, 1.0), st.floats(0.0, 2.0))
-def test_who_fits_better_never_counts_for_less_and_nobody_counts_for_more_than_the_difference(
+def test_a_better_fit_never_weighs_less_and_no_fit_weighs_more_than_its_difference(
     evidence: NDArray[np.float64], share: float, noise: float
 ) -> None:
     told = counted(evidence, ALL, share, noise)

@@ -124,7 +124,7 @@ def test_scans_joined_by_odometry_show_the_place_to_a_search_that_keeps_few_pose
     assert is_near(best.mean, before)
 
 
-def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where() -> None:
+def test_the_likelihood_of_all_scans_is_kept_when_their_evidence_is_tempered() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     settings = FilterSettings(belief=BeliefSettings(), search=SETTINGS.search)
     search, seen = GlobalSearch(model_of(cells), settings, shard=0), seen_from(START, cells)
@@ -137,7 +137,7 @@ def test_all_scans_are_as_likely_as_they_are_however_little_they_tell_of_where()
     assert abs(best) > 3.0, "else nothing would be as near"
 
 
-def test_a_scan_without_a_return_tells_nothing_and_is_waited_out() -> None:
+def test_a_scan_without_a_return_adds_no_evidence() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     search = GlobalSearch(model_of(cells), SETTINGS, shard=0)
     seen = seen_from(START, cells)
@@ -220,7 +220,7 @@ def standing(correction: float) -> tuple[list[float], list[float]]:
     return far_side, told
 
 
-def test_what_is_taken_back_tells_no_more_of_where_than_the_scan_that_gave_it() -> None:
+def test_cancelled_evidence_weighs_no_more_than_the_scan_that_gave_it() -> None:
     """The robot stands: no scan after the first is a new view, so its places stay as they are."""
     _, as_given = standing(0.0)
     far_side, told = standing(2.0)

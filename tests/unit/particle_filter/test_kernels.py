@@ -90,7 +90,7 @@ def test_a_disk_that_is_full_costs_only_the_copy_on_it(tmp_path: Path) -> None:
 
 
 @compiled
-def test_what_a_power_cut_has_cut_off_is_compiled_anew(tmp_path: Path) -> None:
+def test_a_kernel_truncated_by_a_power_cut_is_compiled_again(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     assert run_kernel(tmp_path, NUMBA_CACHE_DIR=str(cache)).stdout == "3.0\n"
     (index,) = cache.rglob("*.nbi")

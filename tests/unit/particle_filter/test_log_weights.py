@@ -57,7 +57,7 @@ def test_the_sum_of_weights_is_that_of_their_exponentials(
     assert log_sum(NOTHING) == log_sum(NOTHING[:0]) == -np.inf
 
 
-def test_likelihoods_that_underflow_are_still_told_apart() -> None:
+def test_likelihoods_that_underflow_are_still_distinguished() -> None:
     log_weights = np.log(1e-300) * np.array([3.0, 2.0, 2.0])
     np.testing.assert_allclose(normalised_weights(log_weights), [0.0, 0.5, 0.5], atol=1e-300)
     after, total = multiplied(np.zeros(3), log_weights, 1.0, np.zeros(3))

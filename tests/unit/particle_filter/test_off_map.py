@@ -62,7 +62,7 @@ def test_the_share_of_beams_that_people_cut_short_is_learned() -> None:
     assert after([alone] * 30, new_view=0.0)[1] == MapQuality()
 
 
-def test_one_right_place_among_many_tells_for_all() -> None:
+def test_one_right_place_among_many_speaks_for_the_map() -> None:
     shares = np.array([0.2, 0.8])
     odds, _ = log_odds_of_here(MapQuality(), shares, [RIGHT, WRONG], 1.0)
     assert odds > 0.0

@@ -85,7 +85,7 @@ def test_what_is_taken_back_is_a_share_of_what_was_given_for_beams_through_walls
     assert beam_model_of(divided, given).correction(here, np.ones(1), beams) == 0.0
 
 
-def test_who_shares_a_cluster_looks_from_fewer_particles_at_all_beams_alike(
+def test_several_lasers_sharing_particles_weigh_all_beams_equally(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """All particles are equal, so any subset gives the same, unless beams count unevenly."""

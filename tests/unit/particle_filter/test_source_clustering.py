@@ -77,7 +77,7 @@ def test_no_particles_make_no_clusters() -> None:
 
 
 @pytest.mark.parametrize("reach", [(0.0, 0.5, 9), (1.0, 0.0, 9), (1.0, 0.5, 0), (np.nan, 0.5, 9)])
-def test_a_reach_of_nothing_is_refused(reach: tuple[float, float, int]) -> None:
+def test_a_radius_of_zero_is_refused(reach: tuple[float, float, int]) -> None:
     with pytest.raises(ValueError, match="must be positive"):
         cluster_by_source_point(np.zeros((1, 3)), np.zeros(1), *reach)
 

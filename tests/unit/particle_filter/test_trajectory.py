@@ -106,7 +106,7 @@ def test_what_is_thinned_is_known_at_any_time_of_the_last_seconds(rate_hz: int) 
         assert thinned.pose_at(int(at_s * S)) == pytest.approx((0.5 * at_s, 0.0, 0.0))
 
 
-def test_a_clock_that_was_set_back_begins_anew() -> None:
+def test_a_clock_that_was_set_back_restarts_the_trajectory() -> None:
     trajectory = through((4.0, (1, 0, 0)), (5.0, (2, 0, 0)), (3.9, (7, 0, 0)))
     assert (trajectory.oldest_ns, trajectory.newest_ns) == (seconds(3.9), seconds(3.9))
     assert len(trajectory) == 1

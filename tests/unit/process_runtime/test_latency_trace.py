@@ -32,7 +32,7 @@ def test_nothing_is_written_unless_a_folder_is_named(tmp_path: Path) -> None:
     assert not any(tmp_path.iterdir())
 
 
-def test_a_stamp_tells_step_event_sender_and_time(tmp_path: Path) -> None:
+def test_a_stamp_has_step_event_sender_and_time(tmp_path: Path) -> None:
     start_trace(str(tmp_path / "new"), "test")
     for step in range(64):
         mark("put", pose_of(step), 1_000 + step)

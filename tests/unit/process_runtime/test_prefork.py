@@ -2,7 +2,7 @@ from process_runtime.prefork import run_forked
 from process_runtime.stop import StopFlag
 
 
-def test_a_process_that_was_told_to_stop_while_it_compiled_forks_nothing() -> None:
+def test_a_process_stopped_while_it_compiled_forks_nothing() -> None:
     """The signal has started a watching thread; a later fork would be refused as a bug."""
     stop = StopFlag()
     stop.set()

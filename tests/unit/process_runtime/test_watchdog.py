@@ -16,14 +16,14 @@ def test_silence_after_a_sign_is_a_hang() -> None:
     assert first_hang({3, 5}, range(60)) == 16
 
 
-def test_who_never_gave_a_sign_knows_of_none_and_does_not_hang() -> None:
+def test_a_process_without_signs_of_life_does_not_count_as_hanging() -> None:
     assert first_hang(set(), range(60)) is None
 
 
-def test_who_gives_signs_does_not_hang() -> None:
+def test_a_process_with_signs_of_life_does_not_hang() -> None:
     assert first_hang(set(range(0, 60, 10)), range(60)) is None
 
 
-def test_the_silence_counts_anew_when_the_one_who_asks_was_stopped_too() -> None:
+def test_the_silence_counts_again_when_the_asking_process_was_stopped_too() -> None:
     assert first_hang({5}, [*range(8), *range(100, 105)]) is None
     assert first_hang({5}, [*range(8), *range(100, 160)]) == 111

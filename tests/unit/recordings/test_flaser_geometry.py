@@ -20,7 +20,7 @@ from recordings.flaser_geometry import flaser_angles
         (682, -90.0, 90.0 - 180.0 / 682),
     ],
 )
-def test_the_number_of_beams_tells_their_directions(
+def test_the_number_of_beams_gives_their_directions(
     beams: int, first_deg: float, last_deg: float
 ) -> None:
     first, step = flaser_angles(beams)

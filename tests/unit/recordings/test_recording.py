@@ -69,7 +69,7 @@ def test_the_laser_sits_where_the_parameter_says(tmp_path: Path) -> None:
     assert recording.skipped == ()
 
 
-def test_without_a_parameter_a_laser_pose_that_never_changes_tells(tmp_path: Path) -> None:
+def test_without_a_parameter_a_constant_laser_pose_is_the_mount(tmp_path: Path) -> None:
     lines = [flaser(t, (t, 0, 0), RAMP, pose=(t + 0.2, 0.1, 0)) for t in (1, 2, 3)]
     scans = scans_of(recording_of(tmp_path, *lines))
     assert {scan.robot_from_laser for scan in scans} == {(0.2, 0.1, 0.0)}

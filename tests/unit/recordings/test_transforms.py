@@ -66,7 +66,7 @@ def test_ways_lead_up_down_and_across() -> None:
     assert frames.lookup("base", "laser", 0).up() == pytest.approx(-1.0)
 
 
-def test_what_has_not_been_told_yet_may_come() -> None:
+def test_a_missing_transform_may_still_arrive() -> None:
     late = missing(driving(), "odom", "laser", 12_350_000_000)
     assert late.may_come
     assert str(late) == "tf from 'odom' to 'base' ends 0.350 s before that time"

@@ -101,7 +101,7 @@ def test_a_kidnapped_robot_is_far_away_and_its_odometry_noticed_nothing() -> Non
     assert hypot(jump[0], jump[1]) < 0.1
 
 
-def test_a_robot_is_put_where_somebody_says_and_drives_on_from_there() -> None:
+def test_a_kidnapped_robot_drives_on_from_the_given_pose() -> None:
     simulation = Simulation(world("cross_feature"), 2)
     assert simulation.kidnap((0.0, -3.0, 1.0)) == (0.0, -3.0, 1.0)
     path = np.array([tick.map_from_robot for tick in islice(simulation, 150)])
@@ -109,12 +109,12 @@ def test_a_robot_is_put_where_somebody_says_and_drives_on_from_there() -> None:
     assert np.ptp(path[:, :2], axis=0).max() > 1.0
 
 
-def test_a_robot_put_into_a_wall_stands_beside_it() -> None:
+def test_a_robot_put_into_a_wall_stands_next_to_it() -> None:
     simulation = Simulation(world_from_map(ROOM), 2)
     assert simulation.kidnap((-0.05, 2.0, 1.0)) == pytest.approx((0.4, 2.0, 1.0), abs=0.2)
 
 
-def test_a_robot_driven_by_hand_goes_where_it_is_told_and_then_stands_and_waits() -> None:
+def test_a_robot_driven_by_hand_follows_commands_and_then_stands() -> None:
     simulation = Simulation(world_from_map(ROOM), 2, start=(1.0, 2.0, 0.0))
     simulation.drive_by_hand(0.6, 0.0)
     x = [tick.map_from_robot[0] for tick in islice(simulation, 30)]
@@ -164,13 +164,13 @@ def test_beams_end_on_what_is_really_there() -> None:
     assert seen[[0, 90, 180]] == pytest.approx([4.0, 3.0, 2.0])  # right, ahead, left
 
 
-def test_the_laser_sits_where_it_is_told() -> None:
+def test_the_laser_has_the_configured_mount() -> None:
     ahead = LidarModel(range_noise_m=0.0, drop_out_share=0.0, robot_from_laser=(0.5, 0.0, pi / 2))
     seen = Lidar(ahead, ROOM, np.random.default_rng(0)).scan((2.0, 1.0, 0.0), NOBODY, RADIUS_M)
     assert seen[[0, 90, 180]] == pytest.approx([3.5, 3.0, 2.5])
 
 
-def test_noise_and_drop_outs_are_as_frequent_as_told() -> None:
+def test_noise_and_drop_outs_are_as_frequent_as_configured() -> None:
     model = replace(PERFECT, range_noise_m=0.05, drop_out_share=0.1)
     lidar, clean = (Lidar(m, ROOM, np.random.default_rng(1)) for m in (model, PERFECT))
     pose = (2.0, 1.0, 0.3)
@@ -223,7 +223,7 @@ def test_people_walk_on_free_ground_and_not_into_the_robot() -> None:
     assert np.hypot(*np.diff(walked, axis=0).reshape(-1, 2).T).max() < 0.11
 
 
-def test_nobody_comes_in_where_there_is_no_room() -> None:
+def test_no_person_enters_without_room() -> None:
     people = People(2, FreeSpace(ROOM), np.random.default_rng(0))
     people.walk((100.0, 100.0, 0.0), 0.1)
     assert people.positions.shape == (0, 2)

@@ -74,7 +74,7 @@ def test_the_gates_room_differs_from_its_turned_self_by_one_cabinet_each_way() -
     assert np.count_nonzero(unlike) * 0.05**2 == pytest.approx(2 * cabinet_m2)
 
 
-def test_the_cross_is_told_apart_only_after_a_long_drive() -> None:
+def test_the_arms_of_the_cross_differ_only_after_a_long_drive() -> None:
     before = ticks_until_feature(world("cross_feature"), 4)
     assert 25.0 < driven_m(before) < 35.0
 

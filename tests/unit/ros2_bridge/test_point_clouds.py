@@ -116,7 +116,7 @@ def test_the_nearest_point_between_the_heights_is_the_range_of_its_direction() -
     tilt_rad=st.floats(-0.5, 0.5),
     turn_rad=st.floats(-3.0, 3.0),
 )
-def test_it_is_what_point_by_point_comes_to(
+def test_the_slice_equals_one_computed_point_by_point(
     points: list[tuple[float, float, float]], tilt_rad: float, turn_rad: float
 ) -> None:
     tilted = Rigid(0.0, 0.0, 0.0, math.sin(tilt_rad / 2.0), 0.0, 0.0, math.cos(tilt_rad / 2.0))

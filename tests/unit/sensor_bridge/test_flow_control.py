@@ -29,7 +29,7 @@ def test_a_belief_answers_all_steps_before_it_too() -> None:
     assert not flow.is_full(2)
 
 
-def test_where_nobody_decides_steps_go_on() -> None:
+def test_without_a_coordinator_steps_continue() -> None:
     assert not waiting(9, believed_ns=None).is_full(1), "nobody ever has"
     assert waiting(9).is_full(OUTAGE_NS - 1)
     assert not waiting(9).is_full(OUTAGE_NS), "nobody does any more"

@@ -104,7 +104,7 @@ def nameless(reading: Reading) -> Reading:
     ahead_s=st.sampled_from([-1e6, -30.0, -1.5, 1.5, 30.0, 1e6]),
     odometry=st.sampled_from([None, (500.0, 0.0, 0.0)]),
 )
-def test_a_second_laser_with_a_wrong_clock_disturbs_nobody(
+def test_a_second_laser_with_a_wrong_clock_changes_no_step(
     ahead_s: float, odometry: PoseTuple | None
 ) -> None:
     def wrong(reading: Reading) -> Reading:

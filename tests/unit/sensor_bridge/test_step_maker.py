@@ -158,7 +158,7 @@ def test_of_several_steps_that_become_ready_at_once_none_is_lost() -> None:
     assert [step.step for step in steps] == [0, 1, 2]
 
 
-def test_the_newest_odometry_is_told() -> None:
+def test_the_newest_odometry_is_known() -> None:
     maker = a_maker()
     assert maker.odometry is None
     maker.on_reading(odometry_reading(1.0, (1.0, 0.0, 0.0)))
@@ -231,7 +231,7 @@ def test_a_clock_that_was_set_back_is_followed_after_a_while() -> None:
     assert maker.dropped == {"stamp_steps_back": RESTART_AFTER - 1, "clock_restarted": 1}
 
 
-def test_a_jump_of_odometry_moves_nobody() -> None:
+def test_a_jump_of_odometry_is_removed() -> None:
     maker = a_maker()
     before = [laser_reading(t, (t + 40.0, 0.0, 0.0)) for t in (10.0, 11.0)]
     counting_anew = [laser_reading(t, (t - 11.9, 0.0, 0.0)) for t in (12.0, 13.0)]

@@ -84,7 +84,7 @@ def test_what_is_said_over_a_cut_cable_arrives_when_it_is_whole_again(
     ends.both_ways()
 
 
-def test_nobody_is_told_over_a_cut_cable_that_a_link_has_ended(ends: Ends) -> None:
+def test_a_closed_link_is_not_noticed_over_a_cut_cable(ends: Ends) -> None:
     ends.set(to_router=False, from_router=False)
     ends.own.close()
     assert is_quiet(ends.far)
@@ -92,7 +92,7 @@ def test_nobody_is_told_over_a_cut_cable_that_a_link_has_ended(ends: Ends) -> No
     assert ends.far.recv(1) == b""
 
 
-def test_who_calls_over_a_cut_cable_is_heard_when_it_is_whole_again(ends: Ends) -> None:
+def test_a_connection_over_a_cut_cable_succeeds_after_its_repair(ends: Ends) -> None:
     ends.set(to_router=False, from_router=True)
     link = ends.call()
     link.sendall(b"x")

@@ -62,7 +62,7 @@ def injector(
     return Injector(faults, 0, targets, seed=1)
 
 
-def test_a_worker_and_the_coordinator_are_killed_at_once_and_told_one_by_one(
+def test_a_worker_and_the_coordinator_are_killed_together_and_listed_one_by_one(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
     done = injector(sleepers, ["worker-1"], BOTH).tick(AT_NS)
@@ -133,7 +133,7 @@ def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_o
     assert cables.set[3:] == [(worker, True, True)]
 
 
-def test_the_robot_is_told_to_be_elsewhere(
+def test_the_robot_gets_a_wrong_pose(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
     said: list[str] = []

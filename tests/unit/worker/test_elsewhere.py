@@ -50,7 +50,7 @@ def told(job: RunningJob, drive: Drive) -> list[float]:
     return [r.log_likelihood for r in reports if isinstance(r, ElsewhereReport)]
 
 
-def test_it_tells_the_average_likelihood_over_the_free_space(
+def test_it_reports_the_average_likelihood_over_the_free_space(
     model: SensorModel, drive: Drive
 ) -> None:
     by_seed = np.array([told(begun(model, seed, poses=20_000), drive) for seed in range(16)])

@@ -127,7 +127,7 @@ def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     ]
 
 
-def test_the_same_order_twice_does_not_start_a_job_anew(model: SensorModel) -> None:
+def test_a_repeated_order_does_not_restart_a_job(model: SensorModel) -> None:
     table = JobTable("w")
     table.follow(order(track("c0", cloud())), model, SETTINGS)
     reports_of(table, range(1, 3))
@@ -239,7 +239,7 @@ def test_a_search_that_ends_is_not_gone_on_with(model: SensorModel) -> None:
     assert table.search_on() == []
 
 
-def test_a_search_tells_places_from_its_first_scan_on(model: SensorModel) -> None:
+def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> None:
     table = JobTable("w")
     job = SearchJob(search=0, shard=0, first_step=0)
     table.follow(order(Assignment(job_id="s0.0", epoch=1, job=job)), model, SETTINGS)
@@ -267,7 +267,7 @@ def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: Sensor
     assert [job_id for job_id, _, _ in table.summary()] == ["c0"]
 
 
-def test_a_cloud_in_two_places_is_told_as_two_where_splitting_is_on(model: SensorModel) -> None:
+def test_a_cluster_in_two_places_is_reported_as_two_with_splitting(model: SensorModel) -> None:
     rng = np.random.default_rng(1)
     poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.05, (50, 3))
     poses[25:, 0] += 4.0

@@ -82,7 +82,7 @@ def test_seeds_do_not_share_their_noise(model: SensorModel) -> None:
     assert not np.intersect1d(*(poses_of(job) for job in jobs)).size
 
 
-def test_a_report_tells_of_the_particles_as_they_are(model: SensorModel) -> None:
+def test_a_report_describes_the_current_particles(model: SensorModel) -> None:
     job = begun("c0", model)
     report = [job.advance(scan(step)) for step in (1, 2, 3)][-1]
     assert isinstance(report, TrackReport)
@@ -139,7 +139,7 @@ def test_a_handed_over_place_is_drawn_by_its_weights(model: SensorModel) -> None
     assert report.mean[0] == pytest.approx(2.2, abs=0.2)
 
 
-def test_particles_are_told_at_steps_of_each_clusters_own(model: SensorModel) -> None:
+def test_each_cluster_reports_particles_at_its_own_steps(model: SensorModel) -> None:
     told = {}
     for job_id in ("c0", "c1"):
         job = running(track(job_id, cloud()), model, SETTINGS, sender="w", snapshot_every_steps=3)
@@ -148,7 +148,7 @@ def test_particles_are_told_at_steps_of_each_clusters_own(model: SensorModel) ->
     assert told == {"c0": [3, 6], "c1": [1, 4]}
 
 
-def test_a_cluster_in_two_parts_tells_them_at_its_steps(model: SensorModel) -> None:
+def test_a_cluster_in_two_parts_reports_them_at_its_steps(model: SensorModel) -> None:
     settings = FilterSettings(
         cluster=ClusterSettings(particles=200, split_every_steps=2, resample_below_ess=0.001),
         search=SearchSettings(source_radius_m=0.5, source_heading_rad=0.5),

@@ -75,7 +75,7 @@ def test_every_model_is_kept_with_the_arrays_that_it_needs(tmp_path: Path) -> No
     }
 
 
-def test_arrays_of_another_map_under_this_ones_name_are_computed_anew(
+def test_cached_arrays_of_another_map_are_computed_again(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     sensor_model(grid_map(), SETTINGS, tmp_path)
@@ -104,7 +104,7 @@ def test_another_map_or_other_settings_are_another_entry(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("damage", ["cut", "empty", "gone", "another shape"])
-def test_a_broken_entry_is_said_and_made_anew(
+def test_a_broken_cache_entry_is_reported_and_computed_again(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     expected = sensor_model(grid_map(), SETTINGS, None).field.codes

@@ -34,7 +34,7 @@ def test_the_first_search_is_what_the_first_step_waits_for() -> None:
     assert SearchPause().left_ns(0) == 0
 
 
-def test_where_steps_are_counted_anew_nothing_waits_for_the_old_count() -> None:
+def test_after_a_restart_of_steps_nothing_waits_for_the_old_count() -> None:
     pause = paused_for(700)
     pause.scanned(3, 20 * MS)
     assert pause.left_ns(20 * MS) == 0

@@ -42,7 +42,7 @@ def test_a_question_or_a_checkpoint_fences_lower_terms_too() -> None:
             term_fence.check(order(6, 1))
 
 
-def test_all_terms_that_were_heard_of_are_known_and_the_last_that_had_a_belief() -> None:
+def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
     term_fence = TermFence()
     term_fence.on_checkpoint(checkpoint(5, 1))
     term_fence.on_checkpoint(checkpoint(5, 2))

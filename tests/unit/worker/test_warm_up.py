@@ -9,7 +9,7 @@ from worker.warm_up import compile_kernels
 
 
 @pytest.mark.parametrize("problems", [[], ["disk full", "disk full"]])
-def test_kernels_that_cannot_be_kept_are_told_once_in_one_line(
+def test_kernels_that_cannot_be_cached_are_reported_once_in_one_line(
     problems: list[str], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(kernels, "cache_problems", problems)

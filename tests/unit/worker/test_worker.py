@@ -167,7 +167,7 @@ def test_scans_that_cannot_be_had_cost_their_steps_and_no_more(tracking: Worker)
     assert reported(told(tracking, ScanArrived(scan(6)))) == [("c0", 6)]
 
 
-def test_who_falls_behind_skips_scans_and_asks_for_none(tracking: Worker) -> None:
+def test_a_worker_that_falls_behind_skips_scans_and_requests_none(tracking: Worker) -> None:
     told(tracking, ScanArrived(scan(1)))
     assert reported(told(tracking, ScanArrived(scan(5), dropped=3))) == [("c0", 5)]
     later = told(tracking, ScanArrived(scan(8), dropped=3))
@@ -284,7 +284,7 @@ def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
     assert reported(told(fresh, ModelBuilt("map", model))) == [("c0", 1), ("c0", 2)]
 
 
-def test_state_is_told_while_the_map_is_fetched(fresh: Worker) -> None:
+def test_state_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
     told(fresh, asked(4, track("c0", cloud())))
     nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert told(fresh, StateAsked(9)) == [Answer(9, nothing)]
@@ -377,7 +377,7 @@ def test_other_settings_of_the_sensor_build_another_model_of_the_same_map(
     assert told(tracking, order) == [BuildModel(grid(), other)]
 
 
-def test_an_order_of_an_old_term_is_refused_and_the_new_term_told(tracking: Worker) -> None:
+def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) -> None:
     told(tracking, asked(1, keep=(("c0", 1),), term=5))
     refused = told(tracking, asked(9, term=4))
     assert causes(refused) == ["order of an old term"]
@@ -475,9 +475,7 @@ def test_past_scans_are_asked_for_once_however_often_an_order_comes(
     assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
 
 
-def test_an_answer_to_a_question_that_was_asked_anew_since_is_not_waited_for(
-    fresh: Worker, model: SensorModel
-) -> None:
+def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: SensorModel) -> None:
     told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
     told(fresh, ModelBuilt("map", model))
     wider = told(fresh, ScanArrived(scan(8)))
@@ -490,7 +488,7 @@ def test_an_answer_to_a_question_that_was_asked_anew_since_is_not_waited_for(
 # --- a coordinator takes over
 
 
-def test_a_new_coordinator_is_told_jobs_terms_and_the_reports_since(
+def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(
     tracking: Worker,
 ) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")

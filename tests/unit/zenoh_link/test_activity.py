@@ -13,7 +13,7 @@ def test_rates_are_averages_over_the_last_seconds() -> None:
     assert activity.done == {"scans": 200}
 
 
-def test_ages_tell_when_each_happened_last() -> None:
+def test_ages_are_since_the_last_occurrence() -> None:
     activity = Activity(0.0)
     activity.happened("scans", 1.0)
     activity.happened("steps", 2.0, times=3)

@@ -67,7 +67,7 @@ def test_any_other_text_is_an_endpoint_or_a_settings_error(endpoint: str) -> Non
         check_endpoint(endpoint)
 
 
-def test_a_client_meets_nobody_but_its_router() -> None:
+def test_a_client_connects_only_to_its_router() -> None:
     config = as_zenoh(client_configuration(ZenohSettings(), RobotSettings(name="r1")))
     expected: dict[str, object] = {
         "mode": "client",
@@ -112,9 +112,7 @@ def test_the_deployed_router_file_is_the_routers_configuration() -> None:
         ("tls/host:1#tls_handshake_timeout_ms=9", "tls/host:1#tls_handshake_timeout_ms=9"),
     ],
 )
-def test_a_listener_by_tls_is_patient_unless_told_otherwise(
-    endpoint: str, listened_at: str
-) -> None:
+def test_a_tls_listener_is_patient_by_default(endpoint: str, listened_at: str) -> None:
     assert patient(endpoint) == listened_at
 
 

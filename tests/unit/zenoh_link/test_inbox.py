@@ -59,7 +59,7 @@ def test_a_flood_of_scans_drops_no_event() -> None:
     assert inbox.dropped() == {"scan": 98}
 
 
-def test_a_refused_event_is_told_to_the_caller_and_counted() -> None:
+def test_a_refused_event_is_reported_to_the_caller_and_counted() -> None:
     inbox: Inbox[str] = Inbox({}, max_events=1)
     assert inbox.put("first")
     assert not inbox.put("second")

@@ -12,7 +12,7 @@ def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
 
 
-def test_zenoh_is_told_while_it_opens_and_children_are_not() -> None:
+def test_zenohs_variable_is_set_while_it_opens_and_not_for_children() -> None:
     with receiving_threads(MANY_LINKS):
         assert os.environ[VARIABLE] == MANY_LINKS
     assert VARIABLE not in os.environ
@@ -24,7 +24,7 @@ def test_it_is_taken_back_when_there_is_no_router_yet() -> None:
     assert VARIABLE not in os.environ
 
 
-def test_only_the_first_session_of_a_process_is_told() -> None:
+def test_only_the_first_session_of_a_process_sets_the_variable() -> None:
     with receiving_threads(MANY_LINKS):
         pass
     with receiving_threads(ONE_LINK):

@@ -32,7 +32,7 @@ def truths(robot: RecordedRobot, start_step: int, updates: int | None) -> list[t
     return [(scan.step, truth[0]) for scan, truth in steps if truth is not None]
 
 
-def test_a_run_begins_where_it_is_told_to_and_has_its_number_of_steps(
+def test_a_run_has_its_start_and_its_number_of_steps(
     recorded: RecordedRobot,
 ) -> None:
     assert truths(recorded, 0, None) == [(step, float(step)) for step in range(10)]

@@ -140,7 +140,7 @@ def test_the_brier_score_is_0_for_the_truth_1_for_nothing_2_for_a_sure_error() -
     assert brier(halves) == pytest.approx(0.25 + 0.09 + 0.04)
 
 
-def test_what_a_first_search_tells_is_scored_but_is_no_estimate() -> None:
+def test_places_of_a_first_search_are_scored_but_are_no_estimate() -> None:
     searching = facts(1, place(0.95), state="searching")
     assert (searching.claims, searching.right, searching.tracked) == ((), False, False)
     made = measures_of([searching, facts(2, place(0.5), place(0.5, OPPOSITE))])
@@ -163,7 +163,7 @@ def test_sure_and_right_is_the_first_estimate_with_nine_tenths() -> None:
     assert measures_of(run[:2]).sure_and_right_at_update is None
 
 
-def test_updates_that_nobody_can_judge_are_in_no_score() -> None:
+def test_updates_without_ground_truth_are_in_no_score() -> None:
     unknown = facts_of(1, 0, "localized", [place(1.0, NOWHERE)], (), 0.7)
     told = facts_of(2, 0, "localized", [place(0.8)], COPIES, 0.2)
     made = measures_of([unknown, told])
@@ -185,7 +185,7 @@ def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
     assert (made.elsewhere_probability, made.off_map_probability) == (0.5, 0.05)
 
 
-def test_a_run_of_nothing_has_no_numbers() -> None:
+def test_an_empty_run_has_no_measures() -> None:
     made = measures_of([])
     assert made.bootstrap_update is made.entropy_mean is made.all_tracked_share is None
     assert made.right_within is made.right_at_50 is None

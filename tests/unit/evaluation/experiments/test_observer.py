@@ -69,7 +69,7 @@ def test_the_robot_is_kidnapped_after_enough_right_estimates_in_a_row() -> None:
     assert measures.right_before_kidnap is True
 
 
-def test_who_is_never_right_is_kidnapped_all_the_same() -> None:
+def test_a_robot_that_is_never_localized_is_kidnapped_all_the_same() -> None:
     watching = observer(case(robot=lifted(OnceRight(at_latest=2))))
     watching.on_step(SCAN, WRONG, TRUTH)
     assert not watching.kidnap_now

@@ -45,7 +45,7 @@ def test_the_middle_of_a_turned_grid_is_in_the_map_frame() -> None:
 
 
 @pytest.mark.parametrize(("name", "times"), [("cross", 4), ("rectangle", 2), ("hall_symmetric", 2)])
-def test_nothing_ever_tells_the_copies_of_a_symmetric_world_apart(name: str, times: int) -> None:
+def test_nothing_distinguishes_the_copies_of_a_symmetric_world(name: str, times: int) -> None:
     grid_map = world(name).map
     observability, middle = ScanObservability(grid_map), middle_of(grid_map)
     assert not any(
@@ -65,7 +65,7 @@ def test_the_feature_of_the_cross_is_seen_late_on_the_route() -> None:
     assert all(seen[155:160])
 
 
-def test_what_tells_places_apart_is_the_map_not_what_the_scan_measured() -> None:
+def test_places_differ_by_the_map_not_by_the_measured_scan() -> None:
     cells = np.zeros((40, 40), dtype=np.int8)
     cells[:, 39] = 1  # a wall in the east, and something in front of it
     cells[19:22, 36] = 1

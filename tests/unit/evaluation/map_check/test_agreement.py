@@ -54,7 +54,7 @@ def test_the_mount_and_the_scales_of_odometry_are_found() -> None:
     assert max(found.standard_errors) < 0.03
 
 
-def test_a_robot_that_never_turns_tells_nothing_of_its_laser() -> None:
+def test_a_robot_that_never_turns_reveals_nothing_of_its_laser() -> None:
     straight = np.column_stack([np.arange(100) * 0.2, np.zeros(100), np.zeros(100)])
     assert mount_of(straight, straight) is None
     assert mount_of(straight[:6], straight[:6]) is None

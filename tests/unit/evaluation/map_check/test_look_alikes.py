@@ -38,7 +38,7 @@ def test_a_hall_with_a_difference_everywhere_has_no_look_alikes() -> None:
     assert (report.symmetries, report.remarks) == ((), ())
 
 
-def test_a_symmetric_hall_is_told_to_be_so() -> None:
+def test_a_symmetric_hall_is_reported() -> None:
     plan = world("hall_symmetric").map
     report = report_of("hall", plan, laser_range_m=12.0, places=8, seed=1, agreement=None)
     (symmetry,) = report.symmetries
@@ -49,7 +49,7 @@ def test_a_symmetric_hall_is_told_to_be_so() -> None:
     assert remark.startswith("8 of 8 places look like others")
 
 
-def test_a_short_sighted_laser_is_told_that_it_sees_nothing() -> None:
+def test_a_short_sighted_laser_is_reported() -> None:
     report = report_of(
         "hall", world("hall").map, laser_range_m=0.5, places=4, seed=1, agreement=None
     )
