@@ -26,9 +26,9 @@ import msgspec
 import numpy as np
 import typer
 
+from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import Case, RecordedRobot
-from evaluation.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from evaluation.experiments.course import TrueStep, course_of
 from evaluation.in_process import InProcess
 from evaluation.mirrored import mirrored

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 import typer
 
 from clustermcl.commands import control, query, recordings, running
-from clustermcl.commands.experiments import experiments
 from clustermcl.verbosity import VerbosityGroup, set_verbosity
 from process_runtime.main import EXIT_ERROR
 from process_runtime.output import standard_output, written_output
@@ -65,7 +64,6 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "Maps, recordings, settings": {
         "check": recordings.check,
         "evaluate": recordings.evaluate,
-        "experiments": experiments,
         "replay": recordings.replay,
         "settings": recordings.settings,
     },

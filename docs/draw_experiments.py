@@ -1,6 +1,6 @@
 """Draws docs/experiments.svg and docs/starts.svg from the tables in docs/experiments.
 
-python docs/draw_experiments.py    (needs the extras `experiments` and `plots`)
+python docs/draw_experiments.py    (needs the extras `dev` and `plots`)
 """
 
 from pathlib import Path

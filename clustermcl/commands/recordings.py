@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from clustermcl import completion
-from clustermcl.commands.experiments import MOST_JOBS, MOST_RUNS
 from clustermcl.commands.options import (
     AsJson,
     Assignments,
@@ -26,6 +25,8 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 
 EXIT_DIFFERENT = 1
+MOST_RUNS, MOST_JOBS = 10_000, 256
+"""A larger number is a typing error."""
 MOST_STEPS = 100_000
 """Limit for an evaluated run, 20 km of driving: all measurements are kept in memory."""
 

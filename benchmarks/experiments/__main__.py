@@ -1,18 +1,35 @@
-"""`clustermcl experiments`: runs experiments into a table, and summarises the table."""
+"""Run experiments into a table, and summarise the table.
+
+python -m benchmarks.experiments [NAME...] [--output FILE]
+python -m benchmarks.experiments --summary [--output FILE]
+"""
 
 import os
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.progress import track
 
+from benchmarks.experiments.catalogue import all_cases
+from benchmarks.experiments.run_table import RunTable, key_of, tasks_of
+from benchmarks.experiments.summary import over_all, read_table
+from benchmarks.experiments.summary import summary as table_summary
 from clustermcl.commands.options import Assignments, SettingsFile
-from protocol.errors import SettingsError
+from clustermcl.commands.recordings import MOST_JOBS, MOST_RUNS
+from evaluation.experiments.case import algorithm_named
+from evaluation.experiments.pool import in_parallel
+from evaluation.experiments.task import run_task
+from process_runtime.settings_file import load_settings
+from process_runtime.stop import StoppedError, stop_on_signals
+from protocol.errors import ClusterMclError, SettingsError
 
-MOST_RUNS, MOST_JOBS = 10_000, 256
-"""A larger number is a typing error."""
+app = typer.Typer(add_completion=False)
 
 
+@app.command()
 def experiments(
     names: Annotated[
         list[str] | None,
@@ -49,21 +66,10 @@ def experiments(
 
     Ctrl-C ends it; the same command continues it.
     """
-    # These imports take a second, which other commands need not spend.
-    from rich.console import Console  # noqa: PLC0415 - see above
-    from rich.progress import track  # noqa: PLC0415 - see above
-
-    from evaluation.experiments.case import algorithm_named  # noqa: PLC0415 - see above
-    from evaluation.experiments.catalogue import all_cases  # noqa: PLC0415 - see above
-    from evaluation.experiments.pool import in_parallel  # noqa: PLC0415 - see above
-    from evaluation.experiments.run_table import RunTable, key_of, tasks_of  # noqa: PLC0415
-    from evaluation.experiments.task import run_task  # noqa: PLC0415 - see above
-    from process_runtime.settings_file import load_settings  # noqa: PLC0415 - see above
-    from process_runtime.stop import stop_on_signals  # noqa: PLC0415 - see above
-
     console = Console(emoji=False, markup=False, highlight=False, soft_wrap=True)
     if summary:
-        console.print(_summary_text(output))
+        each = table_summary(read_table(output))
+        console.print(f"{each.to_csv(index=False)}\n{over_all(each).to_csv(index=False)}")
         return
     known = {case.name: case for case in all_cases(data)}
     for name in names or ():
@@ -97,15 +103,10 @@ def experiments(
     stop.check()
 
 
-def _summary_text(table: Path) -> str:
+if __name__ == "__main__":
     try:
-        from evaluation.experiments.summary import (  # noqa: PLC0415 - needs an extra
-            over_all,
-            read_table,
-            summary,
-        )
-    except ModuleNotFoundError as error:
-        problem = f"--summary needs {error.name}: pip install 'clustermcl[experiments]'"
-        raise SettingsError(key="--summary", problem=problem) from error
-    each = summary(read_table(table))
-    return f"{each.to_csv(index=False)}\n{over_all(each).to_csv(index=False)}"
+        app()
+    except StoppedError:
+        sys.exit(130)
+    except ClusterMclError as error:
+        sys.exit(f"benchmarks.experiments: {error}")

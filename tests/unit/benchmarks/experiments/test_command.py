@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from clustermcl.command import app
-from evaluation.experiments.catalogue import DATA_VARIABLE
+from benchmarks.experiments.__main__ import app
+from benchmarks.experiments.catalogue import DATA_VARIABLE
 from protocol.errors import InputFileError, SettingsError
 
 
@@ -26,7 +26,7 @@ def own_signals() -> Iterator[None]:
 
 
 def test_the_list_names_the_experiments() -> None:
-    result = CliRunner().invoke(app, ["experiments", "--list"])
+    result = CliRunner().invoke(app, ["--list"])
     assert result.exit_code == 0
     for name in ("cross-feature", "kidnap-office", "people"):
         assert name in result.output
@@ -45,14 +45,14 @@ def test_a_wrong_word_is_refused_before_anything_runs(
     tmp_path: Path, arguments: list[str], kind: type[Exception], words: str
 ) -> None:
     out = tmp_path / "runs.csv"
-    result = CliRunner().invoke(app, ["experiments", *arguments, "--output", str(out)])
+    result = CliRunner().invoke(app, [*arguments, "--output", str(out)])
     assert isinstance(result.exception, kind)
     assert words in str(result.exception)
 
 
 def test_runs_go_into_the_table_once_and_are_summarised(tmp_path: Path) -> None:
     out = str(tmp_path / "runs.csv")
-    words = ["experiments", "hall", "--seeds", "1", "--output", out, "--jobs", "2"]
+    words = ["hall", "--seeds", "1", "--output", out, "--jobs", "2"]
     words += ["--algorithm", "cluster-mcl", "--algorithm", "mcl", "--set", "cluster.particles=300"]
     for _ in range(2):
         result = CliRunner().invoke(app, words)
@@ -62,7 +62,7 @@ def test_runs_go_into_the_table_once_and_are_summarised(tmp_path: Path) -> None:
         rows = list(csv.DictReader(file))
     assert sorted(row["algorithm"] for row in rows) == ["cluster-mcl", "mcl"]
     assert {row["settings"] for row in rows} == {"cluster.particles=300"}
-    told = CliRunner().invoke(app, ["experiments", "--summary", "--output", out])
+    told = CliRunner().invoke(app, ["--summary", "--output", out])
     assert told.exit_code == 0, told.exception
     assert told.output.startswith("experiment,algorithm,runs,localized")
     assert "hall,cluster-mcl,1,1" in told.output

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from benchmarks.experiments.run_table import COLUMNS, RunTable, key_of, rows_of, tasks_of
 from evaluation.experiments.measures import BINS
-from evaluation.experiments.run_table import COLUMNS, RunTable, key_of, rows_of, tasks_of
 from evaluation.experiments.task import Finished, Task
 from particle_filter.settings import BeliefSettings
 from process_runtime.output_files import OutputError

@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 from scipy.stats import wilcoxon
 
+from benchmarks.experiments.run_table import COLUMNS
+from benchmarks.experiments.summary import over_all, summary
 from evaluation.experiments.measures import BINS
-from evaluation.experiments.run_table import COLUMNS
-from evaluation.experiments.summary import over_all, summary
 
 
 def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:
