@@ -139,7 +139,7 @@ class Coordinator:
                 self._state.placement.delivery.repeat(worker)
                 return self._on_time_passed(now_ns)
             case events.OrderAnswered(worker, answer):
-                self._on_order_answered(worker, answer)
+                self._on_order_answered(worker, answer, now_ns)
             case events.CheckpointHeard(checkpoint):
                 self._take_over.on_checkpoint(checkpoint)
             case events.LinkLost():
@@ -214,11 +214,11 @@ class Coordinator:
         resumed = self._take_over.on_worker_told(worker, told, now_ns)
         return resumed + self._on_time_passed(now_ns)
 
-    def _on_order_answered(self, worker: str, answer: OrderAnswer) -> None:
+    def _on_order_answered(self, worker: str, answer: OrderAnswer, now_ns: int) -> None:
         """A worker took an order, or says why not."""
         if answer.problem:
             self._state.counters["order refused"] += 1  # the worker's log says why
-        self._take_over.on_term(answer.term)
+        self._take_over.on_worker_term(answer.term, now_ns)
         self._state.placement.delivery.answered(worker, answer)
 
     # --- what others do

@@ -27,7 +27,6 @@ from coordinator.events import (
 )
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
-from coordinator.failover.trust import Trust
 from coordinator.free_ground import FreeGround
 from coordinator.instructions import (
     AnswerCommand,
@@ -55,6 +54,7 @@ from protocol.errors import MalformedMessageError, MapMismatchError, printable
 from protocol.health import Health
 from protocol.keys import WorkerKey, WorkerTopic
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
+from protocol.terms import check_term
 from protocol.work import Checkpoint, OrderAnswer, Report
 from zenoh_link.health import HealthReporter
 from zenoh_link.inbox import Inbox
@@ -74,6 +74,7 @@ from zenoh_link.wire import (
 
 ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
+TICK_NS = int(TICK_S * 1e9)
 
 _log = logging.getLogger(__name__)
 
@@ -91,13 +92,12 @@ class CoordinatorLoop:
         keeper: StateKeeper,
         recorder: FlightRecorder,
         heard: NewestCheckpoint,
-        trust: Trust,
         causes: CauseCounter,
         is_anybody_there: Callable[[], bool],
     ) -> None:
         self._is_anybody_there, self._stale = is_anybody_there, StaleSessionDetector()
         self._coordinator, self._session, self._keeper = coordinator, session, keeper
-        self._recorder, self._heard, self._trust = recorder, heard, trust
+        self._recorder, self._heard = recorder, heard
         self._map_reader: threading.Thread | None = None
         self._inbox: Inbox[_InboxEvent] = Inbox(
             {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
@@ -107,8 +107,8 @@ class CoordinatorLoop:
         self._board = HealthBoard()
         self._membership = Membership()
         self._fencing = SelfFencing(time.monotonic_ns())
-        self._outgoing = Outgoing(session, self._inbox, trust)
-        self._heap = HeapTrimmer()
+        self._outgoing = Outgoing(session, self._inbox)
+        self._heap, self._ticked_ns = HeapTrimmer(), 0
 
     def run(self, stop: StopFlag) -> None:
         """Coordinate until told to stop, until another coordinator acts, or until deaf."""
@@ -142,6 +142,8 @@ class CoordinatorLoop:
         self._stale.on_event(event, now_ns)
         self._fencing.turn(now_ns)
         self._carry_out(self._handle(event, now_ns))
+        if now_ns - self._ticked_ns >= TICK_NS:  # queries or odometry may leave no idle moment
+            self._carry_out(self._handle(None, now_ns))
         self._carry_out(self._change(self._membership.due(now_ns), now_ns))
         if event is None:
             self._heap.trim_if_due(now_ns / 1e9)
@@ -170,6 +172,7 @@ class CoordinatorLoop:
                     raise event
         except MalformedMessageError as error:
             self._causes.warn(_log, error.cause, error, time.monotonic())
+        self._ticked_ns = now_ns
         return self._recorder.handle(TimePassed(), now_ns)
 
     def _on_message(self, message: Received, now_ns: int) -> list[Instruction]:
@@ -201,17 +204,16 @@ class CoordinatorLoop:
                 return TimePassed()
             case keys.CHECKPOINT:
                 checkpoint = decode(message.payload, Checkpoint)
-                if not self._trust.believes(checkpoint):
-                    return TimePassed()
+                check_term(checkpoint, time.time_ns())
                 self._heard.hear(checkpoint, now_ns)
                 return CheckpointHeard(checkpoint)
             case WorkerKey(worker, WorkerTopic.STATE):
                 self._heap.on_large_message(now_ns / 1e9)
-                return WorkerToldState(worker, told_by(message.payload, self._trust))
+                return WorkerToldState(worker, told_by(message.payload, time.time_ns()))
             case WorkerKey(worker, WorkerTopic.ORDER):
                 answer = decode(message.payload, OrderAnswer)
-                term = self._trust.term(answer)
-                return OrderAnswered(worker, msgspec.structs.replace(answer, term=term))
+                check_term(answer, time.time_ns())
+                return OrderAnswered(worker, answer)
             case WorkerKey(worker, WorkerTopic.REPORT):
                 report: Report = decode(message.payload, Report)  # type: ignore[arg-type] # a union
                 mark("arrived", report, message.at_ns)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable
 
 import zenoh
 
-from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AnswerCommand,
     AskState,
@@ -35,8 +34,8 @@ _log = logging.getLogger(__name__)
 class Outgoing:
     """Publishes and asks; answers come through the inbox."""
 
-    def __init__(self, session: zenoh.Session, inbox: EventSink, trust: Trust) -> None:
-        self._session, self._inbox, self._trust = session, inbox, trust
+    def __init__(self, session: zenoh.Session, inbox: EventSink) -> None:
+        self._session, self._inbox = session, inbox
         self._events = Publisher(session, keys.EVENTS)
         self._belief = Publisher(session, keys.BELIEF)
         self._pose = Publisher(session, keys.POSE)
@@ -50,15 +49,15 @@ class Outgoing:
         for instruction in instructions:
             match instruction:
                 case SendOrder(worker, order):
-                    self._ask(keys.worker_order(worker), self._trust.signed(order))
+                    self._ask(keys.worker_order(worker), order)
                 case AskState(worker, question):
-                    self._ask(keys.worker_state(worker), self._trust.signed(question))
+                    self._ask(keys.worker_state(worker), question)
                 case FetchScans():
                     self._fetch(instruction, time.monotonic() + ASK_AGAIN_WITHIN_S)
                 case FetchMap():
                     self._ask(keys.MAP)
                 case PublishCheckpoint(checkpoint):
-                    self._checkpoints.put(self._trust.signed(checkpoint))
+                    self._checkpoints.put(checkpoint)
                 case PublishEvents(events):
                     self._events.put(events)
                     for numbered in events.events:

@@ -10,8 +10,6 @@ from urllib.parse import quote
 
 import zenoh
 
-from coordinator.failover.trust import Trust
-from coordinator.key_file import read_key
 from coordinator.loop import CoordinatorLoop
 from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.recorder.flight_recorder import FlightRecorder
@@ -61,12 +59,6 @@ def run_coordinator(invocation: Invocation) -> None:
     settings, stop = invocation.settings, invocation.stop
     may_wait = settings.coordinator.standby or invocation.arguments.standby
     causes = CauseCounter()
-    trust = Trust(
-        read_key(settings.coordinator.key_file),
-        settings.robot.name,
-        time.time_ns,
-        lambda error: causes.warn(_log, error.cause, error, time.monotonic()),
-    )
     is_deposed, newest = False, NewestCheckpoint()
     while not stop.is_set():
         with (
@@ -89,7 +81,6 @@ def run_coordinator(invocation: Invocation) -> None:
                 standby = StandbyLoop(
                     session,
                     settings.coordinator.take_over_after_s,
-                    trust,
                     partial(sees, keys.COORDINATOR_ALIVE),
                     newest,
                 )
@@ -97,7 +88,7 @@ def run_coordinator(invocation: Invocation) -> None:
                     continue
                 _log.warning("the coordinator is dead: taking over")
             known, newest = newest, NewestCheckpoint()
-            is_deposed = lead(invocation, session, known, newest, trust, causes)
+            is_deposed = lead(invocation, session, known, newest, causes)
             may_wait = True  # another acts: whatever this one was told, it may only wait
 
 
@@ -106,7 +97,6 @@ def lead(
     session: zenoh.Session,
     known: NewestCheckpoint,
     heard: NewestCheckpoint,
-    trust: Trust,
     causes: CauseCounter,
 ) -> bool:
     """Coordinate until told to stop, or until another coordinator acts: that is true then.
@@ -116,7 +106,6 @@ def lead(
         session: to the robot's other processes.
         known: what others published before.
         heard: told of what others publish meanwhile, from which this one may carry on later.
-        trust: which checkpoints are believed.
         causes: counts what is refused.
     """
     settings = invocation.settings
@@ -141,7 +130,7 @@ def lead(
         sees = partial(is_there, settings.zenoh, settings.robot, invocation.stop)
         is_anybody_there = partial(sees, keys.ALL_WORKERS_ALIVE)
         loop = CoordinatorLoop(
-            coordinator, session, keeper, recorder, heard, trust, causes, is_anybody_there
+            coordinator, session, keeper, recorder, heard, causes, is_anybody_there
         )
         loop.run(invocation.stop)
     if coordinator.outranked_by is None:

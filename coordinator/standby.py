@@ -7,12 +7,12 @@ from collections.abc import Callable
 import zenoh
 
 from coordinator.failover.failure_detector import FailureDetector
-from coordinator.failover.trust import Trust
 from coordinator.newest_checkpoint import NewestCheckpoint
 from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
+from protocol.terms import check_term
 from protocol.work import Checkpoint
 from zenoh_link.inbox import Inbox
 from zenoh_link.stale_session import STALE, StaleSessionDetector
@@ -30,7 +30,6 @@ class StandbyLoop:
         self,
         session: zenoh.Session,
         take_over_after_s: float,
-        trust: Trust,
         is_another_there: Callable[[], bool],
         newest: NewestCheckpoint,
     ) -> None:
@@ -39,11 +38,10 @@ class StandbyLoop:
         Args:
             session: of this process.
             take_over_after_s: see `FailureDetector`.
-            trust: which checkpoints are believed.
             is_another_there: whether somebody who hears well sees a coordinator.
             newest: of the checkpoints heard before; those that come are added.
         """
-        self._session, self._trust = session, trust
+        self._session = session
         self._is_another_there, self._stale = is_another_there, StaleSessionDetector()
         self._inbox: Events = Inbox({"checkpoint": 4})
         self._detector = FailureDetector(take_over_after_s, time.monotonic_ns())
@@ -78,10 +76,9 @@ class StandbyLoop:
     def _on_checkpoint(self, payload: bytes, now_ns: int) -> None:
         try:
             checkpoint = decode(payload, Checkpoint)
+            check_term(checkpoint, time.time_ns())
         except MalformedMessageError as error:
             _log.debug("malformed checkpoint: %s", error)
-            return
-        if not self._trust.believes(checkpoint):
             return
         if self._newest.hear(checkpoint, now_ns):
             self._detector.sign_of_life(now_ns)

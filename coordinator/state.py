@@ -114,6 +114,10 @@ class CoordinatorState:
         """Whether others have to be told before anything that is decided leaves this process."""
         return self._changed
 
+    def publish_again(self) -> None:
+        """The state has to be published, though only the term has changed."""
+        self._changed = True
+
     def place_counts(self, was_live: bool) -> bool:
         """Whether the robot's place in an earlier life may be its place now.
 

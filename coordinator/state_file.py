@@ -137,18 +137,18 @@ class StateKeeper:
         self._changed = threading.Condition()
         self._newest: Checkpoint | None = None
         self._closed = self._failed = False
-        self._is_first = True
+        self._term: int | None = None
 
     def offer(self, checkpoint: Checkpoint) -> None:
         """A state is about to be published; if it is a newer one, it is written soon.
 
-        The first is written at once: as soon as workers know of it, no older file counts.
+        The first of a term is written at once: when workers know the term, no older file counts.
         """
         if self._folder is None or (self._rank is not None and checkpoint.rank <= self._rank):
             return
         self._rank = checkpoint.rank
-        if self._is_first:
-            self._is_first = False
+        if checkpoint.term != self._term:
+            self._term = checkpoint.term
             self._write(self._folder, checkpoint, sync=False)
             return
         with self._changed:

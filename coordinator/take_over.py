@@ -65,7 +65,7 @@ class TakeOver:
 
     def on_worker_told(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
         """A worker says what it does, and what the last coordinator had decided."""
-        self.on_term(told.term)
+        self.on_worker_term(told.term, now_ns)
         if told.term <= self._term.number:
             self._recovery.answered(worker, told)
         if not self._term.begun:
@@ -81,13 +81,13 @@ class TakeOver:
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Another coordinator published its checkpoint."""
-        self.on_term(checkpoint.term)
+        self._term.hear(checkpoint.term)
         if not self._term.begun:
             self._recovery.hear(checkpoint)
 
-    def on_term(self, number: int) -> None:
-        """Somebody knows of a term; where this one had to be raised, all are asked anew."""
-        if self._term.hear(number):
+    def on_worker_term(self, number: int, now_ns: int) -> None:
+        """A worker knows a term; all are asked again if this coordinator's had to be raised."""
+        if self._term.on_worker_term(number, now_ns):
             self._recovery.ask_all_again()
 
     def on_report(self, report: Report, worker: str) -> None:
@@ -110,6 +110,9 @@ class TakeOver:
         own_step = applied.step if applied else -1
         questions = self._recovery.questions(self._term.number, own_step, now_ns)
         instructions = list[Instruction](questions)
+        if self._term.begun and self._term.rises_above_workers(now_ns):
+            self._state.counters["term raised above a worker's"] += 1
+            self._state.publish_again()
         if not self._term.begun and self._recovery.is_over(now_ns):
             instructions += self._begin(now_ns)
         if self._term.begun and self._state.founded:

@@ -15,8 +15,7 @@ NAME is a role, or ROLE.ROBOT for one robot alone:
   viewer, operator       people: who may look, and who may command as well
 
 Makes NAME.pem, NAME.key (readable by its owner alone) and, for clients, NAME.toml with the
-settings; for coordinators NAME.checkpoint-key as well, which all coordinators of a robot share
-and nobody else may have: they sign with it. It is kept, also by --force. Certificates that are still good are kept, so it may be run again at any time.
+settings. Certificates that are still good are kept, so it may be run again at any time.
 
   --folder DIR        where the files are (certificates)
   --days N            how long a certificate is good (365)
@@ -171,18 +170,6 @@ make_certificate() { # NAME
     mv "$made.pem" "$folder/$1.pem"
 }
 
-is_coordinator() { # NAME
-    [[ $1 == coordinator || $1 == coordinator.* ]]
-}
-
-make_checkpoint_key() { # NAME
-    local key=$folder/$1.checkpoint-key
-    [[ ! -s $key ]] || return 0
-    openssl rand -hex 32 >"$folder/.$1.new.checkpoint-key"
-    mv "$folder/.$1.new.checkpoint-key" "$key"
-    echo "$1: made $key; give it to all coordinators of the robot, and to nobody else"
-}
-
 write_settings() { # NAME
     local here endpoint=${router_endpoint:-tls/${hosts[0]:-localhost}:7447}
     here=$(cd "$folder" && pwd)
@@ -192,7 +179,6 @@ write_settings() { # NAME
         printf '[zenoh]\nrouter = "%s"\n' "$endpoint"
         printf 'tls_ca_certificate = "%s"\n' "$here/authority.pem"
         printf 'tls_certificate = "%s"\ntls_private_key = "%s"\n' "$here/$1.pem" "$here/$1.key"
-        ! is_coordinator "$1" || printf '\n[coordinator]\nkey_file = "%s"\n' "$here/$1.checkpoint-key"
     } >"$folder/$1.toml"
 }
 
@@ -231,7 +217,6 @@ main() {
             make_certificate "$name"
             echo "$name: made, good until $(good_until "$folder/$name.pem")"
         fi
-        ! is_coordinator "$name" || make_checkpoint_key "$name"
         [[ $name == router || -f $folder/$name.toml ]] || write_settings "$name"
     done
 }

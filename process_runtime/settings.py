@@ -150,13 +150,6 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
             "search the whole new map"
         ),
     ] = False
-    key_file: Annotated[
-        str,
-        described(
-            "file with the secret key of the robot's coordinators: they sign the state that "
-            "workers store for them and accept only signed state; empty: nothing is signed"
-        ),
-    ] = ""
 
 
 class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -12,6 +12,11 @@ can always choose a valid term above any accepted one.
 """
 
 
+MAX_RELAYED_AHEAD_US = 3 * MAX_AHEAD_US // 4
+"""The same for a term that a worker relays. Coordinators rise above it, and stay below the limit:
+else a worker that lies once could make a robot's coordinators impossible to succeed."""
+
+
 def check_term(
     message: WorkOrder | OrderAnswer | Checkpoint | TakeOver | WorkerState, clock_ns: int
 ) -> None:
@@ -25,9 +30,12 @@ def check_term(
         MalformedMessageError: its term is too far ahead of the clock.
     """
     clock_us = clock_ns // 1_000
-    if message.term > clock_us + MAX_AHEAD_US:
+    is_relayed = isinstance(message, OrderAnswer | WorkerState)
+    most_us = MAX_RELAYED_AHEAD_US if is_relayed else MAX_AHEAD_US
+    if message.term > clock_us + most_us:
+        years = most_us // (MAX_AHEAD_US // 100)
         raise MalformedMessageError(
             expected=type(message).__name__,
-            problem=f"term {message.term} is over a hundred years ahead of the clock, {clock_us}",
+            problem=f"term {message.term} is over {years} years ahead of the clock, {clock_us}",
             kind="term far ahead",
         )

@@ -129,8 +129,6 @@ class WorkOrder(Message, frozen=True, kw_only=True, tag="work_order/1"):
     resize: tuple[tuple[str, ParticleCount, NumberOrNone], ...] = ()
     """(job id, `particles`, `particles_from`) of clusters to continue with another number, as in
     `TrackJob`."""
-    term_proof: bytes = b""
-    """Proves to holders of the coordinators' key that a coordinator has had this term."""
 
 
 class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
@@ -144,8 +142,6 @@ class OrderAnswer(Message, frozen=True, kw_only=True, tag="order_answer/1"):
     """Why the order was refused; empty: it was accepted."""
     term: Number = 0
     """The highest term that the worker knows."""
-    term_proof: bytes = b""
-    """The proof that was received with that term."""
 
 
 class Place(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -241,10 +237,6 @@ class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     """The belief has had clusters. A checkpoint without them never replaces one with them."""
     state: bytes
     """MessagePack that only a coordinator reads; see `coordinator.checkpoint`."""
-    term_proof: bytes = b""
-    """As in `WorkOrder`."""
-    signature: bytes = b""
-    """Signs all fields above except the sender; see `coordinator.failover.trust`."""
 
     @property
     def rank(self) -> tuple[bool, int, int]:
@@ -261,8 +253,6 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
     term: Number
     since: NumberOrNone = -1
     """The step from which the coordinator may carry on: it needs the reports on later ones."""
-    term_proof: bytes = b""
-    """As in `WorkOrder`."""
 
 
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
@@ -279,5 +269,3 @@ class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     """Those that it has heard of, also from coordinators that have not begun."""
     founded: Number = 0
     """The highest term of a checkpoint that was founded; 0: it has heard none."""
-    term_proof: bytes = b""
-    """The proof that was received with the term."""

@@ -15,8 +15,6 @@ class TermFence:
     def __init__(self) -> None:
         self.term = 0
         """The highest."""
-        self.term_proof = b""
-        """As it came with the term; see `WorkOrder.term_proof`."""
         self.founded = 0
         """The highest term of a checkpoint that was founded."""
         self.order = 0
@@ -30,16 +28,16 @@ class TermFence:
         """The last ones heard of, in the order in which they were."""
         return tuple(self._terms)
 
-    def hear(self, term: int, term_proof: bytes = b"") -> None:
+    def hear(self, term: int) -> None:
         """A coordinator of this term speaks; orders of lower ones are refused from now on."""
         if term and term not in self._terms:
             self._terms.append(term)
         if term > self.term:
-            self.term, self.term_proof, self.order, self.newest = term, term_proof, 0, 0
+            self.term, self.order, self.newest = term, 0, 0
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         """A coordinator lives that has begun."""
-        self.hear(checkpoint.term, checkpoint.term_proof)
+        self.hear(checkpoint.term)
         if checkpoint.founded:
             self.founded = max(self.founded, checkpoint.term)
 
@@ -51,7 +49,7 @@ class TermFence:
         """
         if order.term < self.term:
             raise OldTermError(term=order.term, ruling=self.term)
-        self.hear(order.term, order.term_proof)
+        self.hear(order.term)
         if order.order < self.newest:
             return False
         self.newest = order.order

@@ -274,19 +274,17 @@ class Worker:
             term=self._fence.term,
             jobs=self._table.summary(),
             problem=problem,
-            term_proof=self._fence.term_proof,
         )
 
     def _state(self, take_over: TakeOver) -> WorkerState:
         """All that a new coordinator needs to carry on."""
-        self._fence.hear(take_over.term, take_over.term_proof)
+        self._fence.hear(take_over.term)
         return WorkerState(
             sender=self._name,
             term=self._fence.term,
             holds=self._table.holds(),
             terms=self._fence.terms,
             founded=self._fence.founded,
-            term_proof=self._fence.term_proof,
             reports=tuple(map(encode, self._table.reports_since(take_over.since))),
         )
 

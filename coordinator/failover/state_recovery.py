@@ -6,10 +6,10 @@ from typing import TypeVar
 
 import msgspec
 
-from coordinator.failover.trust import Trust
 from coordinator.instructions import AskState
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError
+from protocol.terms import check_term
 from protocol.validity import assignment_problem
 from protocol.work import Assignment, Checkpoint, Report, TakeOver, WorkerState
 
@@ -38,17 +38,21 @@ class Told(msgspec.Struct, frozen=True):
     founded: int = 0
 
 
-def told_by(payload: bytes, trust: Trust) -> Told:
-    """A worker's answer with all that is packed in it.
+def told_by(payload: bytes, clock_ns: int) -> Told:
+    """Decode a worker's answer and the messages packed in it; malformed ones are left out.
+
+    Args:
+        payload: from the wire.
+        clock_ns: local time since 1970.
 
     Raises:
-        MalformedMessageError: it is no worker's answer; what is malformed inside one, or not to
-            be believed, is left out.
+        MalformedMessageError: it is no worker's answer, or names an impossible term.
     """
     state = decode(payload, WorkerState)
+    check_term(state, clock_ns)
     reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
     return Told(
-        term=trust.term(state),
+        term=state.term,
         holds=_possible(state.holds),
         reports=tuple(reports),
         terms=state.terms,

@@ -36,7 +36,13 @@ from protocol.work import Checkpoint, Job, Report, SearchReport
 
 ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "_term": {"_number": int, "_begun": bool, "_outranked_by": int | None},
+        "_term": {
+            "_number": int,
+            "_begun": bool,
+            "_outranked_by": int | None,
+            "_claimed": int | None,
+            "_claimed_ns": int,
+        },
         "_take_over": {"_early_reports": list[tuple[Report, str]]},
         "_take_over._recovery": {
             "_asked_ns": dict[str, int | None],

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from coordinator.key_file import read_key
 from process_runtime.settings_file import load_settings
 from protocol.names import NAME_PATTERN
 from tests.integration.security.certificates import (
@@ -163,22 +162,3 @@ def test_robots_and_workers_have_the_names_that_settings_allow() -> None:
     text = SCRIPT.read_text()
     assert rf"(\.{allowed})?)$" in text
     assert f"worker{allowed.removeprefix('[A-Za-z0-9_]+')}" in text
-
-
-def test_coordinators_get_one_key_more_which_is_kept_and_read_by_its_owner_alone(
-    tmp_path: Path,
-) -> None:
-    folder = tmp_path / "certificates"
-    assert make_certificates(folder, "coordinator", "coordinator.r-7", "worker").returncode == 0
-    keys = sorted(folder.glob("*.checkpoint-key"))
-    assert [key.name.removesuffix(".checkpoint-key") for key in keys] == [
-        *("coordinator", "coordinator.r-7")
-    ]
-    assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
-    read = [read_key(str(key)) for key in keys]
-    assert len(set(read)) == 2
-    settings = load_settings(folder / "coordinator.r-7.toml", [])
-    assert read_key(settings.coordinator.key_file) == read[1]
-    assert load_settings(folder / "worker.toml", []).coordinator.key_file == ""
-    assert make_certificates(folder, "--force", "coordinator", "coordinator.r-7").returncode == 0
-    assert [read_key(str(key)) for key in keys] == read

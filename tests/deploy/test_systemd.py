@@ -17,7 +17,7 @@ from process_runtime.supervisor import HUNG_AFTER_S
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS, SECURE = DEPLOY / "systemd", DEPLOY / "systemd-secure"
 SERVICES = sorted(UNITS.glob("*.service"))
-GIVEN_LATER = ("$CLUSTERMCL_TLS", "$CLUSTERMCL_KEY")
+GIVEN_LATER = ("$CLUSTERMCL_TLS",)
 """Variables that are empty by default."""
 MOST_EXPOSURE = 1.5
 """Of 10; below 2 systemd calls a service OK or better."""
@@ -147,7 +147,6 @@ def test_no_drop_in_masks_another_and_certificates_come_last(tmp_path: Path, ser
     credentials = set(re.findall(r"LoadCredential=([^:]+):", given))
     assert {name.replace("router", "own") for name in credentials} == {
         *("authority.pem", "own.pem", "own.key"),
-        *(["checkpoint-key"] if "coordinator" in service else []),
     }
     arguments = re.findall('Environment="?CLUSTERMCL_TLS=(.*)', given)
     assert "own.key" in arguments[-1]
@@ -173,19 +172,6 @@ def test_every_service_gets_the_certificate_of_its_role_and_no_other_key() -> No
         role = file.stem.removeprefix("clustermcl-").removeprefix("standby-")
         assert keys == [role.replace("@", "-%i")]
     assert ".key:" not in (SECURE / "clustermcl-.service.d" / "tls.conf").read_text()
-
-
-def test_only_coordinators_get_the_key_that_signs_checkpoints(tmp_path: Path) -> None:
-    for file in SERVICES:
-        given = (SECURE / f"{file.name}.d" / "secure.conf").read_text()
-        named = re.findall('Environment="CLUSTERMCL_KEY=--set (.*)"', given)
-        if "coordinator" not in file.name:
-            assert "checkpoint-key" not in given
-            continue
-        assert "$CLUSTERMCL_KEY" in file.read_text()
-        settings = load_settings(DEPLOY / "settings.toml", [named[0].replace("%d", str(tmp_path))])
-        assert Path(settings.coordinator.key_file) == tmp_path / "checkpoint-key"
-    assert "CLUSTERMCL_KEY=\n" in (UNITS / "clustermcl-.service.d" / "common.conf").read_text()
 
 
 def test_the_arguments_for_certificates_are_settings(tmp_path: Path) -> None:

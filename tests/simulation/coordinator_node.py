@@ -8,14 +8,11 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from msgspec.structs import replace
-
 from coordinator import events
 from coordinator.coordinator import Coordinator
 from coordinator.failover.failure_detector import FailureDetector
 from coordinator.failover.self_fencing import SelfFencing
 from coordinator.failover.state_recovery import told_by
-from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -30,6 +27,7 @@ from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.recorder.records import Started
 from protocol.codec import encode
 from protocol.steps import OdometryReading, Scan
+from protocol.terms import check_term
 from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
 from tests.simulation.laws import Laws, Life
 from tests.simulation.network import Node
@@ -47,12 +45,9 @@ WRITING_S = 0.02
 class CoordinatorNode(Node):
     """One process that coordinates, or stands by."""
 
-    def __init__(
-        self, name: str, simulation: "Simulation", offset_s: float, wall_us: int, key: bytes | None
-    ) -> None:
+    def __init__(self, name: str, simulation: "Simulation", offset_s: float, wall_us: int) -> None:
         super().__init__(name, simulation.clock, offset_s)
         self._simulation, self._wall_us = simulation, wall_us
-        self.trust = Trust(key, "robot", lambda: self._now_us() * 1_000, lambda _: None)
         self.coordinator: Coordinator | None = None
         self._life: Life | None = None
         self._detector: FailureDetector | None = None
@@ -92,7 +87,7 @@ class CoordinatorNode(Node):
             self._lead()
 
     def _lead(self) -> None:
-        self._detector, self._is_deposed, self._has_written = None, False, False
+        self._detector, self._is_deposed, self._written_term = None, False, 0
         self.session += 1
         started = Started(
             sender=self.name,
@@ -173,8 +168,7 @@ class CoordinatorNode(Node):
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
         """Another coordinator's."""
-        if not self.trust.believes(checkpoint):
-            return
+        check_term(checkpoint, self._now_us() * 1_000)
         if is_newest := self._newest.hear(checkpoint, self.now_ns):
             self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
         if self._detector is not None:
@@ -197,14 +191,16 @@ class CoordinatorNode(Node):
 
     def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
         """A worker has an order, or refuses it."""
-        self.tell(events.OrderAnswered(worker, replace(answer, term=self.trust.term(answer))))
+        check_term(answer, self._now_us() * 1_000)
+        self.tell(events.OrderAnswered(worker, answer))
 
     def on_state(self, worker: str, state: WorkerState, heard_term: int) -> None:
         """A worker tells what it knows."""
         if self._life is not None and self.coordinator is not None:
             if not self.coordinator.begun:
                 self._life.heard_terms.append(heard_term)
-            self.tell(events.WorkerToldState(worker, told_by(encode(state), self.trust)))
+            told = told_by(encode(state), self._now_us() * 1_000)
+            self.tell(events.WorkerToldState(worker, told))
 
     def on_pose_asked(self) -> None:
         """An observer asks; its answer is held against the truth at once."""
@@ -252,11 +248,11 @@ class CoordinatorNode(Node):
                     self.laws.believed(belief)
                 case PublishCheckpoint(checkpoint):
                     self._keep_later(checkpoint)
-                    simulation.publish_checkpoint(self, self.trust.signed(checkpoint))
+                    simulation.publish_checkpoint(self, checkpoint)
                 case SendOrder(worker, order):
-                    simulation.send_order(self, worker, self.trust.signed(order))
+                    simulation.send_order(self, worker, order)
                 case AskState(worker, question):
-                    simulation.send_take_over(self, worker, self.trust.signed(question))
+                    simulation.send_take_over(self, worker, question)
                 case FetchMap():
                     ground = free_everywhere(self.coordinator.map_digest)
                     simulation.ask_bridge(
@@ -272,16 +268,16 @@ class CoordinatorNode(Node):
                     )
 
     def _keep_later(self, checkpoint: Checkpoint) -> None:
-        """The first is written at once; a thread writes others, unless the process dies before."""
+        """Write the first state of a term at once; later ones unless the process dies before."""
 
         def write() -> None:
             if self.file is None or checkpoint.rank > self.file.rank:
                 self.file = checkpoint
-                self._has_written = True
 
-        if self._has_written:
+        if checkpoint.term == self._written_term:
             self.later(self._simulation.rng.uniform(0.0, WRITING_S), write)
         else:
+            self._written_term = checkpoint.term
             write()
 
     def _arrived(self, scans: tuple[Scan, ...]) -> Callable[[], None]:

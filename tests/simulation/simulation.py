@@ -56,7 +56,7 @@ class Simulation:
             for name in (f"w{n}" for n in range(plan.workers))
         }
         self.coordinators = {
-            name: CoordinatorNode(name, self, plan.offset_s(self.rng), wall_us, plan.key)
+            name: CoordinatorNode(name, self, plan.offset_s(self.rng), wall_us)
             for name, wall_us in zip(("c0", "c1"), plan.wall_us, strict=True)
         }
         network.nodes = {

@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from coordinator.failover.trust import Trust
 from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.standby import StandbyLoop
 from process_runtime.settings import RobotSettings, ZenohSettings
@@ -184,13 +183,12 @@ def test_a_follower_that_receives_nothing_takes_over_only_without_a_coordinator(
 ) -> None:
     router = start_router()
     looked, over = list[float](), list[bool]()
-    trust = Trust(None, "robot", time.time_ns, lambda _: None)
 
     def look() -> bool:
         looked.append(time.monotonic())
         return is_another_there
 
-    loop, stop = StandbyLoop(open_client(), 1.0, trust, look, NewestCheckpoint()), StopFlag()
+    loop, stop = StandbyLoop(open_client(), 1.0, look, NewestCheckpoint()), StopFlag()
     thread = threading.Thread(target=lambda: over.append(loop.run(stop)))
     thread.start()
     try:

@@ -24,7 +24,6 @@ from coordinator.events import (
     WorkerToldState,
 )
 from coordinator.failover.state_recovery import told_by
-from coordinator.failover.trust import Trust
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -125,13 +124,8 @@ class Living:
         model: SensorModel,
         workers: int = 3,
         made: Callable[[Started], Coordinator] = Started.coordinator,
-        key: bytes | None = None,
     ) -> None:
         self._made = made
-        self.refused: list[str] = []
-        """Causes for which coordinators believed nothing."""
-        self.trust = self.trusting(key)
-        """Of the coordinators."""
         self.scans: list[Scan] = []
         self.beliefs: dict[int, list[Belief]] = {}
         self._model, self._now_ns, self._term = model, 0, 0
@@ -149,10 +143,6 @@ class Living:
         """Causes that workers have counted."""
         self.workers = {f"w{n}": Worker(f"w{n}") for n in range(workers)}
         self.revive()
-
-    def trusting(self, key: bytes | None) -> Trust:
-        """Of a coordinator with this key."""
-        return Trust(key, "robot", lambda: 0, lambda error: self.refused.append(error.cause))
 
     def revive(self, known: Checkpoint | None = None) -> None:
         """Start a coordinator that knows the file, and what it has heard as it stood by."""
@@ -256,7 +246,7 @@ class Living:
                 self.beliefs.setdefault(belief.step, []).append(decode(encode(belief), Belief))
             case PublishCheckpoint(checkpoint=checkpoint):
                 self._keep(checkpoint)
-                payload = encode(self.trust.signed(checkpoint))
+                payload = encode(checkpoint)
                 heard = worker_events.CheckpointHeard(decode(payload, Checkpoint))
                 for worker in self.workers:
                     self.tell_worker(worker, heard)
@@ -267,12 +257,11 @@ class Living:
                 self._tell(lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    asked = self.trust.signed(question)
-                    told = told_by(encode(self.state(name, asked)), self.trust)
+                    told = told_by(encode(self.state(name, question)), 0)
                     self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
-                    copy = decode(encode(self.trust.signed(order)), WorkOrder)
+                    copy = decode(encode(order), WorkOrder)
                     self.tell_worker(name, worker_events.OrderAsked(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
@@ -318,8 +307,7 @@ class Living:
 
     def answer_order(self, name: str, answer: OrderAnswer) -> None:
         """A worker, or somebody in its name, answers an order."""
-        believed = msgspec.structs.replace(answer, term=self.trust.term(answer))
-        self._tell(lambda c, now: c.handle(OrderAnswered(name, believed), now))
+        self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
         self._tell(lambda c, now: c.handle(TimePassed(), now))
 
     def _tell_later(self, name: str, event: worker_events.Event) -> None:

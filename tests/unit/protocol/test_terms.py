@@ -31,7 +31,7 @@ def test_a_machine_whose_clock_starts_in_1970_accepts_a_term_of_today() -> None:
     ],
 )
 def test_a_term_too_far_ahead_of_the_clock_is_refused(message: Message) -> None:
-    with pytest.raises(MalformedMessageError, match="hundred years ahead of the clock") as refused:
+    with pytest.raises(MalformedMessageError, match=r"\d+ years ahead of the clock") as refused:
         check_term(message, NOW_NS)  # type: ignore[arg-type] # one that has a term
     assert refused.value.cause == f"malformed {type(message).__name__}: term far ahead"
 

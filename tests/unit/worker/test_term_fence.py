@@ -58,10 +58,3 @@ def test_of_many_terms_the_last_are_kept() -> None:
     for term in range(1, 100):
         term_fence.hear(term)
     assert term_fence.terms == tuple(range(100 - KEPT_TERMS, 100))
-
-
-def test_the_proof_of_a_term_is_kept_with_the_term() -> None:
-    term_fence = TermFence()
-    term_fence.hear(7, b"seven")
-    term_fence.hear(5, b"five")
-    assert (term_fence.term, term_fence.term_proof) == (7, b"seven")

@@ -4,7 +4,7 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.events import TimePassed
+from coordinator.events import CheckpointHeard, TimePassed
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, SetPose
 from protocol.message import MAX_SCAN_STEP
@@ -219,7 +219,10 @@ def test_an_old_coordinator_that_wakes_has_no_hands(model: SensorModel) -> None:
     assert set(living.beliefs) == set(range(18))
     assert {b.term for b in living.beliefs[17]} == {1}, "of a lower term than was heard before"
     living.kill_worker("w0")  # it gives the jobs to others, who refuse
-    assert old.outranked_by is not None, "by the one that carried on"
+    assert old.outranked_by is None, "a worker deposes nobody"
+    assert living.kept is not None
+    old.handle(CheckpointHeard(living.kept), 10**12)
+    assert old.outranked_by == living.kept.term, "the state of the one that carried on does"
     assert old.handle(TimePassed(), 10**12) == []
     living.coordinator = woken
     assert {name: living.jobs(name) for name in living.workers} == {

@@ -1,6 +1,7 @@
 """No checkpoint that cannot be, and no term that cannot, ends a coordinator or its belief."""
 
 import math
+import time
 from collections.abc import Callable
 
 import pytest
@@ -8,12 +9,16 @@ from msgspec.structs import replace
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
+from coordinator.failover.term import UNSEEN_NS, Term
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
-from protocol.work import ElsewhereJob, OrderAnswer
+from protocol.errors import MalformedMessageError
+from protocol.terms import MAX_RELAYED_AHEAD_US, check_term
+from protocol.work import ElsewhereJob, OrderAnswer, TakeOver
 from tests.unit.coordinator.living import Living, symmetric_room
 
 LAST = 13
+ANY_ORDER = TakeOver(sender="coordinator", term=0)
 
 
 @pytest.fixture(scope="module")
@@ -104,8 +109,8 @@ def test_one_that_cannot_be_is_left_out_and_the_file_carried_on_from(
     assert living.beliefs[LAST + 1][-1].missing == ()
 
 
-def answering(living: Living, term: int) -> Coordinator:
-    """The coordinator after a worker has told of a term."""
+def claim(living: Living, term: int) -> Coordinator:
+    """Return the coordinator after a worker has claimed to know a term."""
     coordinator = living.coordinator
     assert coordinator is not None
     forged = OrderAnswer(sender="w0", order=1, jobs=(), term=term)
@@ -114,8 +119,32 @@ def answering(living: Living, term: int) -> Coordinator:
     return coordinator
 
 
-def test_a_term_that_would_be_the_last_deposes_nobody(model: SensorModel) -> None:
+def test_a_worker_that_claims_a_higher_term_deposes_no_coordinator(model: SensorModel) -> None:
     living = lived(model)
-    assert answering(living, term=2**53 - 1).outranked_by is None
-    assert living.refused == ["malformed OrderAnswer: term far ahead"]
-    assert answering(living, term=2).outranked_by == 2
+    before = living.beliefs[LAST][-1]
+    forged = before.term + 7
+    coordinator = claim(living, forged)
+    living.wait(UNSEEN_NS / 1e9)
+    living.drive(LAST + 1)
+    after = living.beliefs[LAST + 1][-1]
+    assert coordinator.outranked_by is None
+    assert after.missing == ()
+    assert after.term > forged, "workers obey it also if the claim was true"
+    assert {place.cluster for place in before.hypotheses} <= {p.cluster for p in after.hypotheses}
+
+
+def test_a_worker_cannot_claim_the_last_of_all_terms() -> None:
+    claimed = OrderAnswer(sender="w", order=1, jobs=(), term=2**53 - 1)
+    with pytest.raises(MalformedMessageError, match="term 9007199254740991 is over 75 years"):
+        check_term(claimed, time.time_ns())
+
+
+def test_a_claimed_term_leaves_room_for_coordinators_above_it() -> None:
+    claimed, clock_ns = OrderAnswer(sender="w", order=1, jobs=(), term=0), 0
+    term = Term(1_000)
+    for _ in range(100):
+        claimed = replace(claimed, term=MAX_RELAYED_AHEAD_US)
+        check_term(claimed, clock_ns)
+        term.hear(claimed.term)
+        assert not term.hear(term.number)
+    check_term(replace(ANY_ORDER, term=term.number), clock_ns)

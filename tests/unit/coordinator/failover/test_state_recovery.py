@@ -10,7 +10,6 @@ from coordinator.failover.state_recovery import (
     Told,
     told_by,
 )
-from coordinator.failover.trust import Trust
 from protocol.codec import encode
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
 from tests.unit.coordinator.reports import cloud_at, elsewhere
@@ -102,7 +101,7 @@ def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
         sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
-    read = told_by(encode(told), Trust(None, "robot", lambda: 0, lambda _: None))
+    read = told_by(encode(told), 0)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
     assert read.reports == (elsewhere(3, -1.0),)

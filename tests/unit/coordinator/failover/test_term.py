@@ -1,5 +1,5 @@
 from coordinator.failover.checkpoint_series import SIGN_OF_LIFE_NS, CheckpointSeries
-from coordinator.failover.term import APART_US, Term
+from coordinator.failover.term import APART_US, UNSEEN_NS, Term
 from protocol.work import Checkpoint
 
 KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")
@@ -41,6 +41,20 @@ def test_once_begun_it_is_outranked_by_the_highest_that_is_heard_of() -> None:
     assert not term.hear(7), "it stays as it is"
     term.hear(6)
     assert (term.number, term.outranked_by) == (5, 7)
+
+
+def test_a_worker_deposes_nobody_and_a_term_rises_above_its_claim_when_no_coordinator_appears() -> (
+    None
+):
+    term = Term(5)
+    term.begin()
+    term.on_worker_term(9, now_ns=0)
+    term.on_worker_term(8, now_ns=1)
+    assert not term.rises_above_workers(UNSEEN_NS - 1)
+    assert (term.number, term.outranked_by) == (5, None)
+    assert term.rises_above_workers(UNSEEN_NS)
+    assert term.number > 9
+    assert not term.rises_above_workers(2 * UNSEEN_NS)
 
 
 def test_checkpoints_are_numbered_and_the_last_is_repeated_when_nothing_new_is_said() -> None:

@@ -54,13 +54,15 @@ def test_a_fresh_coordinator_is_restored() -> None:
     )
 
 
-def contents(value: Any) -> Any:
+def contents(value: Any) -> Any:  # noqa: PLR0911 - one for each type
     """All that an object holds, and what its parts hold, in a form that can be compared."""
     match without_bulk(value):
         case dict() as items:
             return type(value).__name__, [(key, contents(item)) for key, item in items.items()]
         case list() | tuple() as items:
             return [contents(item) for item in items]
+        case set() as items:
+            return sorted(map(repr, items))
         case deque(maxlen=most) as items:
             return most, [contents(item) for item in items]
         case msgspec.Struct() as struct:
