@@ -17,6 +17,7 @@ from clustermcl.record import recorded
 from clustermcl.stack import Stack, meeting_in, running, temporary_folder
 from clustermcl.verbosity import is_verbose
 from clustermcl.view import say_link
+from evaluation.beside import beside_name
 from evaluation.recordings import counted_steps
 from evaluation.references import load_reference
 from live_view.admission import Address, parsed_address
@@ -119,7 +120,8 @@ def run_demo(options: DemoOptions, settings: Settings) -> None:
             folder,
             logs_in_folder=not is_verbose(),
             simulator_arguments=simulator,
-            page_arguments=["--listen", page.netloc, "--story", *by_hand] if page else None,
+            page_arguments=_page_arguments(page, run, by_hand) if page else None,
+            beside=page is not None,
         )
         with running(stack):
             text = _followed(stack, meeting, run, options, page, stop, started_s)
@@ -323,6 +325,12 @@ def _recorded(path: str, options: DemoOptions, settings: Settings) -> _Run:
     reference = load_reference(options.reference) if options.reference else None
     steps = counted_steps(path, settings.bridge)
     return _Run(settings, f"recording {path}", steps, is_simulated=False, reference=reference)
+
+
+def _page_arguments(page: Address, run: _Run, by_hand: list[str]) -> list[str]:
+    beside = beside_name(run.settings.robot.name)
+    story = run.settings.bridge.source.removeprefix(SIMULATED) if run.is_simulated else "recording"
+    return ["--listen", page.netloc, "--story", story, "--beside", beside, *by_hand]
 
 
 def _page_at(view_at: str) -> Address:

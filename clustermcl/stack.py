@@ -55,6 +55,7 @@ class Stack:
         logs_in_folder: whether their logs go there; else to this process's standard error.
         simulator_arguments: more arguments for the simulator.
         page_arguments: of a page that draws it; None: there is no page.
+        beside: also localize by AMCL's filter, for that page; see `evaluation.beside`.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Stack:
         logs_in_folder: bool,
         simulator_arguments: Sequence[str] = (),
         page_arguments: Sequence[str] | None = None,
+        beside: bool = False,
     ) -> None:
         self._folder, self._logs_in_folder = folder, logs_in_folder
         self._file = folder / "settings.toml"
@@ -81,6 +83,8 @@ class Stack:
             others.append(self._child("zenoh_link.router", name=ROUTER))
         if page_arguments is not None:
             others.append(self._child("live_view", *page_arguments))
+        if beside:
+            others.append(self._child("evaluation.beside", name="amcl"))
         if settings.ros2.enabled:
             others.append(self._child("ros2_bridge"))
         self._coordinator = self._child("coordinator")

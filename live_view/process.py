@@ -38,7 +38,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
-    parser.add_argument("--story", action="store_true", help="captions that explain what happens")
+    parser.add_argument("--story", default="", metavar="WORLD", help="captions for this world")
+    parser.add_argument("--beside", default="", metavar="NAME", help="robot of a second map")
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
     parser.add_argument(
@@ -59,6 +60,7 @@ def run_live_view(invocation: Invocation) -> None:
         open_browser=arguments.open,
         by_hand=arguments.by_hand,
         story=arguments.story,
+        beside=arguments.beside,
         certificate=arguments.certificate,
         private_key=arguments.private_key,
     )
@@ -94,9 +96,11 @@ def serve_page(
         "commands": options.obeys_commands,
         "by_hand": options.by_hand,
         "story": options.story,
+        "beside": options.beside,
         "robots": names if len(names) > 1 else [],
     }
-    loops = [LiveLoop(_of_robot(settings, name), about) for name in names]
+    shown = [*names, options.beside] if options.beside else names
+    loops = [LiveLoop(_of_robot(settings, name), about) for name in shown]
     with opened_page(options, [loop.room for loop in loops], say):
         if len(loops) == 1:
             loops[0].run(stop)

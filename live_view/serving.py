@@ -25,8 +25,10 @@ class PageOptions:
     open_browser: bool = False
     by_hand: bool = False
     """The arrow keys drive the simulated robot from the beginning."""
-    story: bool = False
-    """Captions explain what happens, as in a demo."""
+    story: str = ""
+    """Name of the world whose captions explain what happens; empty: no captions."""
+    beside: str = ""
+    """Name of a robot that is the same one localized by AMCL, for a second map; empty: none."""
     certificate: Path | None = None
     """PEM; with it the page is served by HTTPS."""
     private_key: Path | None = None

@@ -1,4 +1,5 @@
 // What the server tells goes where it is shown; what a person does goes to the server.
+import { Beside } from "./beside.js";
 import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
 import { fetchedCells } from "./map_picture.js";
@@ -15,6 +16,7 @@ const CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
 const RECORDED = ["replaying", "finished", "saved"]; // links to what does not go on by itself
 
 const view = new MapView($("map"));
+const beside = new Beside(view);
 const slots = new Map(); // of every cluster there has been
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let system = {};
@@ -134,7 +136,8 @@ function showBesides() {
   if (now.step) {
     showStep(now.step);
     showClusters(now.step.places, view, now.elsewhere, now.offMap);
-    if (system.story) showCaption(now.step, again);
+    if (system.story) showCaption(now.step, system.story);
+    $("with-amcl").hidden = !system.beside || ($("again").hidden && !beside.isOn);
   }
   if (now.pose) showPose(now.pose, now.poseAt);
   if (now.eventsDue) showTheEvents(now.events);
@@ -201,6 +204,7 @@ function plotAgain() {
 }
 
 function showMap({ step, clouds }) {
+  beside.lookAt(travel.at);
   view.clouds = clouds;
   view.setStep(step ?? null, rowsShown());
 }
@@ -276,7 +280,11 @@ $("plot").addEventListener("pointerleave", () => {
   plotAgain();
 });
 
+$("again").onclick = again;
+$("with-amcl").onclick = () => beside.toggle(system.beside);
+
 view.onDrawn = () => {
+  beside.follow();
   showBeams(view.selected, view.beams);
   const length = view.roundLength(110);
   $("scale").firstElementChild.style.width = `${length * view.view.scale}px`;
@@ -291,4 +299,4 @@ showEvents([], slots);
 connection.open();
 
 /** For tests, and for whoever is curious on the console. */
-window.liveView = { view, take, travel, history: () => known.rows };
+window.liveView = { view, beside, take, travel, history: () => known.rows };

@@ -77,7 +77,7 @@ export class MapView {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     const over = ["actions", "caption"].map((id) => document.getElementById(id));
     const above = MARGIN + Math.max(...over.map((one) => one.offsetTop + one.offsetHeight));
-    const below = height - document.getElementById("below").offsetTop + MARGIN;
+    const below = Math.max(height - document.getElementById("below").offsetTop, 0) + MARGIN;
     const scale = bounded(Math.min((width - 3 * MARGIN) / (east - west), (height - above - below) / (north - south)));
     this.view = { x: (west + east) / 2, y: (south + north - (below - above) / scale) / 2, scale };
     this.setFollow(false);

@@ -675,7 +675,9 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
     stage.picture.on_belief(belief(1, 1, 2))
     shows(stage, lambda: shown_step(drawn) == 1)
     assert not drawn.is_visible("caption")  # only of a demo
-    drawn.run("liveView.take({system: {robot: 'r', link: 'running', commands: true, story: true}})")
+    drawn.run(
+        "liveView.take({system: {robot: 'r', link: 'running', commands: true, story: 'sim'}})"
+    )
 
     def says(step: int, text: str, **changed: Any) -> None:
         stage.picture.on_belief(msgspec.structs.replace(belief(step, 1, 2), **changed))
@@ -695,6 +697,59 @@ def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) ->
     drawn.click("again")
     shows(stage, lambda: (shown_step(drawn) or 9) < 5)  # it is played from the first step
     assert stage.commands == [SearchAgain()]
+
+
+@pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
+def test_amcl_is_drawn_beside_it(driver: Any, pictures: Path, screen: str) -> None:
+    with Stage("amcl") as stage:
+        stage.show_map(120, 200)
+        assert stage.map is not None
+        amcl = stage.others["amcl"]
+        amcl.room.set_map(stage.map.digest, stage.map.zlib_cells)
+        amcl.picture.on_map(stage.map)
+        page = Page(driver, stage.server.link)
+        with page.on_screen(screen):
+            shows(stage, lambda: page.run("return liveView.view.map !== null"))
+            page.run(
+                "liveView.take({system: {robot: 'r', link: 'running', commands: true, "
+                "story: 'cross_feature', beside: 'amcl'}})"
+            )
+            play(stage, range(12))
+            localized = msgspec.structs.replace(belief(12, 1), state="localized")
+            stage.picture.on_belief(localized)
+            shows(stage, lambda: "it has seen the cabinet" in page.text("caption-text"))
+            for step in range(13):
+                amcl.picture.on_truth(
+                    TruePose(sender="s", step=step, map_from_robot=(1.0, 2.0, 0.0))
+                )
+                place = 4 if step < 10 else 1  # it is at (4, 2), then right
+                sure = msgspec.structs.replace(belief(step, place), state="localized")
+                amcl.picture.on_belief(sure)
+            page.click("with-amcl")
+            shows(stage, lambda: "0.0 m off the truth" in page.text("beside-label"))
+            halves = page.run(
+                "return ['map', 'beside'].map((id) => document.getElementById(id))"
+                ".map((one) => one.clientWidth * one.clientHeight)"
+            )
+            assert halves[0] == pytest.approx(halves[1], rel=0.02)
+            page.run("liveView.travel.goTo(7)")
+            shows(stage, lambda: "3.0 m off the truth" in page.text("beside-label"))
+            assert page.run("return document.getElementById('beside-label').className").endswith(
+                "bad"
+            )
+            drawn = "return liveView.beside.view.step.step"
+            shows(stage, lambda: page.run(drawn) == 7)
+            assert page.run("return liveView.beside.view.view") == page.run(
+                "return liveView.view.view"
+            ), "both show the same section"
+            page.save(pictures / f"amcl-{screen}.png")
+            page.run("liveView.travel.toNow()")
+            shows(stage, lambda: page.run(drawn) == 12)
+            page.click("with-amcl")
+            assert not page.is_visible("beside")
+            assert serious_problems(page) == []
+            driver.get("about:blank")
+        assert page.console() == []
 
 
 def test_other_robots_stand_on_the_same_map_with_their_states(driver: Any, pictures: Path) -> None:

@@ -205,6 +205,51 @@ def test_the_link_can_be_opened_as_soon_as_it_is_said(viewed: tuple[TypedCommand
     demo.assert_nothing_runs()
 
 
+def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str]) -> None:
+    demo, link = viewed
+    with (
+        opened(link) as page,
+        connect(
+            f"ws{link[4:]}robot/robot-amcl/live",
+            origin=link.rstrip("/"),
+            proxy=None,  # type: ignore[arg-type]  # a NewType of str
+        ) as beside,
+    ):
+        steps = [steps_of(each, 5) for each in (page, beside)]
+    for ours, amcl in zip(*steps, strict=True):
+        assert ours["stamp_s"] == amcl["stamp_s"]
+        assert amcl["truth"] == ours["truth"]
+        assert amcl["places"]
+        assert amcl["scan"] == ours["scan"]
+    assert demo.end(signal.SIGINT) == 130
+    demo.assert_nothing_runs()
+
+
+def steps_of(page: ClientConnection, until: int) -> list[dict[str, Any]]:
+    """What is drawn of the steps after the first, up to one."""
+    found: list[dict[str, Any]] = []
+    newest = 0
+    while len(found) < until:
+        frames = json.loads(page.recv(60.0))
+        page.send('{"type": "drawn"}')
+        newest = max(newest, frames.get("step", {}).get("step", 0))
+        if "past" in frames:
+            found.append(frames["past"]["step"])
+        if newest > until and ("past" in frames or not found):
+            page.send(json.dumps({"type": "past", "step": len(found) + 1}))
+    return found
+
+
+def test_a_demo_with_a_page_that_is_killed_takes_its_processes_with_it(
+    viewed: tuple[TypedCommand, str],
+) -> None:
+    demo, link = viewed
+    with opened(link):
+        demo.wait_for("step 0: ")
+    assert demo.end(signal.SIGKILL) == -signal.SIGKILL
+    demo.assert_nothing_runs()
+
+
 @pytest.mark.parametrize("killed", ["worker", "live_view", "robot_simulator"])
 def test_a_demo_whose_process_is_killed_ends_and_says_which(
     viewed: tuple[TypedCommand, str], killed: str
