@@ -18,7 +18,7 @@ from particle_filter.motion import move, move_with_noise
 from particle_filter.motion_noise import along_across_turn
 from particle_filter.normal_numbers import standard_normals
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
-from particle_filter.resampling import resample, resample_weights
+from particle_filter.resampling import resample, systematic
 from particle_filter.sensor_model import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
 from particle_filter.source_clustering import cluster_by_source_point
@@ -189,7 +189,7 @@ def resampling(count: int, compiler: bool) -> Iterator[Case]:
     in_c = floor.call("pick", weights, count, first, picked) if compiler else None
 
     def check() -> None:
-        ours = resample(log_weights, count, "systematic", np.random.default_rng(2))
+        ours = resample(log_weights, count, np.random.default_rng(2))
         # Sums round differently: a position on a border falls either way.
         assert (np.abs(ours - plain.resample(log_weights, first)) <= 1).all()
         if in_c is not None:
@@ -199,12 +199,12 @@ def resampling(count: int, compiler: bool) -> Iterator[Case]:
     rng = np.random.default_rng(3)
     yield Case(
         f"resampling, weights given, {count:,} particles", "particle", count,
-        lambda: resample_weights(weights, count, "systematic", rng),
+        lambda: systematic(weights, count, rng.random()),
         None, in_c, check,
     )  # fmt: skip
     yield Case(
         f"resampling, log-weights given; floor: weights, {count:,} particles", "particle", count,
-        lambda: resample(log_weights, count, "systematic", rng),
+        lambda: resample(log_weights, count, rng),
         lambda: plain.resample(log_weights, first), in_c,
     )  # fmt: skip
 

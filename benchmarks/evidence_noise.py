@@ -37,7 +37,6 @@ VARIATIONS: tuple[dict[str, dict[str, object]], ...] = (
     *({"cluster": {"particles": count}} for count in (500, 4000, 8000)),
     *({"sensor": {"scan_likelihood_exponent": power}} for power in (0.03, 0.05, 0.2, 0.4, 1.0)),
     *({"cluster": {"resample_below_ess": share}} for share in (0.1, 0.5, 1.0)),
-    *({"cluster": {"resampling": way}} for way in ("stratified", "residual", "multinomial")),
     *({"sensor": {"max_beams": beams}} for beams in (30, 120)),
 )
 

@@ -19,7 +19,7 @@ from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings, filter_with
 from protocol.steps import Scan
 from protocol.validity import first_problem, problem_of
-from protocol.work import Assignment, Job, SearchJob
+from protocol.work import Assignment, Job, Report, SearchJob
 from worker.jobs import RunningJob, Tracking, running
 
 
@@ -76,7 +76,7 @@ class InProcess:
         self._use(filter_with(self._started, scan.settings))
         if not self.ensemble.searches:
             self._begin(self.ensemble.begin_at(scan.step))
-        reports = [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
+        reports = self._reports(scan)
         before, self.applied = self.applied, scan
         after = np.array(scan.odom_from_robot)
         moved = None if before is None else between(np.array(before.odom_from_robot), after)
@@ -84,6 +84,10 @@ class InProcess:
         self._searched = [*self._searched, scan] if outcome.searching else []
         self.carry_out(outcome)
         return outcome
+
+    def _reports(self, scan: Scan) -> list[Report]:
+        """Apply a scan to all jobs."""
+        return [self._jobs[job_id].advance(scan) for job_id in sorted(self._jobs)]
 
     def _use(self, settings: FilterSettings) -> None:
         """Apply the settings of a step."""

@@ -105,5 +105,5 @@ class OneCloud:
         held = len(self.cloud.log_weights)
         if count >= held and self.cloud.effective_sample_size >= RESAMPLE_BELOW_ESS * held:
             return
-        chosen = resample(self.cloud.log_weights, count, self._settings.cluster.resampling, rng)
+        chosen = resample(self.cloud.log_weights, count, rng)
         self.cloud = Cloud.even(self.cloud.map_from_robot[chosen])

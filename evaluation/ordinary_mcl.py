@@ -132,7 +132,7 @@ def redrawn(
         most = kept_particles(settings)
         poses = cloud.map_from_robot
         count = sufficient_particles(poses, KLD_ERROR, min(KLD_LEAST_PARTICLES, most), most)
-    chosen = resample(cloud.log_weights, count, settings.cluster.resampling, rng)
+    chosen = resample(cloud.log_weights, count, rng)
     poses = cloud.map_from_robot[chosen]
     random = np.flatnonzero(rng.random(count) < random_share)
     if len(random):

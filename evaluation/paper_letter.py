@@ -7,11 +7,12 @@ from dataclasses import replace
 from msgspec.structs import replace as changed
 
 from coordinator.belief.outcome import Outcome
-from evaluation import in_process
+from evaluation.in_process import InProcess
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
+from protocol.work import Report, TrackReport
 
 PARTICLES = 300
 """Particles of a cluster."""
@@ -26,7 +27,22 @@ def outcomes(
     settings = to_the_letter(settings)
     if isinstance(model, LikelihoodFieldModel):
         model = replace(model, settings=settings.sensor)
-    yield from in_process.outcomes(scans, model, settings)
+    process = SquaredPrior(model, settings)
+    for scan in scans:
+        yield scan, process.advance(scan)
+
+
+class SquaredPrior(InProcess):
+    """Cluster-MCL whose evidence holds the prior: Bayes' rule then squares it (eq. 16 and 17)."""
+
+    def _reports(self, scan: Scan) -> list[Report]:
+        log_prior = {c.job_id: c.log_probability for c in self.ensemble.clusters.all()}
+        return [
+            changed(report, log_weight_sum=report.log_weight_sum + log_prior[report.job_id])
+            if isinstance(report, TrackReport)
+            else report
+            for report in super()._reports(scan)
+        ]
 
 
 def to_the_letter(settings: FilterSettings) -> FilterSettings:
@@ -44,7 +60,6 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
         ),
         belief=changed(
             settings.belief,
-            squared_prior=True,
             max_clusters=CLUSTERS,
             particles=0,
             least_probability=0.0,

@@ -27,10 +27,7 @@ def normalised_logs(log_values: NDArray[np.float64]) -> LogProbabilities:
 
 
 def updated(
-    log_prior: LogProbabilities,
-    log_average_likelihood: NDArray[np.float64],
-    *,
-    squared_prior: bool = False,
+    log_prior: LogProbabilities, log_average_likelihood: NDArray[np.float64]
 ) -> LogProbabilities:
     """One Bayes update: prior times the average likelihood of the cluster's particles.
 
@@ -40,21 +37,19 @@ def updated(
     Args:
         log_prior: (K,) belief before the scan.
         log_average_likelihood: (K,) log of each cluster's average likelihood, NaN where missing.
-        squared_prior: multiply by the prior twice, as eq. 17 is printed.
 
     Returns:
         (K,) belief after the scan.
 
     References:
         Section 4: "multiplying the prior probability of the cluster by the average of the
-        likelihood of the points in that cluster"; eq. 17 for `squared_prior`.
+        likelihood of the points in that cluster". Eq. 17 has the prior twice: see docs/paper.md.
     """
     reported = ~np.isnan(log_average_likelihood)
     if not np.any(reported):
         return log_prior
     log_mass = np.logaddexp.reduce(log_prior[reported])
-    prior = 2.0 * log_prior if squared_prior else log_prior
-    fresh = prior[reported] + log_average_likelihood[reported]
+    fresh = log_prior[reported] + log_average_likelihood[reported]
     if not np.any(np.isfinite(fresh)):
         return log_prior  # the scan is impossible everywhere: it tells nothing apart
     posterior = log_prior.copy()

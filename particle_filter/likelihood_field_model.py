@@ -17,6 +17,11 @@ from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
 from particle_filter.settings import SensorSettings
 from particle_filter.visibility import hidden_log_likelihood
 
+HIDDEN_MARGIN_M = 0.45
+"""A beam may end this far behind the first obstacle on its ray [m]."""
+HIDDEN_SLACK_RAD = 0.05
+"""An end is occluded only if rays turned by this to either side are cut off too [rad]."""
+
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodFieldModel:
@@ -105,7 +110,7 @@ class LikelihoodFieldModel:
             laser.own_hits_in_robot,
             self.field,
             self.jumps,
-            self.settings.hidden_margin_m,
-            self.settings.hidden_slack_rad,
+            HIDDEN_MARGIN_M,
+            HIDDEN_SLACK_RAD,
             self.settings.visibility_beam_stride,
         )

@@ -1,14 +1,8 @@
-"""Redrawing particles in proportion to their weights, all schemes in O(N).
-
-Each scheme lays `count` increasing positions on the line of summed weights; one walk along the
-line finds the particle under each. They differ in how the positions are drawn, that is in
-variance: systematic least as a rule, multinomial most.
+"""Systematic resampling, and thinning of weighted particles, both in O(N).
 
 References:
     Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005).
 """
-
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,48 +12,52 @@ from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
 from particle_filter.slices import Slices, finished
 
-Scheme = Literal["systematic", "stratified", "residual", "multinomial"]
 Weights = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
-def resample(
-    log_weights: LogWeights, count: int, scheme: Scheme, rng: np.random.Generator
-) -> Indices:
+def resample(log_weights: LogWeights, count: int, rng: np.random.Generator) -> Indices:
     """Draw particles so that each is expected `count` times its normalised weight.
 
     Args:
         log_weights: (N,), not necessarily normalised.
-        count: how many to draw; need not be N.
-        scheme: how chance enters.
-        rng: gives one number (systematic) or about `count`.
+        count: number of particles to draw; need not be N.
+        rng: gives one number.
 
     Returns:
         (count,) increasing indices of particles; never one of weight zero.
 
     Raises:
-        ValueError: no weight is above zero, one is NaN or infinite, `count` is not positive,
-            or the scheme is unknown.
+        ValueError: no weight is above zero, one is NaN or infinite, or `count` is not positive.
     """
-    return resample_weights(normalised_weights(log_weights), count, scheme, rng)
-
-
-def resample_weights(
-    weights: Weights, count: int, scheme: Scheme, rng: np.random.Generator
-) -> Indices:
-    """As `resample`, of weights that sum to one."""
     if count < 1:
         raise ValueError(f"count must be positive, not {count}")
-    match scheme:
-        case "systematic":
-            return systematic(weights, count, rng.random())
-        case "stratified":
-            return _pick(weights, np.arange(count) + rng.random(count))
-        case "multinomial":
-            return _pick(weights, _sorted_uniforms(count, rng) * count)
-        case "residual":
-            return _residual(weights, count, rng)
-    raise ValueError(f"unknown resampling scheme {scheme!r}")
+    return systematic(normalised_weights(log_weights), count, rng.random())
+
+
+@kernel
+def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
+    """Return the (count,) particles at `count` evenly spaced positions on the line of weights.
+
+    Args:
+        weights: (N,) that sum to one.
+        count: number of particles to draw, positive.
+        offset: where in its interval each position lies, in [0, 1).
+    """
+    last = len(weights) - 1
+    while last > 0 and weights[last] == 0.0:
+        last -= 1
+    unit = 1.0 / count
+    drawn = np.empty(count, np.int64)
+    j, end = 0, weights[0]
+    for i in range(count):
+        position = (i + offset) * unit
+        # Rounding may leave the last position past the line's end: stop at the last weight.
+        while end <= position and j < last:
+            j += 1
+            end += weights[j]
+        drawn[i] = j
+    return drawn
 
 
 def thinned(
@@ -136,54 +134,3 @@ def _heavier(weights: Weights, even: float) -> tuple[int, float]:
         found += int(weights[i] > even)
         a += 0.0 if weights[i] > even else weights[i]
     return found, (a + b) + (c + d)
-
-
-def _sorted_uniforms(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Uniform numbers in increasing order without a sort: sums of exponential spacings."""
-    sums = np.cumsum(rng.standard_exponential(count + 1))
-    return np.asarray(sums[:-1] / sums[-1])
-
-
-def _residual(weights: Weights, count: int, rng: np.random.Generator) -> Indices:
-    """The whole part of every expected number for sure, the rest multinomial."""
-    expected = weights * count
-    # Equal weights are often expected 0.99...9 times: that is once, not by chance.
-    copies = np.floor(expected + 1e-9).astype(np.int64)
-    rest = count - int(copies.sum())
-    if rest > 0:
-        left = np.maximum(expected - copies, 0.0)
-        drawn = _pick(left / left.sum(), _sorted_uniforms(rest, rng) * rest)
-        copies += np.bincount(drawn, minlength=len(weights))
-    return np.repeat(np.arange(len(weights)), copies)
-
-
-@kernel
-def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
-    """The particles under `count` even positions, by weights that sum to one; `offset` is how far
-    into its part each position lies, in [0, 1).
-    """
-    positions = np.empty(count)
-    for i in range(count):
-        positions[i] = i + offset
-    return _pick(weights, positions)
-
-
-@kernel
-def _pick(weights: Weights, positions: NDArray[np.float64]) -> Indices:
-    """The particle under each position; weights sum to one, positions increase from 0 to their
-    number.
-    """
-    last = len(weights) - 1
-    while last > 0 and weights[last] == 0.0:
-        last -= 1
-    unit = 1.0 / len(positions)
-    picked = np.empty(len(positions), np.int64)
-    j, end = 0, weights[0]
-    for i in range(len(positions)):
-        position = positions[i] * unit
-        # Rounding may leave the last position past the line's end: stop at the last weight.
-        while end <= position and j < last:
-            j += 1
-            end += weights[j]
-        picked[i] = j
-    return picked

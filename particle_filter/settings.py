@@ -120,12 +120,6 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     visibility_beam_stride: Annotated[
         int, described("each follows one beam of so many, the next particle the next one", gt=0)
     ] = 5
-    hidden_margin_m: Annotated[
-        float, described("a ray may end so far behind the first obstacle on its way", "m", gt=0)
-    ] = 0.45
-    hidden_slack_rad: Annotated[
-        float, described("and only if rays so much to either side are cut off too", "rad", ge=0)
-    ] = 0.05
     hidden_weight: Annotated[
         float, described("share of it that is taken back; the map may be wrong", ge=0, le=1)
     ] = 0.1
@@ -147,10 +141,6 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     particles: Annotated[
         int, described("particles of one tracked cluster, at most", gt=0, le=1_000_000)
     ] = 2000
-    resampling: Annotated[
-        Literal["systematic", "stratified", "residual", "multinomial"],
-        described("how particles are redrawn"),
-    ] = "systematic"
     view_distance_m: Annotated[
         float,
         described("after such a way a scan tells anew where in a cluster; 0: always", "m", ge=0),
@@ -249,7 +239,6 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
             le=1,
         ),
     ] = 0.0001
-    squared_prior: Annotated[bool, described("square the prior, as eq. 17 is printed")] = False
     transition_probability: Annotated[
         float, described("share of the belief spread over all clusters each step", ge=0, le=1)
     ] = 0.0001

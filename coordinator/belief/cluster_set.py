@@ -199,7 +199,7 @@ class ClusterSet:
         contends = contenders(np.where(reported, among, -np.inf))
         share = self._share_that_counts(reports, contends, new_view)
         told = counted(evidence, contends, share, self._rules.evidence_noise)
-        among = belief.updated(among, told, squared_prior=self._rules.squared_prior)
+        among = belief.updated(among, told)
         among = belief.mixed(among, self._rules.transition_probability * news)
         cut_short = self._cut_short(among, reports)
         odds = self._log_odds_of_here(among, reports, new_view)

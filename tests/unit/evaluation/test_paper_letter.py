@@ -1,18 +1,21 @@
 """The paper's letter as an algorithm: Cluster-MCL without what was added to it."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from coordinator.belief.outcome import Outcome
-from evaluation import in_process, paper_letter
+from evaluation import paper_letter
 from evaluation.experiments.case import BASELINES, Case, SimulatedRobot
 from evaluation.experiments.task import Run, Task
+from evaluation.in_process import InProcess
+from evaluation.paper_letter import SquaredPrior
 from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import FilterSettings
+from particle_filter.settings import FilterSettings, SensorSettings
 from process_runtime.settings import Settings
-from protocol.steps import Scan
+from tests.unit.coordinator.belief.test_ensemble import NORTH, SOUTH, bootstrapped, probabilities
+from tests.unit.coordinator.reports import tracked
+from tests.unit.particle_filter.rooms import model_of, plain_room
+from tests.unit.worker.test_job_table import scan
 
 
 def test_every_experiment_has_a_row_for_it() -> None:
@@ -23,7 +26,6 @@ def test_only_departures_from_the_paper_are_changed() -> None:
     plain = FilterSettings()
     letter = paper_letter.to_the_letter(plain)
     assert (letter.motion, letter.search, letter.seed) == (plain.motion, plain.search, plain.seed)
-    assert letter.belief.squared_prior
     assert letter.belief.transition_probability == 0.0
     assert letter.belief.max_clusters == paper_letter.CLUSTERS
     assert letter.belief.kidnapping_probability == 0.0
@@ -34,20 +36,29 @@ def test_its_scans_are_weighed_without_exponent_and_visibility(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     told: list[tuple[SensorModel, FilterSettings]] = []
+    begin = InProcess.__init__
 
-    def watched(
-        _scans: Iterator[Scan], model: SensorModel, settings: FilterSettings
-    ) -> Iterator[tuple[Scan, Outcome]]:
+    def watched(self: InProcess, model: SensorModel, settings: FilterSettings) -> None:
         told.append((model, settings))
-        yield from ()
+        begin(self, model, settings)
 
-    monkeypatch.setattr(in_process, "outcomes", watched)
+    monkeypatch.setattr(InProcess, "__init__", watched)
     case = Case(name="t", title="t", robot=SimulatedRobot(world="rectangle"), seeds=1, updates=2)
     task = Task(
         case=case, algorithm="paper-letter", seed=0, settings=Settings(), cache_folder=tmp_path
     )
-    assert list(Run(task).outcomes()) == []
+    assert len(list(Run(task).outcomes())) == 2
     ((model, settings),) = told
     assert model.settings == settings.sensor
     assert settings.sensor.scan_likelihood_exponent == 1.0
     assert settings.sensor.visibility_particles == 0
+
+
+def test_the_prior_counts_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without evidence, odds of 3 to 2 become 9 to 4, as eq. 17 has it."""
+    process = SquaredPrior(model_of(plain_room(), SensorSettings()), FilterSettings())
+    process.ensemble = bootstrapped({NORTH: 0.6, SOUTH: 0.4})
+    alike = [tracked("c0", 1, 0.1, NORTH), tracked("c1", 1, 0.1, SOUTH)]
+    monkeypatch.setattr(InProcess, "_reports", lambda *_: alike)
+    outcome = process.ensemble.advance(1, process._reports(scan(1)))
+    assert probabilities(outcome) == pytest.approx({0: 9.0 / 13.0, 1: 4.0 / 13.0})

@@ -65,12 +65,6 @@ def test_a_scan_that_is_impossible_everywhere_adds_no_evidence() -> None:
     np.testing.assert_array_equal(belief.updated(prior, np.full(2, -np.inf)), prior)
 
 
-def test_eq_17_to_the_letter_squares_the_prior() -> None:
-    prior = np.log([0.8, 0.2])
-    posterior = belief.updated(prior, np.zeros(2), squared_prior=True)
-    np.testing.assert_allclose(np.exp(posterior), [0.64 / 0.68, 0.04 / 0.68])
-
-
 @given(ANY_LOGS, st.floats(0.001, 0.999))
 def test_the_transition_keeps_a_share_and_spreads_the_rest(
     log_values: NDArray[np.float64], transition_probability: float

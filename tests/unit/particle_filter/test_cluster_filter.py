@@ -81,9 +81,9 @@ def test_few_particles_that_count_are_redrawn_and_many_are_not() -> None:
     settings = ClusterSettings(resample_below_ess=0.5)
     poses = cloud_round(HERE, 100).map_from_robot
     even = Cloud(poses, np.zeros(100))
-    assert resampled(even, settings, rng) is even
+    assert resampled(even, 100, settings, rng) is even
     one_counts = Cloud(poses, np.where(np.arange(100) == 7, 0.0, -50.0))
-    redrawn = resampled(one_counts, settings, rng)
+    redrawn = resampled(one_counts, 100, settings, rng)
     np.testing.assert_array_equal(redrawn.map_from_robot, np.tile(poses[7], (100, 1)))
     np.testing.assert_array_equal(redrawn.log_weights, np.zeros(100))
 

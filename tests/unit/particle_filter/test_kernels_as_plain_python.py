@@ -33,7 +33,7 @@ def results() -> dict[str, NDArray[Any]]:
         "penalty": ground_log_penalty(poses, Grid(cells, 0.1, field.map_from_grid), -1.0),
         "omnidirectional": move(poses, after, MotionSettings(), rng),
         "differential": move(poses, after, differential, rng),
-        "drawn": resample(log_likelihood, 70, "systematic", rng),
+        "drawn": resample(log_likelihood, 70, rng),
         "labels": cluster_by_source_point(poses, log_likelihood, 0.5, 0.5, 100)[0],
     }
 

@@ -182,7 +182,7 @@ def test_a_wrong_alias_is_named_as_it_was_given() -> None:
         ("bridge.rate=inf", "bridge.rate = inf: expected a number >= 0"),
         ("bridge.rate=[1]", "bridge.rate = [1]: expected a number >= 0"),
         ("seed=18446744073709551616", "seed = 18446744073709551616: expected a whole number"),
-        ("belief.squared_prior=1", "belief.squared_prior = 1: expected true or false"),
+        ("zenoh.start_router=1", "zenoh.start_router = 1: expected true or false"),
         ("motion.model=omni", 'motion.model = \'omni\': expected "omnidirectional", "differ'),
         ("bridge.rate", "--set 'bridge.rate': write section.key=value"),
         ("=1", "--set '=1': write section.key=value"),

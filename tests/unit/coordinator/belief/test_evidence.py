@@ -35,8 +35,6 @@ def test_the_number_of_particles_is_no_evidence() -> None:
 def test_the_settings_of_the_belief_reach_its_update() -> None:
     reports = [tracked("c0", 1, 0.3, NORTH), tracked("c1", 1, 0.1, SOUTH)]
     first = {NORTH: 0.6, SOUTH: 0.4}
-    squared = bootstrapped(first, squared_prior=True).advance(1, reports)
-    assert probabilities(squared)[0] == pytest.approx(0.36 * 3 / (0.36 * 3 + 0.16))
     leaking = bootstrapped(first, transition_probability=0.2).advance(1, reports)
     assert probabilities(leaking)[0] == pytest.approx(0.8 * 1.8 / 2.2 + 0.1)
     same = {NORTH: 0.5, SOUTH: 0.5}
