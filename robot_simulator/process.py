@@ -2,26 +2,21 @@
 
 import argparse
 import logging
-from typing import TypeVar
-
-import zenoh
 
 from process_runtime.main import Invocation, process_main
 from process_runtime.sources import Simulated, parsed_source
 from protocol import keys
 from protocol.answers import CommandDone, Drive, Kidnap
 from protocol.codec import decode
-from protocol.errors import MalformedMessageError, SettingsError
+from protocol.errors import SettingsError
 from protocol.steps import Scan, TruePose
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
 from robot_simulator.worlds.world import World
-from sensor_bridge.process import serve_robot
-from sensor_bridge.source import Extension
-from zenoh_link.wire import Asked, Publisher
-
-M = TypeVar("M")
+from sensor_bridge.process import OnStep, serve_robot
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked
 
 _log = logging.getLogger(__name__)
 
@@ -76,15 +71,16 @@ def run_simulator(invocation: Invocation) -> None:
     if arguments.by_hand:
         source.drive(0.0, 0.0, by_hand=True)
 
-    def extend(session: zenoh.Session) -> Extension:
-        truth = Publisher(session, keys.TRUTH)
-        operator = _Operator(source, invocation.process)
+    def extend(node: Node) -> OnStep:
+        truth, operator = node.publisher(keys.TRUTH), _Operator(source, node.name)
+        node.serve(keys.KIDNAP, operator.kidnap)
+        node.serve(keys.DRIVE, operator.drive)
 
         def on_step(scan: Scan) -> None:
             pose = source.step_made(scan)
-            truth.put(TruePose(sender=invocation.process, step=scan.step, map_from_robot=pose))
+            truth.put(TruePose(sender=node.name, step=scan.step, map_from_robot=pose))
 
-        return Extension(on_step, {keys.KIDNAP: operator.kidnap, keys.DRIVE: operator.drive})
+        return on_step
 
     grid_map = load_map(arguments.map) if arguments.map else world.map
     serve_robot(invocation, grid_map, source, extend)
@@ -106,12 +102,7 @@ class _Operator:
         self._last_id = ""
 
     def kidnap(self, asked: Asked) -> None:
-        """Kidnap the robot.
-
-        Raises:
-            MalformedMessageError: after refusing the query; the bridge's loop counts it.
-        """
-        command = _decoded(asked, Kidnap)
+        command = decode(asked.payload, Kidnap)
         if command.command_id != self._last_id:
             self._last_id = command.command_id
             x, y, heading = self._source.kidnap(command.map_from_robot)
@@ -119,20 +110,6 @@ class _Operator:
         asked.answer(CommandDone(sender=self._sender))
 
     def drive(self, asked: Asked) -> None:
-        """Drive by hand.
-
-        Raises:
-            MalformedMessageError: as in `kidnap`.
-        """
-        command = _decoded(asked, Drive)
+        command = decode(asked.payload, Drive)
         self._source.drive(command.speed_m_s, command.turn_rate_rad_s, by_hand=command.by_hand)
         asked.answer(CommandDone(sender=self._sender))
-
-
-def _decoded(asked: Asked, expected: type[M]) -> M:
-    """Decode a query; refuse it if it is malformed."""
-    try:
-        return decode(asked.payload, expected)
-    except MalformedMessageError as error:
-        asked.refuse(str(error))
-        raise

@@ -1,32 +1,101 @@
-"""Not more steps than are decided: an overloaded system takes fewer steps, and loses none."""
+"""When to make, repeat or hold back a step, by the steps that are sent and decided."""
 
 from collections import deque
 
-MOST_WAITING = 4
-"""Steps that went out and have no belief yet; with more, no scan becomes a step."""
+MAX_UNDECIDED = 4
+"""Steps sent and not decided; at this number no scan becomes a step."""
 OUTAGE_NS = 1_000_000_000
-"""No belief for so long: nobody decides. Steps go on, for whoever takes over, and for workers."""
+"""After this time without a belief no coordinator decides [ns]. Steps go on, for the next
+coordinator and for workers."""
+RESEND_AFTER_NS = 1_000_000_000
+STANDING_STEP_NS = 200_000_000
+"""Shortest interval of steps of a standing robot [ns]."""
 
 
 class FlowControl:
-    """Told of steps and beliefs; says whether another step would only wait behind the others."""
+    """Follows which steps are decided.
 
-    def __init__(self) -> None:
-        self._waiting: deque[int] = deque()
-        self._believed_ns: int | None = None
+    In lockstep (rate 0) each step waits for the belief of the one before. A live robot gets
+    back-pressure: an overloaded system makes fewer steps rather than dropping some later.
 
-    def step_sent(self, step: int) -> None:
-        """A step went out."""
-        self._waiting.append(step)
+    Args:
+        rate: speed of a recording or simulation relative to its stamps; 0: lockstep.
+    """
 
-    def believed(self, step: int, now_ns: int) -> None:
-        """The belief of a step is out."""
-        self._believed_ns = now_ns
-        while self._waiting and self._waiting[0] <= step:
-            self._waiting.popleft()
+    def __init__(self, rate: float) -> None:
+        self.lockstep, self._rate = rate == 0.0, rate
+        self._first: tuple[int, int] | None = None
+        self._undecided: deque[int] = deque()
+        self._step, self._sent_ns = -1, 0
+        self._decided_step = -1
+        self._decided_ns: int | None = None
+        self._term, self._searching = 0, False
+        self._new_map_step: int | None = None
+
+    def on_sent(self, step: int, now_ns: int) -> None:
+        self._undecided.append(step)
+        self._step, self._sent_ns = step, now_ns
+
+    def on_belief(self, step: int, term: int, now_ns: int, *, searching: bool) -> None:
+        """Note that a step is decided; a belief of an older term is ignored.
+
+        Args:
+            step: the belief's.
+            term: of its coordinator.
+            now_ns: monotonic time [ns].
+            searching: no place is tracked.
+        """
+        if term < self._term:
+            return
+        self._term, self._searching = term, searching
+        self._decided_step, self._decided_ns = step, now_ns
+        while self._undecided and self._undecided[0] <= step:
+            self._undecided.popleft()
+        if self._new_map_step is not None and step >= self._new_map_step:
+            self._new_map_step = None
+
+    def on_new_map(self) -> None:
+        """Note that steps from the next one on belong to another map."""
+        self._new_map_step = self._step + 1
 
     def is_full(self, now_ns: int) -> bool:
         """Whether steps are decided, but more slowly than they are made."""
-        if len(self._waiting) < MOST_WAITING or self._believed_ns is None:
+        return (
+            not self.lockstep
+            and len(self._undecided) >= MAX_UNDECIDED
+            and self._decided_ns is not None
+            and now_ns - self._decided_ns < OUTAGE_NS
+        )
+
+    def wants_standing_step(self, now_ns: int) -> bool:
+        """Whether a scan of a standing robot should become a step.
+
+        A robot that is switched on, told to search, or given another map should not have to
+        drive before it is localized. A new map needs several steps: the coordinator follows none
+        for a single scan.
+        """
+        unknown = self._searching and self._decided_step >= self._step
+        wanted = unknown or self._new_map_step is not None
+        return wanted and now_ns - self._sent_ns >= STANDING_STEP_NS
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next step waits for a belief."""
+        return self.lockstep and bool(self._undecided)
+
+    def is_resend_due(self, now_ns: int) -> bool:
+        """Whether to repeat the last step, because it or its belief may be lost."""
+        if not self.waits or now_ns - self._sent_ns < RESEND_AFTER_NS:
             return False
-        return now_ns - self._believed_ns < OUTAGE_NS
+        self._sent_ns = now_ns
+        return True
+
+    def due_in_s(self, stamp_ns: int, now_ns: int) -> float:
+        """Return when a reading of a source is due [s]; 0 if its stamp steps back."""
+        if self.lockstep:
+            return 0.0
+        if self._first is None:
+            self._first = (stamp_ns, now_ns)
+        first_stamp_ns, first_ns = self._first
+        due_ns = first_ns + (stamp_ns - first_stamp_ns) / self._rate
+        return max((due_ns - now_ns) / 1e9, 0.0)

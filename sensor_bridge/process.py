@@ -1,26 +1,58 @@
-"""The sensor bridge process: a robot's readings, or a recording, to numbered steps."""
+"""The sensor bridge process: readings of a robot or a recording become numbered steps."""
 
 import argparse
 import logging
+import time
+from collections import Counter, deque
 from collections.abc import Callable
-from functools import partial
-from typing import assert_never
+from contextlib import closing
+from typing import TypeAlias, assert_never
 
-import zenoh
+from msgspec.structs import replace
 
 from grid_maps.grid_map import GridMap
+from grid_maps.map_message import from_reading, to_message
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import NO_MAP, Live, Recorded, Simulated, is_published, parsed_source
 from protocol import keys
-from protocol.errors import AlreadyRunningError, SettingsError
+from protocol.answers import Belief, CommandDone, Configure, Status, Update
+from protocol.codec import decode
+from protocol.errors import (
+    AlreadyRunningError,
+    ClusterMclError,
+    RefusedError,
+    SettingsError,
+    printable,
+)
+from protocol.live_settings import AS_STARTED, LiveSettings
+from protocol.message import MAX_SCAN_STEP
+from protocol.steps import (
+    LaserReading,
+    MapMessage,
+    MapReading,
+    OdometryReading,
+    Reading,
+    Scan,
+    ScanHistory,
+)
 from recordings.map_file import load_map, map_file_of
-from sensor_bridge.loop import BridgeLoop
-from sensor_bridge.recorded import RecordedSource
-from sensor_bridge.source import Extension, Source
-from zenoh_link.session import open_session
-from zenoh_link.stale_session import is_there
-from zenoh_link.wire import is_alive
+from sensor_bridge.flow_control import FlowControl
+from sensor_bridge.recorded import RecordedSource, Source
+from sensor_bridge.step_maker import StepMaker
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked, Received, Token, ask, is_alive
+
+POLL_S = 0.1
+ASK_MAP_EVERY_S = 1.0
+STATUS_TIMEOUT_S = 5.0
+"""Time-out of querying a busy coordinator; without a coordinator the query fails at once [s]."""
+KEPT_COMMANDS = 100
+"""Command ids remembered, so that a repeated command has no further effect."""
+HELD_BACK = "scans held back"
+"""Counter of scans that made no step because of back-pressure."""
+
+OnStep: TypeAlias = Callable[[Scan], None]
 
 _log = logging.getLogger(__name__)
 
@@ -43,10 +75,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_bridge(invocation: Invocation) -> None:
-    """Bridge until told to stop.
+    """Run the bridge until the process is stopped.
 
     Raises:
-        SettingsError: no map is named, or the source is a simulation.
+        SettingsError: no map is set, or the source is a simulation.
         MapFileError: the map cannot be used.
         RecordingError: the recording cannot be used.
     """
@@ -54,7 +86,7 @@ def run_bridge(invocation: Invocation) -> None:
     source = arguments.source or settings.source
     map_file = map_file_of(arguments.map or settings.map, source)
     if is_published(map_file, source, ros2=invocation.settings.ros2.enabled):
-        _log.info("waits for a map on %s", keys.MAP_READING)
+        _log.info("waiting for a map on %s", keys.MAP_READING)
         serve_robot(invocation, None, None)
         return
     if not map_file:
@@ -64,7 +96,7 @@ def run_bridge(invocation: Invocation) -> None:
 
 
 def source_of(named: str, settings: BridgeSettings) -> Source | None:
-    """What a bridge takes readings from; None: a robot publishes them.
+    """Return the source of readings; None: a robot publishes them.
 
     Raises:
         SettingsError: the source is a simulation.
@@ -88,39 +120,262 @@ def serve_robot(
     invocation: Invocation,
     grid_map: GridMap | None,
     source: Source | None,
-    extend: Callable[[zenoh.Session], Extension] = lambda _session: Extension(),
+    extend: Callable[[Node], OnStep] = lambda _node: lambda _scan: None,
 ) -> None:
-    """Publish the steps of a source and serve the map until told to stop.
+    """Publish the steps of a source and serve the map until the process is stopped.
 
     Args:
         invocation: of the process.
         grid_map: the map to localize in; None: a robot publishes it.
         source: readings; None: a robot publishes them over Zenoh.
-        extend: what the source adds to the bridge, given the open session.
+        extend: adds to the node what a source needs; returns what to call with each step.
 
     Raises:
         AlreadyRunningError: the robot has a bridge.
     """
-    settings, stop = invocation.settings, invocation.stop
-    sees = partial(is_there, settings.zenoh, settings.robot, stop)
-    # What a robot of its own lives through, another session would break off.
-    is_coordinator_there = partial(sees, keys.COORDINATOR_ALIVE) if source is None else _no
-    while not stop.is_set():
-        with open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session:
-            if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
-                raise AlreadyRunningError(
-                    what="a sensor bridge",
-                    robot=settings.robot.name,
-                    endpoint=settings.zenoh.router,
-                    advice="stop it, or choose another robot.name",
-                )
-            loop = BridgeLoop(
-                *(invocation.process, session, settings.bridge, grid_map, source),
-                extend(session),
-                is_coordinator_there,
+    settings = invocation.settings
+    peers = keys.COORDINATOR_ALIVE
+    with closing(
+        Node(invocation.process, "bridge", settings, invocation.stop, peers=peers)
+    ) as node:
+        session = node.open()
+        if is_alive(session, keys.BRIDGE_ALIVE, settings.zenoh.query_timeout_s):
+            raise AlreadyRunningError(
+                what="a sensor bridge",
+                robot=settings.robot.name,
+                endpoint=settings.zenoh.router,
+                advice="stop it, or choose another robot.name",
             )
-            loop.run(stop)
+        Bridge(node, settings.bridge, grid_map, source, extend(node)).run()
 
 
-def _no() -> bool:
-    return False
+class Bridge:
+    """Makes steps of readings, publishes them, and serves the map and past steps.
+
+    Args:
+        node: the process's, open.
+        settings: the bridge's.
+        grid_map: the map to localize in; None: a robot publishes it.
+        source: readings; None: a robot publishes them.
+        on_step: called with each step after it is published.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: BridgeSettings,
+        grid_map: GridMap | None,
+        source: Source | None,
+        on_step: OnStep,
+    ) -> None:
+        self._node, self._settings, self._source, self._on_step = node, settings, source, on_step
+        self._is_live = source is None
+        self._map = to_message(grid_map, node.name) if grid_map else None
+        self._ask_map_at_s = 0.0
+        self._flow = FlowControl(settings.rate if source else 1.0)
+        self._history: deque[Scan] = deque(maxlen=settings.history_steps)
+        self._maker: StepMaker | None = None
+        self._refused: Counter[str] = Counter()
+        self._has_coordinator = False
+        self._next: Reading | None = None
+        self._steps_left = source.steps if source else None
+        self._updates: deque[str] = deque(maxlen=KEPT_COMMANDS)
+        self._live_settings: LiveSettings | None = None
+        """As commanded; None: no command came, so those in the coordinator's status hold."""
+        self._scans, self._odometry = node.publisher(keys.SCAN), node.publisher(keys.ODOMETRY)
+        node.publish_health(keys.BRIDGE_HEALTH)
+        node.serve(keys.MAP, self._on_map_query)
+        node.serve(keys.SCAN_HISTORY, self._on_history_query)
+        node.serve(keys.UPDATE, self._on_update)
+        node.serve(keys.CONFIGURE, self._on_configure)
+        node.watch(keys.COORDINATOR_ALIVE, self._on_coordinator)
+        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind="belief", kept=1)
+        if source is None:
+            take, follow = self._on_reading, self._on_map_reading
+            node.subscribe(keys.ODOMETRY_READING, OdometryReading, take, kind="odometry", kept=256)
+            node.subscribe(keys.LASER_READING, LaserReading, take, kind="laser", kept=16)
+            node.subscribe(keys.MAP_READING, MapReading, follow, kind="map", kept=1)
+        node.announce(keys.BRIDGE_ALIVE)
+
+    def run(self) -> None:
+        """Serve until the process is stopped; the end of a recording does not end it."""
+        while not self._node.stop.is_set():
+            self._node.turn(self._send_due())
+            if self._map is None:
+                self._ask_for_map()
+
+    # --- readings
+
+    def _send_due(self) -> float:
+        """Send what is due; return the wait until the next reading [s]."""
+        now_ns = time.monotonic_ns()
+        if self._history and self._flow.is_resend_due(now_ns):
+            self._scans.put(self._history[-1])
+        if self._source is None or self._flow.waits or not self._has_coordinator:
+            return POLL_S
+        if self._next is None:
+            self._next = self._source.next_reading()
+        if self._next is None:
+            self._finish()
+            return POLL_S
+        wait_s = self._flow.due_in_s(self._next.stamp_ns, now_ns)
+        if wait_s > 0.0:
+            return min(wait_s, POLL_S)
+        reading, self._next = self._next, None
+        self._on_reading(reading)
+        return 0.0
+
+    def _on_reading(self, reading: Reading, _received: Received | None = None) -> None:
+        if self._map is None:
+            self._warn("reading before the map", f"stamp {reading.stamp_ns} ns")
+            return
+        if self._maker is None:
+            self._maker = self._new_maker(self._map)
+        maker, health, now_ns = self._maker, self._node.health, time.monotonic_ns()
+        is_laser = isinstance(reading, LaserReading)
+        if self._is_live and is_laser and maker.stands and self._flow.wants_standing_step(now_ns):
+            maker.force_next()
+        maker.hold(self._flow.is_full(now_ns))
+        held_back = maker.held_back
+        scan = maker.on_reading(reading)
+        if maker.held_back > held_back:
+            health.happened(HELD_BACK, maker.held_back - held_back)
+        health.happened("scans" if is_laser else "odometry")
+        if maker.dropped != self._refused:
+            self._count_refused(maker.dropped, reading.stamp_ns)
+        if not is_laser and not self._flow.lockstep and maker.odometry is not None:
+            stamp_ns, pose = maker.odometry
+            self._odometry.put(
+                OdometryReading(sender=self._node.name, stamp_ns=stamp_ns, odom_from_robot=pose)
+            )
+        if scan is not None:
+            self._send(scan)
+
+    def _count_refused(self, dropped: Counter[str], stamp_ns: int) -> None:
+        for cause, times in (dropped - self._refused).items():
+            for _ in range(times):
+                self._warn(f"reading refused: {cause.replace('_', ' ')}", f"stamp {stamp_ns} ns")
+        self._refused = dropped.copy()
+
+    def _finish(self) -> None:
+        """Send the source's last steps, which may still wait for later odometry."""
+        scan = self._maker.finish() if self._maker else None
+        if scan is not None:
+            self._send(scan)
+            return
+        self._source = None
+        _log.info("the source has ended; the map is still served")
+
+    def _send(self, scan: Scan) -> None:
+        if self._steps_left is not None:
+            self._steps_left -= 1
+            scan = replace(scan, last=self._steps_left == 0)
+        self._history.append(scan)
+        self._scans.put(scan)
+        self._node.health.happened("steps")
+        self._flow.on_sent(scan.step, time.monotonic_ns())
+        self._on_step(scan)
+
+    def _new_maker(self, first_map: MapMessage) -> StepMaker:
+        """Continue after the steps that a coordinator knows, so that none is repeated.
+
+        If they are near the highest possible number, start at 0.
+        """
+        first_step, live = 0, self._live_settings
+        try:
+            status = self._status()
+            live = live or status.settings
+            known = max(status.step, status.newest_step)
+            first_step = known + 1 if known < MAX_SCAN_STEP // 2 else 0
+        except ClusterMclError as error:
+            _log.info("steps start at 0: %s", error)
+        maker = StepMaker(
+            self._settings,
+            first_map.digest,
+            self._node.name,
+            first_step=first_step,
+            paced=self._flow.lockstep,
+            live=self._is_live,
+        )
+        maker.configure(live or AS_STARTED)
+        return maker
+
+    def _status(self) -> Status:
+        """Query the coordinator, again if it refuses because its link has just come back."""
+        until_s = time.monotonic() + STATUS_TIMEOUT_S
+        while True:
+            try:
+                return ask(self._node.session, keys.STATUS, Status, timeout_s=STATUS_TIMEOUT_S)
+            except RefusedError:
+                if time.monotonic() > until_s:
+                    raise
+                time.sleep(POLL_S)
+
+    # --- the map
+
+    def _ask_for_map(self) -> None:
+        """Query for a map that was published before this process started."""
+        now_s = time.monotonic()
+        if now_s >= self._ask_map_at_s:
+            self._ask_map_at_s = now_s + ASK_MAP_EVERY_S
+            self._node.ask(
+                keys.MAP_READING, MapReading, self._on_map_reading, timeout_s=ASK_MAP_EVERY_S
+            )
+
+    def _on_map_reading(self, reading: MapReading, _received: Received | None = None) -> None:
+        grid_map = from_reading(reading)
+        if self._map is not None and self._map.digest == grid_map.digest:
+            return
+        self._map = to_message(grid_map, self._node.name)
+        self._node.health.happened("maps")
+        rows, cols = grid_map.cells.shape
+        _log.info("map %.12s of %d x %d cells", grid_map.digest, rows, cols)
+        if self._maker is not None:
+            self._maker.change_map(grid_map.digest)
+            self._history.clear()
+            self._flow.on_new_map()
+
+    # --- other messages
+
+    def _on_coordinator(self, token: Token) -> None:
+        self._has_coordinator = token.alive
+
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
+        searching = belief.state == "searching"
+        self._flow.on_belief(belief.step, belief.term, time.monotonic_ns(), searching=searching)
+
+    def _on_map_query(self, asked: Asked) -> None:
+        if self._map is None:
+            asked.refuse("no map has come yet")
+        else:
+            asked.answer(self._map)
+
+    def _on_history_query(self, asked: Asked) -> None:
+        parameters = asked.query.parameters
+        try:
+            first = int(str(parameters.get("first", "")))
+            last = int(str(parameters.get("last", str(2**62))))
+        except ValueError:
+            asked.refuse("ask for scans?first=STEP or scans?first=STEP;last=STEP")
+            self._warn("malformed question for scans", printable(str(parameters)))
+            return
+        scans = tuple(scan for scan in self._history if first <= scan.step <= last)
+        asked.answer(ScanHistory(sender=self._node.name, scans=scans))
+
+    def _on_configure(self, asked: Asked) -> None:
+        self._live_settings = decode(asked.payload, Configure).settings
+        if self._maker is not None:
+            self._maker.configure(self._live_settings)
+        asked.answer(CommandDone(sender=self._node.name))
+
+    def _on_update(self, asked: Asked) -> None:
+        """Make a step of the next scan; a repeated command has no further effect."""
+        command_id = decode(asked.payload, Update).command_id
+        if command_id not in self._updates:
+            self._updates.append(command_id)
+            if self._maker is not None:
+                self._maker.force_next()
+        asked.answer(CommandDone(sender=self._node.name))
+
+    def _warn(self, cause: str, detail: str) -> None:
+        self._node.causes.warn(_log, cause, detail, time.monotonic())

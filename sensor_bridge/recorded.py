@@ -1,7 +1,8 @@
-"""A recording as what a bridge reads, and as steps without a network."""
+"""Readings of a recording, for the bridge and for runs without a network."""
 
 import logging
 from collections.abc import Iterator
+from typing import Protocol
 
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
@@ -10,6 +11,16 @@ from recordings.recording import Recording, open_recording
 from sensor_bridge.step_maker import StepMaker, steps_from
 
 _log = logging.getLogger(__name__)
+
+
+class Source(Protocol):
+    """Readings that no robot publishes."""
+
+    steps: int | None
+    """Number of steps that it makes; None: endless."""
+
+    def next_reading(self) -> Reading | None:
+        """Return the next reading in the order of time; None at the end."""
 
 
 class RecordedSource:
@@ -23,7 +34,7 @@ class RecordedSource:
         self.steps: int | None = sum(1 for _ in steps_of(recording, settings, map_digest=""))
 
     def next_reading(self) -> Reading | None:
-        """The next reading in the order of time; None at the end."""
+        """Return the next reading in the order of time; None at the end."""
         return next(self._readings, None)
 
 
@@ -35,7 +46,7 @@ def steps_of(
     sender: str = "bridge",
     paced: bool = False,
 ) -> Iterator[Scan]:
-    """All steps of a recording, without a network; the last one says so.
+    """Yield all steps of a recording, without a network; `Scan.last` marks the last one.
 
     Raises:
         RecordingError: no scan of the recording could be used, with the causes.

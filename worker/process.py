@@ -137,7 +137,7 @@ class WorkerLoop:
             unread_scans = unread_scans + 1 if isinstance(event, Received) else SCANS_PER_POLL
             if unread_scans >= SCANS_PER_POLL:
                 unread_scans = 0
-                self._poll_checkpoints()
+                self._node.drain(self._checkpoints, self._on_checkpoint)
                 if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
                     self._handle(TimeToSearch())
 
@@ -159,16 +159,10 @@ class WorkerLoop:
         mark("computed", scan)
         self._carry_out(instructions)
 
-    def _poll_checkpoints(self) -> None:
-        for payload in self._checkpoints.drain():
-            self._node.on_polled()
-            try:
-                checkpoint = _with_term(payload, Checkpoint)
-            except MalformedMessageError as error:
-                self._warn(error.cause, error)
-                continue
-            self._pause.believed(checkpoint.step, founded=checkpoint.founded)
-            self._handle(CheckpointHeard(checkpoint))
+    def _on_checkpoint(self, payload: bytes) -> None:
+        checkpoint = _with_term(payload, Checkpoint)
+        self._pause.believed(checkpoint.step, founded=checkpoint.founded)
+        self._handle(CheckpointHeard(checkpoint))
 
     def _on_order(self, asked: Asked) -> None:
         try:

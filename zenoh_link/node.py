@@ -180,9 +180,11 @@ class Node:
         self.declare(unread.declare)
         return unread
 
-    def on_polled(self) -> None:
-        """Note that a polled message came: the session is not stale."""
-        self._stale.on_event(Received("", b""), time.monotonic_ns())
+    def drain(self, unread: Unread, handler: Callable[[bytes], object]) -> None:
+        """Call `handler` with each payload that was received since the last call."""
+        for payload in unread.drain():
+            self._stale.on_event(payload, time.monotonic_ns())
+            self.attempt(handler, payload)
 
     def serve(self, key: str, handler: Callable[[Asked], object]) -> None:
         """Call `handler` with each query on `key`; it answers, or raises before it answers."""
@@ -286,12 +288,7 @@ class Node:
             The event; None: there was none.
         """
         event = self.inbox.get(min(wait_s, REPEAT_S) if self._unanswered else wait_s)
-        try:
-            self._handle(event)
-        except MalformedMessageError as error:
-            if isinstance(event, Asked):
-                event.refuse(str(error))
-            self.causes.warn(_log, error.cause, error, time.monotonic())
+        self.attempt(self._handle, event)
         if event is None:
             self.heap.trim_if_due(time.monotonic())
         for _ in range(len(self._unanswered)):
@@ -301,6 +298,15 @@ class Node:
         if self._health_publisher is not None:
             self.health.publish_if_due(self._health_publisher)
         return event
+
+    def attempt(self, handler: Callable[[T], object], event: T) -> None:
+        """Call a handler; count and log a malformed message, and refuse a malformed query."""
+        try:
+            handler(event)
+        except MalformedMessageError as error:
+            if isinstance(event, Asked):
+                event.refuse(str(error))
+            self.causes.warn(_log, error.cause, error, time.monotonic())
 
     def _handle(self, event: object) -> None:
         if isinstance(event, Received | Asked | Token | Link):

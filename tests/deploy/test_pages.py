@@ -44,6 +44,7 @@ def causes() -> set[str]:
     for source in sources():
         found |= set(re.findall(r'counters\["([^"]+)"\]', source))
         found |= set(re.findall(r'_causes\.warn\(\s*_log, "([^"]+)"', source))
+        found |= set(re.findall(r'\._warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'Warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'return "(order [^"]+)"', source))
     maker = (REPOSITORY / "sensor_bridge" / "step_maker.py").read_text()

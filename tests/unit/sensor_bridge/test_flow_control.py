@@ -1,38 +1,88 @@
 from protocol.steps import Scan
-from sensor_bridge.flow_control import MOST_WAITING, OUTAGE_NS, FlowControl
+from sensor_bridge.flow_control import (
+    MAX_UNDECIDED,
+    OUTAGE_NS,
+    RESEND_AFTER_NS,
+    STANDING_STEP_NS,
+    FlowControl,
+)
 from tests.unit.sensor_bridge.test_step_maker import a_maker, driving
 
 SECOND = 1_000_000_000
+LATER = 10 * STANDING_STEP_NS
 
 
-def waiting(steps: int, *, believed_ns: int | None = 0) -> FlowControl:
-    flow = FlowControl()
-    flow.step_sent(0)
-    if believed_ns is not None:
-        flow.believed(0, believed_ns)
-    for step in range(1, steps + 1):
-        flow.step_sent(step)
+def lockstep_after(step: int) -> FlowControl:
+    flow = FlowControl(0.0)
+    flow.on_sent(step, 0)
     return flow
 
 
-def test_steps_that_wait_for_their_beliefs_are_few() -> None:
-    assert not waiting(MOST_WAITING - 1).is_full(SECOND // 2)
-    flow = waiting(MOST_WAITING)
+def undecided(steps: int, *, believed_ns: int | None = 0) -> FlowControl:
+    flow = FlowControl(1.0)
+    flow.on_sent(0, 0)
+    if believed_ns is not None:
+        flow.on_belief(0, 1, believed_ns, searching=False)
+    for step in range(1, steps + 1):
+        flow.on_sent(step, 0)
+    return flow
+
+
+def standing_after(step: int, *, searching: bool, believed: int | None = None) -> FlowControl:
+    flow = FlowControl(1.0)
+    flow.on_sent(step, 0)
+    flow.on_belief(step if believed is None else believed, 1, 0, searching=searching)
+    return flow
+
+
+def test_in_lockstep_the_next_step_waits_for_the_belief_of_the_last() -> None:
+    flow = lockstep_after(5)
+    flow.on_belief(4, 1, 0, searching=False)
+    assert flow.waits
+    flow.on_belief(5, 1, 0, searching=False)
+    assert not flow.waits
+
+
+def test_a_belief_of_a_deposed_coordinator_is_ignored() -> None:
+    flow = lockstep_after(5)
+    flow.on_belief(4, 2, 0, searching=False)
+    flow.on_belief(5, 1, 0, searching=True)
+    assert flow.waits
+    assert not flow.wants_standing_step(LATER)
+
+
+def test_in_lockstep_a_step_without_a_belief_is_repeated() -> None:
+    flow = lockstep_after(5)
+    assert not flow.is_resend_due(RESEND_AFTER_NS - 1)
+    assert flow.is_resend_due(RESEND_AFTER_NS)
+    assert not flow.is_resend_due(RESEND_AFTER_NS + 1)
+
+
+def test_few_steps_are_undecided_at_a_time() -> None:
+    assert not undecided(MAX_UNDECIDED - 1).is_full(SECOND // 2)
+    flow = undecided(MAX_UNDECIDED)
     assert flow.is_full(SECOND // 2)
-    flow.believed(1, SECOND // 2)
+    flow.on_belief(1, 1, SECOND // 2, searching=False)
     assert not flow.is_full(SECOND // 2)
 
 
-def test_a_belief_answers_all_steps_before_it_too() -> None:
-    flow = waiting(2 * MOST_WAITING)
-    flow.believed(2 * MOST_WAITING, 1)
+def test_a_belief_decides_all_earlier_steps_too() -> None:
+    flow = undecided(2 * MAX_UNDECIDED)
+    flow.on_belief(2 * MAX_UNDECIDED, 1, 1, searching=False)
     assert not flow.is_full(2)
 
 
+<<<<<<< HEAD
 def test_without_a_coordinator_steps_continue() -> None:
     assert not waiting(9, believed_ns=None).is_full(1), "nobody ever has"
     assert waiting(9).is_full(OUTAGE_NS - 1)
     assert not waiting(9).is_full(OUTAGE_NS), "nobody does any more"
+=======
+def test_without_a_coordinator_steps_go_on() -> None:
+    assert not undecided(9, believed_ns=None).is_full(1), "there was none yet"
+    assert undecided(9).is_full(OUTAGE_NS - 1)
+    assert not undecided(9).is_full(OUTAGE_NS), "there is none any more"
+>>>>>>> e5e5500 (Give the bridge a node, and one object for its flow control)
 
 
 def test_scans_that_are_held_back_are_counted_and_leave_no_number_out() -> None:
@@ -43,3 +93,33 @@ def test_scans_that_are_held_back_are_counted_and_leave_no_number_out() -> None:
     steps = [scan and (scan.step, scan.odom_from_robot[0]) for scan in made]
     assert steps == [(0, 0.0), None, None, (1, 2.1), (2, 3.0)]
     assert maker.held_back == 2
+
+
+def test_before_the_first_belief_a_standing_robot_makes_no_step() -> None:
+    flow = FlowControl(1.0)
+    flow.on_sent(0, 0)
+    assert not flow.wants_standing_step(LATER)
+
+
+def test_during_a_search_a_standing_robot_makes_a_step_after_the_belief_of_the_last() -> None:
+    assert standing_after(3, searching=True).wants_standing_step(LATER)
+    assert not standing_after(3, searching=True, believed=2).wants_standing_step(LATER)
+    assert not standing_after(3, searching=False).wants_standing_step(LATER)
+
+
+def test_steps_of_a_standing_robot_have_a_shortest_interval() -> None:
+    flow = standing_after(3, searching=True)
+    assert not flow.wants_standing_step(STANDING_STEP_NS - 1)
+    assert flow.wants_standing_step(STANDING_STEP_NS)
+
+
+def test_with_a_new_map_a_standing_robot_makes_steps_until_one_of_the_map_is_decided() -> None:
+    flow = standing_after(3, searching=False)
+    flow.on_new_map()
+    assert flow.wants_standing_step(LATER)
+    for step in (4, 5, 6):
+        flow.on_sent(step, 0)
+        flow.on_belief(3, 1, 0, searching=False)
+        assert flow.wants_standing_step(LATER)
+    flow.on_belief(6, 1, 0, searching=False)
+    assert not flow.wants_standing_step(LATER)

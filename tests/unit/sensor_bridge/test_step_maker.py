@@ -12,7 +12,7 @@ from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
-from sensor_bridge.step_history import StepHistory
+from sensor_bridge.motion_gate import MotionGate, Passage
 from sensor_bridge.step_maker import (
     MAX_WAITING_SCANS,
     RESTART_AFTER,
@@ -327,15 +327,12 @@ def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, ju
 # --- history ------------------------------------------------------------------------------------
 
 
-def test_the_history_keeps_the_last_steps() -> None:
-    history = StepHistory(3)
-    assert (history.newest(), history.between(0, 9)) == (None, [])
-    steps = made_of(*driving(0, 1, 2, 3, 4))
-    for step in steps:
-        history.add(step)
-    assert history.newest() == steps[4]
-    assert history.between(0, 9) == steps[2:]
-    assert history.between(3, 3) == [steps[3]]
-    assert history.between(4, 3) == []
-    with pytest.raises(ValueError, match="step 4 after step 4"):
-        history.add(steps[4])
+def test_a_robot_stands_that_has_moved_less_than_a_quarter_of_the_gate() -> None:
+    gate = MotionGate(BridgeSettings(gate_distance_m=0.2, gate_turn_rad=0.2))
+    assert not gate.has_hardly_moved((0.0, 0.0, 0.0))
+    assert gate.on_scan((1.0, 0.0, 0.0)) is Passage.MOVED
+    assert gate.has_hardly_moved((1.04, 0.0, 0.04))
+    assert not gate.has_hardly_moved((1.06, 0.0, 0.0))
+    assert not gate.has_hardly_moved((1.0, 0.0, -0.06))
+    gate.begin_anew()
+    assert gate.on_scan((1.0, 0.0, 0.0)) is Passage.MOVED
