@@ -100,10 +100,10 @@ def serve_page(
         "robots": names if len(names) > 1 else [],
     }
     shown = [*names, options.beside] if options.beside else names
-    loops = [LiveLoop(_of_robot(settings, name), about) for name in shown]
+    loops = [LiveLoop(_of_robot(settings, name), about, stop) for name in shown]
     with opened_page(options, [loop.room for loop in loops], say):
         if len(loops) == 1:
-            loops[0].run(stop)
+            loops[0].run()
         else:
             _run_all(loops, stop)
 
@@ -111,7 +111,7 @@ def serve_page(
 def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
     """Each in a thread of its own; when one fails, all end."""
     with ThreadPoolExecutor(len(loops), "robot") as threads:
-        running = [threads.submit(loop.run, stop) for loop in loops]
+        running = [threads.submit(loop.run) for loop in loops]
         try:
             while not stop.is_set() and not any(one.done() for one in running):
                 wait(running, _POLL_S, FIRST_COMPLETED)

@@ -1,7 +1,7 @@
 """One picture of now: what a running system shows, looked at for a moment."""
 
 import time
-from contextlib import ExitStack
+from contextlib import closing
 from typing import Any
 
 from live_view.live_loop import LiveLoop
@@ -26,10 +26,10 @@ def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMe
         UnreachableError: there is no router, or nobody who localizes the robot.
         StoppedError: `stop` was set.
     """
-    loop = LiveLoop(settings, {"commands": False})
+    loop = LiveLoop(settings, {"commands": False}, stop)
     begun_s = time.monotonic()
     has_asked = False
-    with ExitStack() as resources:
+    with closing(loop.node):
         while True:
             frames, waited_s = loop.picture.everything(), time.monotonic() - begun_s
             if (
@@ -39,7 +39,7 @@ def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMe
             ):
                 return frames, loop.map
             stop.check()
-            loop.turn(stop, resources)
+            loop.turn()
             if waited_s > STANDS_AFTER_S and not has_asked and "status" in frames:
                 has_asked = True
                 loop.ask_for_places()
