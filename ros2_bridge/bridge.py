@@ -1,25 +1,68 @@
-"""Run one robot's bridge: two Zenoh sessions, the robot's and ours, and a loop between them."""
+"""Run one robot's bridge: a session to the robot's ROS nodes, a node of ours, and one loop."""
 
 import logging
-from contextlib import ExitStack
+import math
+import time
+import uuid
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack, closing
 
+import numpy as np
+
+from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import (
+    Belief,
+    CommandDone,
+    Configure,
+    Relocalize,
+    SetPose,
+    Status,
+    Update,
+)
+from protocol.arrays import ArrayBlob
+from protocol.errors import MalformedMessageError
+from protocol.message import Message
+from protocol.steps import LaserReading, MapReading, OdometryReading
+from protocol.work import Report, TrackReport
 from ros2_bridge import topics
+from ros2_bridge.amcl import Amcl
 from ros2_bridge.bond import BondThread
-from ros2_bridge.core_link import SUBSCRIBED, CoreLink
-from ros2_bridge.loop import BridgeLoop, InboxEvent
-from ros2_bridge.node import RosNode
-from ros2_bridge.restart_file import restart_file
+from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
+from ros2_bridge.message_types import decode, encode, request_of, response_of
+from ros2_bridge.messages_out import diagnostics
+from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher
+from ros2_bridge.outputs import (
+    Bond,
+    GiveMap,
+    GivePose,
+    NoMotionUpdate,
+    Output,
+    Publish,
+    Reconfigure,
+    Refused,
+    SearchEverywhere,
+)
+from ros2_bridge.restart_file import Doing, RestartFile, restart_file
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.ros_log import log_to_ros
+from ros2_bridge.services import Services
 from ros2_bridge.topics import Topics
-from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked, Received
 
 _log = logging.getLogger(__name__)
 
 _KEPT_MESSAGES, _KEPT_TRANSFORMS = 64, 500
+_POLL_S = 0.05
+_STATUS_EVERY_S = 1.0
+_COMMAND_TIMEOUT_S = 5.0
+_PLACES_WITHIN_S = 0.1
+"""All places are published when the inbox is empty, at most this long after their belief."""
+_CLUSTER = "c"
+"""Prefix of the ids of jobs that track a cluster."""
 
 
 def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
@@ -39,11 +82,14 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
     with ExitStack() as resources:
         humble = look_at_graph(settings, name, stop)
         robot = resources.enter_context(open_robot_session(settings, stop))
+        peers = keys.COORDINATOR_ALIVE
         core = resources.enter_context(
-            open_session(settings.zenoh, settings.robot, stop, wait_s=None)
+            closing(Node(process, "ros2_bridge", settings, stop, peers=peers))
         )
-        kept = dict.fromkeys((*SUBSCRIBED, *(topic.name for topic in names.read())), _KEPT_MESSAGES)
-        inbox: Inbox[InboxEvent] = Inbox(kept | {names.tf.name: _KEPT_TRANSFORMS})
+        core.open()
+        for topic in names.read():
+            kept = _KEPT_TRANSFORMS if topic == names.tf else _KEPT_MESSAGES
+            core.inbox.keep(topic.name, kept)
         node = RosNode(robot, name, humble=humble)
         publishers = {topic.name: node.publisher(topic) for topic in names.sent()}
         full_name = name.topic(name.name)
@@ -51,11 +97,253 @@ def serve_robot(settings: Settings, process: str, stop: StopFlag) -> None:
         bond = BondThread(publishers[topics.BOND.name], settings.ros2.node_name)
         resources.enter_context(bond)
         file = resources.enter_context(restart_file(settings, full_name))
-        link = CoreLink(core, process, inbox)
-        loop = BridgeLoop(settings, inbox, link, publishers, bond, file)
+        loop = BridgeLoop(settings, core, publishers, bond, file)
         for service, ros_type in loop.services.types().items():
-            node.serve(service, ros_type, inbox)
+            node.serve(service, ros_type, core.inbox)
         for topic in names.read():
-            node.subscribe(topic, inbox, own=topic != names.tf)
+            node.subscribe(topic, core.inbox, own=topic != names.tf)
         _log.info("%s is running in ROS domain %d", full_name, name.domain_id)
-        loop.run(stop)
+        loop.run()
+
+
+class BridgeLoop:
+    """Owns the state of the bridge, so there is no lock.
+
+    Args:
+        settings: of all processes.
+        node: of our system, open; its inbox also takes what ROS nodes send.
+        publishers: by the names of their topics.
+        bond: the heartbeat for nav2.
+        file: the state of a killed bridge.
+    """
+
+    def __init__(
+        self,
+        settings: Settings,
+        node: Node,
+        publishers: Mapping[str, RosPublisher],
+        bond: BondThread,
+        file: RestartFile,
+    ) -> None:
+        self._settings, self._node = settings, node
+        self._publishers, self._bond, self._file = publishers, bond, file
+        self._amcl = Amcl(settings.ros2)
+        name = node_name(settings.ros2)
+        full_name = name.topic(name.name)
+        self.services = Services(self._amcl, settings, self._clock_ns, full_name)
+        self._topics = Topics(settings.ros2)
+        self._map: MapReading | None = None
+        self._next_status_s = 0.0
+        self._places_until_s: float | None = None
+        self._status: Status | None = None
+        self._laser = node.publisher(keys.LASER_READING)
+        self._odometry = node.publisher(keys.ODOMETRY_READING)
+        self._maps = node.publisher(keys.MAP_READING, may_wait=True)
+        node.on_other = self._on_ros
+        node.serve(keys.MAP_READING, self._on_map_query)
+        kept = _KEPT_MESSAGES
+        node.subscribe(keys.BELIEF, Belief, self._on_belief, kind=keys.BELIEF, kept=kept)
+        reports: type[TrackReport] = Report  # type: ignore[assignment] # a union
+        node.subscribe(keys.ALL_REPORTS, reports, self._on_report, kind=keys.ALL_REPORTS, kept=kept)
+
+    def run(self) -> None:
+        """Carry out decisions until the process is stopped."""
+        before = self._file.read()
+        if before is not None and before.state is not State.UNCONFIGURED:
+            self._resume(before)
+        elif self._settings.ros2.autostart:
+            self._do(self.services.change(CONFIGURE))
+            self._do(self.services.change(ACTIVATE))
+        while not self._node.stop.is_set():
+            event = self._node.turn(_POLL_S if self._places_until_s is None else 0.0)
+            if event is None:
+                self._do(self._amcl.on_tick(time.monotonic_ns()))
+            if event is None or time.monotonic() >= (self._places_until_s or math.inf):
+                self._publish_all_places()
+            self._every_second()
+            state, bond, held = (
+                self.services.lifecycle.state,
+                self._bond.instance_id,
+                self._amcl.held,
+            )
+            self._file.keep(Doing(state=state, bond=bond, held=held), time.monotonic())
+
+    def _resume(self, before: Doing) -> None:
+        """Continue in the state of a killed bridge; the coordinator still knows the pose."""
+        _log.info("%s again, the state of the bridge that was killed", before.state.label)
+        self.services.lifecycle.state = before.state
+        if before.state is State.ACTIVE:
+            self._amcl.resume(before.held)
+            self._bond.begin(before.bond)
+            self._do([NoMotionUpdate()])  # otherwise a standing robot gets no belief
+
+    def _on_ros(self, event: FromRos | Called) -> None:
+        match event:
+            case FromRos():
+                self._on_message(event)
+            case Called():
+                self._on_call(event)
+
+    def _on_belief(self, belief: Belief, _received: Received) -> None:
+        self._do(self._amcl.on_belief(belief))
+        if self._places_until_s is None:
+            self._places_until_s = time.monotonic() + _PLACES_WITHIN_S
+
+    def _on_report(self, report: Report, _received: Received) -> None:
+        if isinstance(report, TrackReport) and report.snapshot is not None:
+            cluster = report.job_id.removeprefix(_CLUSTER)
+            if cluster.isdecimal():
+                self._amcl.on_particles(int(cluster), report.snapshot)
+
+    def _on_status(self, status: Status) -> None:
+        self._status, self.services.freshness = status, status.freshness
+        self._do(self.services.on_live_settings(status.settings))
+
+    def _on_no_status(self, _problem: str) -> None:
+        self._status, self.services.freshness = None, "unreachable"
+
+    def _on_map_query(self, asked: Asked) -> None:
+        if self._map is None:
+            asked.refuse("no map has arrived yet")
+        else:
+            asked.answer(self._map)
+
+    def _publish_all_places(self) -> None:
+        if self._places_until_s is not None:
+            self._places_until_s = None
+            self._do(self._amcl.all_places())
+
+    def _on_message(self, event: FromRos) -> None:
+        if event.problem:
+            self._refused(Refused("not a ROS message", f"{event.topic.name}: {event.problem}"))
+            return
+        message = decode(event.payload, event.topic.ros_type)
+        amcl, now_ns = self._amcl, time.monotonic_ns()
+        match event.topic:
+            case topic if topic in self._topics.scans:
+                self._do(amcl.on_scan(message, now_ns))
+            case self._topics.tf:
+                self._do(amcl.on_transforms(message, now_ns, fixed=False))
+            case self._topics.tf_static:
+                self._do(amcl.on_transforms(message, now_ns, fixed=True))
+            case self._topics.map:
+                self._do(amcl.on_map(message))
+            case topics.INITIAL_POSE:
+                self._do(amcl.on_initial_pose(message))
+            case topics.CLOCK:
+                self._do(amcl.on_clock(message))
+
+    def _on_call(self, call: Called) -> None:
+        ros_type = self.services.types()[call.service]
+        try:
+            if call.problem:
+                raise MalformedMessageError(expected="ROS service call", problem=call.problem)
+            request = decode(call.payload, request_of(ros_type))
+        except MalformedMessageError:
+            call.drop()
+            raise
+        response, outputs = self.services.call(call.service, request)
+        call.respond(encode(response, response_of(ros_type)))
+        self._do(outputs)
+
+    def _do(self, outputs: Iterable[Output]) -> None:
+        for output in outputs:
+            match output:
+                case Publish(topic=topic, message=message):
+                    self._publishers[topic.name].put(message)
+                case Refused():
+                    self._refused(output)
+                case Bond(alive=True):
+                    self._bond.begin()
+                case Bond():
+                    self._bond.end()
+                case GiveMap():
+                    self._map = self._map_reading(output)
+                    self._maps.put(self._map)
+                case LaserReading():
+                    self._laser.put(output)
+                case OdometryReading():
+                    self._odometry.put(output)
+                case GivePose() | SearchEverywhere() | NoMotionUpdate() | Reconfigure():
+                    self._command(*self._command_message(output))
+
+    def _refused(self, refused: Refused) -> None:
+        self._node.causes.warn(_log, refused.cause, refused.detail, time.monotonic())
+
+    def _every_second(self) -> None:
+        now_s = time.monotonic()
+        if now_s < self._next_status_s:
+            return
+        self._next_status_s = now_s + _STATUS_EVERY_S
+        self._node.ask(
+            keys.STATUS, Status, self._on_status, self._on_no_status, timeout_s=_COMMAND_TIMEOUT_S
+        )
+        self._publishers[topics.DIAGNOSTICS.name].put(self._diagnostics())
+
+    def _diagnostics(self) -> object:
+        status, belief = self._status, self._amcl.belief
+        values: dict[str, object] = {"life cycle": self.services.lifecycle.state.label}
+        if belief is not None and belief.hypotheses:
+            values["places"] = len(belief.hypotheses)
+            values["probability"] = f"{belief.hypotheses[0].probability:.3f}"
+        if belief is not None:
+            values["probability elsewhere"] = f"{belief.elsewhere_probability:.3f}"
+            values["probability off the map"] = f"{belief.off_map_probability:.3f}"
+        if status is not None:
+            values |= {"step": status.step, "workers": len(status.workers)}
+        values |= self._node.health.dropped()
+        state = status.state if status is not None else "searching"
+        node_name = self._settings.ros2.node_name
+        return diagnostics(state, self.services.freshness, values, node_name, self._clock_ns())
+
+    def _clock_ns(self) -> int:
+        if self._settings.ros2.use_sim_time:
+            return self._amcl.clock_ns or 0
+        return time.time_ns()
+
+    # --- messages to our system
+
+    def _command(self, key: str, message: Message) -> None:
+        def on_done(done: CommandDone) -> None:
+            if done.problem:
+                self._refused(Refused("command refused", f"{key}: {done.problem}"))
+
+        def on_failure(problem: str) -> None:
+            detail = f"{key}: {problem or 'no answer'}"
+            self._refused(Refused("command not carried out", detail))
+
+        self._node.ask(
+            key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=message
+        )
+
+    def _map_reading(self, given: GiveMap) -> MapReading:
+        grid_map = given.grid_map
+        occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
+        return MapReading(
+            sender=self._node.name,
+            cell_m=grid_map.cell_m,
+            map_from_grid=grid_map.map_from_grid,
+            occupancy=ArrayBlob.of(occupancy, "int8"),
+        )
+
+    def _command_message(
+        self, command: GivePose | SearchEverywhere | NoMotionUpdate | Reconfigure
+    ) -> tuple[str, Message]:
+        name, command_id = self._node.name, uuid.uuid4().hex
+        match command:
+            case GivePose(map_from_robot=pose, covariance=covariance, stamp_ns=stamp_ns):
+                return keys.SET_POSE, SetPose(
+                    sender=name,
+                    command_id=command_id,
+                    map_from_robot=pose,
+                    position_sigma_m=math.sqrt((covariance[0] + covariance[4]) / 2.0),
+                    heading_sigma_rad=math.sqrt(covariance[8]),
+                    covariance=covariance,
+                    stamp_ns=stamp_ns,
+                )
+            case SearchEverywhere():
+                return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
+            case NoMotionUpdate():
+                return keys.UPDATE, Update(sender=name, command_id=command_id)
+            case Reconfigure(settings=settings):
+                return keys.CONFIGURE, Configure(sender=name, settings=settings)
