@@ -1,27 +1,42 @@
-"""Starts the processes of this machine, restarts dead ones, and ends them all."""
+"""Starts child processes by exec or fork, restarts dead and hung ones, and ends them all.
 
+Importing numba takes a process one second and 150 MB; twelve processes on two cores take ten
+seconds. A parent that forks its children imports and compiles once, and they start at once.
+"""
+
+import gc
 import logging
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import NoReturn, Protocol
 
-from process_runtime.backoff import Backoff
-from process_runtime.main import EXIT_ERROR, EXIT_OK
-from process_runtime.parent import PARENT_VARIABLE
-from process_runtime.watchdog import Listener
+from process_runtime.logs import configure_logging
+from process_runtime.main import EXIT_ERROR, outermost
+from process_runtime.parent import PARENT_VARIABLE, die_with_parent
+from process_runtime.stop import StopFlag, stop_on_signals
+from process_runtime.watchdog import Listener, sign_of_life
 
 _log = logging.getLogger(__name__)
 
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
 _TERMINATE_WITHIN_S = 1.5
+_TERMINATE_FORKS_WITHIN_S = 1.2
+"""Less, because their parent may itself be a supervisor's child."""
 _GIVEN_UP_BEFORE_S = 10.0
+_POLL_S = 0.05
 HUNG_AFTER_S = 15.0
 """A turn of a process's loop takes less than a second."""
+FORK_HUNG_AFTER_S = 120.0
+"""A worker may wait 30 s for a large map and then compute its likelihood field."""
 _LAST_WORDS_BYTES = 4096
 _STANDARD_ERROR = 2
 
@@ -31,17 +46,41 @@ def python_module(module: str, *arguments: str) -> list[str]:
     return [sys.executable, "-I", "-m", module, *arguments]
 
 
+class Backoff:
+    """Exponential back-off, reset by a process that has run for `settled_s`.
+
+    Args:
+        first_s: the first delay [s].
+        longest_s: the longest delay [s].
+        settled_s: a process that ran at least this time resets the delay to `first_s` [s].
+    """
+
+    def __init__(
+        self, *, first_s: float = 0.1, longest_s: float = 10.0, settled_s: float = 10.0
+    ) -> None:
+        self._first_s, self._longest_s, self._settled_s = first_s, longest_s, settled_s
+        self._next_s = first_s
+
+    def after_death(self, lived_s: float) -> float:
+        """Return the delay before the next start [s], for a process that ran `lived_s`."""
+        if lived_s >= self._settled_s:
+            self._next_s = self._first_s
+        wait_s = self._next_s
+        self._next_s = min(2.0 * wait_s, self._longest_s)
+        return wait_s
+
+
 @dataclass(frozen=True)
 class ChildSpec:
     """A process to keep alive."""
 
     name: str
-    command: Sequence[str]
+    command: Sequence[str] = ()
     """Program and arguments; see `python_module`."""
     log: Path | None = None
     """File for its output (appended); None: this process's standard error."""
-    restart: Literal["always", "on-failure"] = "always"
-    """Whether exit code 0 is final: a recording ends, a router does not."""
+    fork: Callable[[StopFlag], None] | None = None
+    """Work of a forked child, in place of a command; called with the child's own stop flag."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +91,7 @@ class ChildExit:
     code: int
     """Exit code; negative for a signal, such as -9 for SIGKILL."""
     restart_in_s: float | None
-    """None: it is not restarted, because it has finished or refused to start."""
+    """None: it is not restarted, because it has refused to start."""
     last_words: str
     """Last line of its log file, the error if the code is 2; empty without a log file."""
 
@@ -61,8 +100,8 @@ class Supervisor:
     """Child processes that are restarted and never outlive this process.
 
     The kernel ends a child when the *thread* that started it ends: call `start` and `poll` from
-    one long-lived thread. A child that rejects its settings (exit code 2 soon after its start)
-    is not restarted. One that stops giving signs of life is killed and restarted.
+    one long-lived thread. A command that rejects its settings (exit code 2 soon after its start)
+    is not restarted. A child that stops giving signs of life is killed and restarted.
     """
 
     def __init__(
@@ -104,35 +143,54 @@ class Supervisor:
         Args:
             now_s: `time.monotonic` [s].
         """
-        ended = []
-        for child in self._children:
-            child.start_if_due(now_s)
-            child.kill_if_hung(now_s)
-            if (exit_ := child.exited(now_s)) is not None:
-                ended.append(exit_)
-        return ended
+        polled = [child.polled(now_s) for child in self._children]
+        return [ended for ended in polled if ended is not None]
 
     def pids(self) -> dict[str, int]:
         """Return the process ids of the running children by name."""
-        return {
-            child.spec.name: child.process.pid
-            for child in self._children
-            if child.process is not None
-        }
+        return {child.spec.name: child.process.pid for child in self._children if child.process}
 
-    def stop(self) -> None:
-        """End all children within 2 s: SIGTERM, then SIGKILL after 1.5 s."""
-        running = [child.process for child in self._children if child.process is not None]
+    def stop(self, within_s: float = _TERMINATE_WITHIN_S) -> None:
+        """End all children: SIGTERM, then SIGKILL after `within_s` [s]."""
+        running = [child.process for child in self._children if child.process]
         for process in running:
-            process.terminate()
-        deadline_s = time.monotonic() + _TERMINATE_WITHIN_S
-        for process in running:
-            try:
-                process.wait(max(0.0, deadline_s - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
+            process.send_signal(signal.SIGTERM)
+        deadline_s = time.monotonic() + within_s
+        while any(process.poll() is None for process in running):
+            if time.monotonic() >= deadline_s:
+                for process in running:
+                    process.send_signal(signal.SIGKILL)
+            time.sleep(_POLL_S / 5)
         for child in self._children:
             child.forget()
+
+
+class _Process(Protocol):
+    """A running child; after its end `poll` returns the exit code, -9 for SIGKILL."""
+
+    pid: int
+
+    def poll(self) -> int | None: ...
+
+    def send_signal(self, sig: int) -> None: ...
+
+
+class _Fork:
+    """A forked child."""
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self._code: int | None = None
+
+    def poll(self) -> int | None:
+        if self._code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self._code = os.waitstatus_to_exitcode(status) if pid else None
+        return self._code
+
+    def send_signal(self, sig: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, sig)  # not reaped yet, so the id is not reused
 
 
 class _Child:
@@ -140,67 +198,46 @@ class _Child:
 
     def __init__(self, spec: ChildSpec, hung_after_s: float) -> None:
         self.spec, self._hung_after_s = spec, hung_after_s
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: _Process | None = None
         self._backoff = Backoff()
         self._started_at_s = 0.0
         self._start_at_s: float | None = None
         self._listener: Listener | None = None
 
     def start(self) -> None:
-        with ExitStack() as stack:
-            log = None
-            if self.spec.log is not None:
-                log = stack.enter_context(self.spec.log.open("ab"))
-            self._start_at_s = None
-            self._started_at_s = time.monotonic()
-            self._listener = Listener(self._hung_after_s)
-            # Its own process group: Ctrl-C reaches only this process, which ends the others.
-            self.process = subprocess.Popen(
-                self.spec.command,
-                stdin=subprocess.DEVNULL,
-                # This process's standard output may be one JSON object.
-                stdout=log or _STANDARD_ERROR,
-                stderr=log or _STANDARD_ERROR,
-                env={
-                    **os.environ,
-                    PARENT_VARIABLE: str(os.getpid()),
-                    **self._listener.variables(),
-                },
-                process_group=0,
-            )
+        self._start_at_s, self._started_at_s = None, time.monotonic()
+        self._listener = Listener(self._hung_after_s)
+        if self.spec.fork is None:
+            self.process = _executed(self.spec, self._listener.variables())
+        else:
+            self.process = _forked(self.spec.name, self.spec.fork, self._listener.variables())
 
-    def start_if_due(self, now_s: float) -> None:
+    def polled(self, now_s: float) -> ChildExit | None:
+        """Start the process if it is due, kill it if it hangs, return its exit once."""
         if self._start_at_s is not None and now_s >= self._start_at_s:
             self.start()
-
-    def kill_if_hung(self, now_s: float) -> None:
-        if self.process is None or self._listener is None or not self._listener.is_hung(now_s):
-            return
-        _log.warning("%s hung for %g s: killed", self.spec.name, self._hung_after_s)
-        self._hear_no_more()
-        self.process.kill()
-
-    def exited(self, now_s: float) -> ChildExit | None:
-        """Return the exit once, and schedule the restart."""
-        if self.process is None or (code := self.process.poll()) is None:
+        if self.process is None:
             return None
-        self.process = None
-        self._hear_no_more()
+        if self._listener is not None and self._listener.is_hung(now_s):
+            _log.warning("%s hung for %g s: killed", self.spec.name, self._hung_after_s)
+            self._stop_listening()
+            self.process.send_signal(signal.SIGKILL)
+        if (code := self.process.poll()) is None:
+            return None
         lived_s = now_s - self._started_at_s
-        done = code == EXIT_OK and self.spec.restart == "on-failure"
-        refused = code == EXIT_ERROR and lived_s < _GIVEN_UP_BEFORE_S
-        wait_s = None if done or refused else self._backoff.after_death(lived_s)
+        is_young_command = self.spec.fork is None and lived_s < _GIVEN_UP_BEFORE_S
+        refused = code == EXIT_ERROR and is_young_command
+        wait_s = None if refused else self._backoff.after_death(lived_s)
+        self.forget()
         self._start_at_s = None if wait_s is None else now_s + wait_s
         return ChildExit(self.spec.name, code, wait_s, self._last_words())
 
     def forget(self) -> None:
-        """Reap the process and cancel its restart."""
-        if self.process is not None:
-            self.process.wait()
+        """Drop the ended process and cancel its restart."""
         self.process, self._start_at_s = None, None
-        self._hear_no_more()
+        self._stop_listening()
 
-    def _hear_no_more(self) -> None:
+    def _stop_listening(self) -> None:
         if self._listener is not None:
             self._listener.close()
         self._listener = None
@@ -212,3 +249,114 @@ class _Child:
             log.seek(max(0, self.spec.log.stat().st_size - _LAST_WORDS_BYTES))
             lines = log.read().decode(errors="replace").split("\n")
         return next((line.strip() for line in reversed(lines) if line.strip()), "")
+
+
+def _executed(spec: ChildSpec, variables: dict[str, str]) -> _Process:
+    with ExitStack() as stack:
+        log = stack.enter_context(spec.log.open("ab")) if spec.log is not None else None
+        # Its own process group: Ctrl-C reaches only this process, which ends the others.
+        return subprocess.Popen(
+            spec.command,
+            stdin=subprocess.DEVNULL,
+            # This process's standard output may be one JSON object.
+            stdout=log or _STANDARD_ERROR,
+            stderr=log or _STANDARD_ERROR,
+            env={**os.environ, PARENT_VARIABLE: str(os.getpid()), **variables},
+            process_group=0,
+        )
+
+
+def _forked(name: str, work: Callable[[StopFlag], None], variables: dict[str, str]) -> _Process:
+    """Fork; in the child, do the work and exit."""
+    parent_pid = os.getpid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Block signals until the child has installed its own handlers.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)
+    pid = os.fork()
+    if pid == 0:
+        _run_fork(name, work, variables, parent_pid)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+    return _Fork(pid)
+
+
+def _run_fork(
+    name: str, work: Callable[[StopFlag], None], variables: dict[str, str], parent_pid: int
+) -> NoReturn:
+    code = 1
+    try:
+        die_with_parent(parent_pid)
+        comm = Path("/proc/self/comm")
+        if comm.exists():  # the name that `ps` and `top` show; the kernel keeps 15 bytes
+            comm.write_text(name, "utf-8")
+        stop = stop_on_signals()
+        stop.on_look = sign_of_life(variables)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _SIGNALS)
+        configure_logging(name, logging.getLevelName(logging.getLogger().level))
+        code = outermost(name, lambda: work(stop))
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)  # the exit handlers and open files are the parent's
+
+
+def use_one_thread_for_arithmetic() -> None:
+    """Keep OpenBLAS and OpenMP from starting threads; call before the first import of numpy.
+
+    A fork copies only the calling thread: a lock held by another thread stays locked in the
+    child. Twelve workers on two cores need no further threads.
+    """
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"
+
+
+def run_forked(
+    count: int,
+    child_main: Callable[[int, StopFlag], None],
+    stop: StopFlag,
+    *,
+    name: str,
+    hung_after_s: float = FORK_HUNG_AFTER_S,
+) -> None:
+    """Keep `count` forked children alive until `stop` is set, then end them.
+
+    Args:
+        count: number of children.
+        child_main: the work of one child, given its index from 0 and its own stop flag. It opens
+            its own Zenoh session; the parent must never have opened one.
+        stop: stop flag of this process.
+        name: name of this process; children are called ``name-index`` in the log.
+        hung_after_s: a child that does not check its stop flag for this time is killed [s].
+
+    Raises:
+        RuntimeError: this process has threads, so a fork is not safe.
+    """
+    if stop.is_set():
+        return  # the exit timer is a thread, see `stop_on_signals`
+    _check_single_threaded()
+    gc.collect()
+    gc.freeze()  # else the collector writes to, and so copies, every shared page
+    children = [
+        ChildSpec(f"{name}-{index}", fork=partial(child_main, index)) for index in range(count)
+    ]
+    supervisor = Supervisor(children, hung_after_s=hung_after_s)
+    try:
+        supervisor.start()
+        while not stop.wait(_POLL_S):
+            for ended in supervisor.poll(time.monotonic()):
+                _log.warning(
+                    "%s ended with code %d; restarting in %.1f s",
+                    *(ended.name, ended.code, ended.restart_in_s),
+                )
+    finally:
+        supervisor.stop(_TERMINATE_FORKS_WITHIN_S)
+
+
+def _check_single_threaded() -> None:
+    tasks = Path("/proc/self/task")
+    threads = sum(1 for _ in tasks.iterdir()) if tasks.is_dir() else threading.active_count()
+    if threads > 1:
+        raise RuntimeError(
+            f"{threads} threads run at the fork: fork before opening a Zenoh session, "
+            "and call use_one_thread_for_arithmetic() before importing numpy"
+        )

@@ -88,7 +88,7 @@ def test_children_that_still_look_for_a_router_end_too(
 
 def test_a_fork_with_other_threads_running_is_refused(start_process: StartProcess) -> None:
     program = (
-        "import threading; from process_runtime.prefork import run_forked;"
+        "import threading; from process_runtime.supervisor import run_forked;"
         "from process_runtime.stop import StopFlag;"
         "threading.Thread(target=threading.Event().wait, daemon=True).start();"
         "run_forked(1, print, StopFlag(), name='x')"

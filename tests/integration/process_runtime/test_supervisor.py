@@ -5,7 +5,6 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Literal
 
 import psutil
 import pytest
@@ -87,17 +86,14 @@ def test_a_child_that_refuses_its_settings_stays_down_and_its_message_is_shown(
     assert supervisor.pids() == {}
 
 
-@pytest.mark.parametrize(("restart", "restart_in_s"), [("always", 0.1), ("on-failure", None)])
-def test_an_end_without_failure_is_final_only_where_failures_are_what_counts(
-    restart: Literal["always", "on-failure"],
-    restart_in_s: float | None,
+def test_a_child_that_ends_without_failure_is_started_again(
     supervisors: list[Supervisor],
 ) -> None:
-    supervisor = Supervisor([ChildSpec("quick", python(""), restart=restart)])
+    supervisor = Supervisor([ChildSpec("quick", python(""))])
     supervisors.append(supervisor)
     supervisor.start()
     ended = poll_until_exit(supervisor)
-    assert (ended.code, ended.restart_in_s) == (0, restart_in_s)
+    assert (ended.code, ended.restart_in_s) == (0, 0.1)
 
 
 def test_stop_ends_all_within_two_seconds_even_one_that_does_not_listen(

@@ -1,4 +1,4 @@
-from process_runtime.backoff import Backoff
+from process_runtime.supervisor import Backoff
 
 
 def test_each_wait_is_twice_the_one_before_up_to_the_longest() -> None:

@@ -108,7 +108,7 @@ def test_the_runtime_loads_nothing_heavy() -> None:
     # Every process imports all of this before its first word; numba alone takes half a second.
     program = (
         "import sys, process_runtime.main, zenoh_link.inbox, zenoh_link.session,"
-        "zenoh_link.router, process_runtime.supervisor, process_runtime.prefork;"
+        "zenoh_link.router, process_runtime.supervisor;"
         "print({'numba', 'scipy', 'numpy', 'PIL', 'yaml', 'typer', 'rich'} & set(sys.modules))"
     )
     ran = subprocess.run(

@@ -1,5 +1,5 @@
-from process_runtime.prefork import run_forked
 from process_runtime.stop import StopFlag
+from process_runtime.supervisor import run_forked
 
 
 def test_a_process_stopped_while_it_compiled_forks_nothing() -> None:

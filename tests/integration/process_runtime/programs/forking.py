@@ -4,8 +4,8 @@ import argparse
 import os
 
 from process_runtime.main import Invocation, process_main
-from process_runtime.prefork import run_forked, use_one_thread_for_arithmetic
 from process_runtime.stop import StopFlag
+from process_runtime.supervisor import run_forked, use_one_thread_for_arithmetic
 from zenoh_link.session import open_session
 
 
