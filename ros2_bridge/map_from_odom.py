@@ -9,7 +9,7 @@ import numpy as np
 from particle_filter.poses import compose, inverse
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
-from sensor_bridge.odometry_continuity import OdometryContinuity
+from sensor_bridge.stages import OdometryContinuity
 
 KEPT_SCANS = 2_000
 """Beliefs arrive one step after their scans, or some seconds late after a pause."""

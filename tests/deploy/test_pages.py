@@ -47,7 +47,7 @@ def causes() -> set[str]:
         found |= set(re.findall(r'\._warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'Warn\(\s*"([^"]+)"', source))
         found |= set(re.findall(r'return "(order [^"]+)"', source))
-    maker = (REPOSITORY / "sensor_bridge" / "step_maker.py").read_text()
+    maker = (REPOSITORY / "sensor_bridge" / "stages.py").read_text()
     for text in re.findall(r'^[A-Z_]+ = "(\w+)"', maker, re.MULTILINE):
         found.add(f"reading refused: {text.replace('_', ' ')}")
     return found

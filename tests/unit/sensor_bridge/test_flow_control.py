@@ -72,17 +72,10 @@ def test_a_belief_decides_all_earlier_steps_too() -> None:
     assert not flow.is_full(2)
 
 
-<<<<<<< HEAD
-def test_without_a_coordinator_steps_continue() -> None:
-    assert not waiting(9, believed_ns=None).is_full(1), "nobody ever has"
-    assert waiting(9).is_full(OUTAGE_NS - 1)
-    assert not waiting(9).is_full(OUTAGE_NS), "nobody does any more"
-=======
 def test_without_a_coordinator_steps_go_on() -> None:
     assert not undecided(9, believed_ns=None).is_full(1), "there was none yet"
     assert undecided(9).is_full(OUTAGE_NS - 1)
     assert not undecided(9).is_full(OUTAGE_NS), "there is none any more"
->>>>>>> e5e5500 (Give the bridge a node, and one object for its flow control)
 
 
 def test_scans_that_are_held_back_are_counted_and_leave_no_number_out() -> None:

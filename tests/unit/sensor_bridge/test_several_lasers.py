@@ -15,8 +15,8 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import MAX_LASERS
 from protocol.steps import LaserBeams, LaserReading, Reading, Scan
-from sensor_bridge.laser_inputs import beams_of
-from sensor_bridge.step_maker import RESTART_AFTER, StepMaker, steps_from
+from sensor_bridge.stages import RESTART_AFTER
+from sensor_bridge.step_maker import StepMaker, beams_of, steps_from
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 
 FRONT: PoseTuple = (0.3, 0.0, 0.0)

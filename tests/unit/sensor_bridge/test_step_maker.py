@@ -12,14 +12,8 @@ from protocol.arrays import ArrayBlob
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
-from sensor_bridge.motion_gate import MotionGate, Passage
-from sensor_bridge.step_maker import (
-    MAX_WAITING_SCANS,
-    RESTART_AFTER,
-    Reading,
-    StepMaker,
-    steps_from,
-)
+from sensor_bridge.stages import MAX_WAITING_SCANS, RESTART_AFTER
+from sensor_bridge.step_maker import MotionGate, Reading, StepMaker, steps_from
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
@@ -324,15 +318,15 @@ def test_a_jump_is_what_no_robot_can_drive(elapsed_s: float, pose: PoseTuple, ju
     assert maker.dropped["odometry_jumped"] == jumps
 
 
-# --- history ------------------------------------------------------------------------------------
+# --- a robot that stands -----------------------------------------------------------------------
 
 
 def test_a_robot_stands_that_has_moved_less_than_a_quarter_of_the_gate() -> None:
     gate = MotionGate(BridgeSettings(gate_distance_m=0.2, gate_turn_rad=0.2))
     assert not gate.has_hardly_moved((0.0, 0.0, 0.0))
-    assert gate.on_scan((1.0, 0.0, 0.0)) is Passage.MOVED
+    assert gate.on_scan((1.0, 0.0, 0.0))
     assert gate.has_hardly_moved((1.04, 0.0, 0.04))
     assert not gate.has_hardly_moved((1.06, 0.0, 0.0))
     assert not gate.has_hardly_moved((1.0, 0.0, -0.06))
-    gate.begin_anew()
-    assert gate.on_scan((1.0, 0.0, 0.0)) is Passage.MOVED
+    gate.reset()
+    assert gate.on_scan((1.0, 0.0, 0.0))
