@@ -19,7 +19,7 @@ from protocol.answers import Belief
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
-from recordings.run_recorder import RunRecorder
+from recordings.run_log import RunLog
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
@@ -44,7 +44,7 @@ def run_record(settings: Settings, path: Path) -> int:
     within_s = settings.zenoh.connect_timeout_s
     with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
         listener = Listener(session)
-        with RunRecorder.to(path) as recorder:
+        with RunLog.to(path) as recorder:
             listener.write(recorder, stop)
         return listener.steps
 
@@ -64,7 +64,7 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
         yield
         return
     stop, failed = StopFlag(), list[ClusterMclError]()
-    listener, recorder = Listener(session), RunRecorder.to(path)
+    listener, recorder = Listener(session), RunLog.to(path)
 
     def run() -> None:
         try:
@@ -100,7 +100,7 @@ class Listener:
         ):
             subscribe(session, key, self._inbox, kind)
 
-    def write(self, recorder: RunRecorder, stop: StopFlag) -> None:
+    def write(self, recorder: RunLog, stop: StopFlag) -> None:
         """Write messages until `stop` is set, then the rest of the inbox."""
         while True:
             event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
@@ -112,7 +112,7 @@ class Listener:
             elif stop.is_set():
                 return
 
-    def _write(self, recorder: RunRecorder, received: Received) -> None:
+    def _write(self, recorder: RunLog, received: Received) -> None:
         match received.key:
             case keys.SCAN:
                 self._on_scan(recorder, decode(received.payload, Scan))
@@ -121,7 +121,7 @@ class Listener:
             case keys.BELIEF:
                 recorder.on_belief(decode(received.payload, Belief))
 
-    def _on_scan(self, recorder: RunRecorder, scan: Scan) -> None:
+    def _on_scan(self, recorder: RunLog, scan: Scan) -> None:
         last = self._last
         if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
             return  # a repetition
@@ -143,7 +143,7 @@ class Listener:
             self._causes.warn(_log, "steps lost", error, time.monotonic())
             return ()
 
-    def _tell_map(self, recorder: RunRecorder, scan: Scan) -> None:
+    def _tell_map(self, recorder: RunLog, scan: Scan) -> None:
         try:
             message = ask(self._session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
             recorder.on_map(from_message(message), scan.stamp_ns)

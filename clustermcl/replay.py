@@ -8,13 +8,8 @@ from pathlib import Path
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
 from clustermcl.as_text import belief_line
-from coordinator.recorder.replay import (
-    Believed,
-    CoordinatorActs,
-    Happened,
-    Happening,
-    replayed,
-)
+from coordinator.recorder.records import Happened
+from coordinator.recorder.replay import Believed, CoordinatorActs, Happening, replayed
 from protocol.errors import printable
 from recordings.map_file import load_map
 
@@ -68,7 +63,7 @@ def print_replay(
         Whether every belief equals the recorded one.
 
     Raises:
-        FlightRecordingError: there is no recording, or it cannot be read.
+        RecordingError: there is no recording, or it cannot be read.
         MapFileError: the map cannot be read.
     """
     first = -math.inf if first_step is None else first_step

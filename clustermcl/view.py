@@ -1,28 +1,20 @@
 """`clustermcl view`: serve the page that shows the clusters, until Ctrl-C."""
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import assert_never
 
-from coordinator.recorder.replay import recorded_bridge, replayed
 from grid_maps.map_message import to_message
 from live_view.admission import parsed_address
 from live_view.process import serve_page
-from live_view.recorded_bag import bag_run
-from live_view.recorded_run import RecordedRun, flight_run, serve_recording
+from live_view.recorded_run import RecordedRun, serve_recording
 from live_view.serving import PageOptions
-from process_runtime.settings import BridgeSettings, Settings
-from process_runtime.sources import Live, Recorded, Simulated, parsed_source
+from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
-from protocol.errors import ClusterMclError, MapFileError, RecordingError
-from protocol.steps import MapMessage
-from recordings.bag_file import BagFile, is_bag
-from recordings.map_file import load_map, map_file_of
-from robot_simulator.source import simulated_world
+from protocol.errors import RecordingError
+from recordings.map_file import load_map
+from recordings.run_log import is_run_log
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +29,9 @@ class ViewOptions:
     robots: Sequence[str] = ()
     """Names of robots; empty: the one in the settings."""
     recording: Path | None = None
-    """A flight recorder's folder, or a file in it, or a bag; None: show a running system."""
+    """A run log, or a folder of them; None: show a running system."""
     map_file: Path | None = None
-    """Map of the recording; None: the one named by its settings."""
+    """Map of the recording; None: the one in it."""
 
 
 def run_view(settings: Settings, options: ViewOptions) -> None:
@@ -60,64 +52,13 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
     if options.recording is None:
         serve_page(settings, stop_on_signals(), page, say_link, robots=options.robots)
         return
-    with _opened_run(options.recording, options.map_file) as run:
-        serve_recording(run, stop_on_signals(), page, say_link)
-
-
-@contextmanager
-def _opened_run(path: Path, map_file: Path | None) -> Iterator[RecordedRun]:
-    """Open a bag or a flight recording."""
-    if is_bag(path):
-        with BagFile(path, RecordingError) as bag:
-            run = bag_run(bag, path)
-            yield RecordedRun(run, _map_of_bag(path, map_file), {"robot": path.stem})
-        return
-    folder = path.parent if path.is_file() else path
-    drawn = _map_of(folder, map_file)
-    happenings = replayed(folder, version("clustermcl"), drawn.digest if drawn else None)
-    yield RecordedRun(flight_run(happenings), drawn, {"robot": folder.resolve().name})
-
-
-def _map_of_bag(path: Path, named: Path | None) -> MapMessage | None:
-    """The named map, or the one in the bag; None: there is none."""
-    try:
-        return to_message(load_map(named or path), "recording")
-    except MapFileError as error:
-        if named:
-            raise
-        _say(f"no map is drawn, name it by --map: {error}")
-        return None
-
-
-def _map_of(folder: Path, named: Path | None) -> MapMessage | None:
-    """The map of a recording; None: its file no longer exists or has changed."""
-    if named is not None:
-        return to_message(load_map(named), "recording")
-    bridge = recorded_bridge(folder, version("clustermcl"))
-    try:
-        return map_of_bridge(bridge) if bridge else None
-    except ClusterMclError as error:
-        _say(f"no map is drawn, name it by --map: {error}")
-        return None
-
-
-def map_of_bridge(bridge: BridgeSettings) -> MapMessage:
-    """The map that a bridge with these settings serves.
-
-    Raises:
-        MapFileError: it is not there any more.
-        UnknownWorldError: so is the world of a simulated robot.
-    """
-    match parsed_source(bridge.source):
-        case Simulated() as robot:
-            grid_map = load_map(bridge.map) if bridge.map else simulated_world(robot).map
-        case Recorded(path):
-            grid_map = load_map(map_file_of(bridge.map, path))
-        case Live():
-            grid_map = load_map(bridge.map)
-        case choice:
-            assert_never(choice)
-    return to_message(grid_map, "recording")
+    path = options.recording
+    if not is_run_log(path):
+        problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
+        remedy = f"localize in it by: clustermcl demo --view --recording {path}"
+        raise RecordingError(path, f"{problem}; {remedy}")
+    named = to_message(load_map(options.map_file), "recording") if options.map_file else None
+    serve_recording(RecordedRun(path, named), stop_on_signals(), page, say_link)
 
 
 def say_link(link: str) -> None:

@@ -231,7 +231,9 @@ class CoordinatorLoop:
 
         def read() -> None:
             try:
-                self._inbox.put_own(FreeGround.of(from_message(decode(payload, MapMessage))))
+                grid_map = from_message(decode(payload, MapMessage))
+                self._recorder.on_map(grid_map)
+                self._inbox.put_own(FreeGround.of(grid_map))
             except MalformedMessageError as error:
                 self._inbox.put_own(error)
 

@@ -1,10 +1,12 @@
-"""A finished run on the page: told to it while browsers look, without any system."""
+"""A finished run on the page, read from its log while browsers look."""
 
+import logging
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any
 
-from coordinator.recorder.replay import Believed, CoordinatorActs, Happened, Happening
+from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
@@ -14,7 +16,19 @@ from live_view.step_archive import StepArchive
 from process_runtime.stop import StopFlag
 from protocol.answers import Belief, PoseAnswer
 from protocol.job_events import JobEvents
-from protocol.steps import MapMessage
+from protocol.steps import MapMessage, Scan
+from recordings.foxglove import LaserScan
+from recordings.run_log import (
+    BELIEF,
+    GRID,
+    JOB_EVENTS,
+    SCAN,
+    LogFile,
+    LogMessage,
+    decoded,
+    log_files,
+    map_in,
+)
 from zenoh_link.inbox import Inbox
 
 KEPT_STEPS = 100_000
@@ -22,48 +36,40 @@ KEPT_BYTES = 200_000_000
 _AT_A_TIME_S = 0.05
 _POLL_S = 0.1
 
-
-Telling: TypeAlias = Callable[[Picture], Iterator[None]]
-"""Tells a picture what happened, a little each time it is asked for more.
-
-Raises an `InputFileError` where the recording cannot be read.
-"""
+_log = logging.getLogger(__name__)
 
 
 class RecordedRun:
-    """Tells the picture what happened, a little at a time, and answers browsers in between.
+    """Reads a run piece by piece into the picture, and answers browsers in between.
 
     Args:
-        telling: what happened: `flight_run`, or `live_view.recorded_bag.bag_run`.
-        grid_map: what it happened in; None: not known, so none is drawn.
-        about: what pages are told once.
+        path: a file, or the folder of a flight recorder.
+        grid_map: the map to draw; None: the one in the log.
     """
 
-    def __init__(
-        self,
-        telling: Telling,
-        grid_map: MapMessage | None,
-        about: dict[str, Any],
-    ) -> None:
+    def __init__(self, path: Path, grid_map: MapMessage | None) -> None:
         self._inbox: Inbox[FromBrowser] = Inbox({})
         self.room = Room("recording", self._inbox.put)
-        about = {"router": "", "commands": False, **about, "kept_steps": KEPT_STEPS}
+        about: dict[str, Any] = {
+            "router": "", "commands": False, "robot": path.resolve().stem,
+            "kept_steps": KEPT_STEPS,
+        }  # fmt: skip
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
         self.picture.on_link("replaying")
+        self._is_map_given, self._map_digest = grid_map is not None, ""
         if grid_map is not None:
-            shown = reduced(grid_map)
-            self.room.set_map(shown.digest, shown.zlib_cells)
-            self.picture.on_map(shown)
-        self._telling = telling(self.picture)
+            self._show_map(grid_map)
+        self._lasers: list[LaserScan] = []
+        self._pieces = self._read(log_files(path))
 
     def run(self, stop: StopFlag) -> None:
-        """Tell all of it, and show it until told to stop.
+        """Read all of it, and show it until `stop` is set.
 
         Raises:
-            InputFileError: the recording cannot be read.
+            RecordingError: the recording cannot be read.
         """
         while not stop.is_set():
-            goes_on = self.replay_for(_AT_A_TIME_S)
+            goes_on = self.read_for(_AT_A_TIME_S)
             event = self._inbox.get(0.0 if goes_on else _POLL_S)
             while event is not None:
                 if not isinstance(event, Commanded):
@@ -72,38 +78,49 @@ class RecordedRun:
             if changes := self.picture.changes():
                 self.room.publish(changes)
 
-    def replay_for(self, seconds: float) -> bool:
-        """Go on for so long; False: that was all."""
+    def read_for(self, seconds: float) -> bool:
+        """Continue for a time; False: that was all."""
         until_s = time.monotonic() + seconds
-        for _ in self._telling:
+        for _ in self._pieces:
             if time.monotonic() >= until_s:
                 return True
         self.picture.on_link("finished")
         return False
 
+    def _read(self, files: list[Path]) -> Iterator[None]:
+        for path in files:
+            log = LogFile(path)
+            for message in log.messages():
+                self._on_message(message, path)
+                yield
+            if log.cut:
+                _log.warning("%s is cut off or damaged: %s", path, log.cut)
 
-def flight_run(happenings: Iterator[tuple[int, Happening]]) -> Telling:
-    """What a flight recording tells the page, which is computed again.
+    def _on_message(self, message: LogMessage, path: Path) -> None:
+        if message.topic == BELIEF:
+            self._on_belief(decoded(message, Belief, path))
+        elif message.topic == JOB_EVENTS:
+            self.picture.on_events(decoded(message, JobEvents, path))
+        elif message.topic.startswith(SCAN):
+            self._lasers.append(decoded(message, LaserScan, path))
+        elif message.topic == GRID and not self._is_map_given:
+            grid_map = map_in(message, path)
+            if grid_map.digest != self._map_digest:
+                self._map_digest = grid_map.digest
+                self._show_map(to_message(grid_map, "recording"))
 
-    Args:
-        happenings: as `coordinator.recorder.replay.replayed` gives them.
-    """
+    def _on_belief(self, belief: Belief) -> None:
+        lasers = [laser for laser in self._lasers if laser.step == belief.step]
+        self._lasers = [laser for laser in self._lasers if laser.step > belief.step]
+        if lasers:
+            self.picture.on_scan(_scan(belief, lasers))
+        self.picture.on_belief(belief)
+        self.picture.on_pose(best_pose(belief))
 
-    def tell(picture: Picture) -> Iterator[None]:
-        acting = 0
-        for _, happening in happenings:
-            match happening:
-                case CoordinatorActs(term=term):
-                    acting = term
-                case Believed(belief, _):
-                    picture.on_belief(belief)
-                    picture.on_pose(best_pose(belief))
-                case Happened(numbered=numbered) if numbered is not None:
-                    events = JobEvents(sender="recording", events=(numbered,), term=acting)
-                    picture.on_events(events)
-            yield
-
-    return tell
+    def _show_map(self, grid_map: MapMessage) -> None:
+        shown = reduced(grid_map)
+        self.room.set_map(shown.digest, shown.zlib_cells)
+        self.picture.on_map(shown)
 
 
 def serve_recording(
@@ -113,14 +130,31 @@ def serve_recording(
 
     Raises:
         SettingsError: the address or a certificate cannot be used.
-        InputFileError: the recording cannot be read.
+        RecordingError: the recording cannot be read.
     """
     with opened_page(options, [run.room], say):
         run.run(stop)
 
 
+def _scan(belief: Belief, lasers: list[LaserScan]) -> Scan:
+    first, *others = [laser.beams() for laser in lasers]
+    return Scan(
+        sender=belief.sender,
+        step=belief.step,
+        stamp_ns=belief.stamp_ns,
+        odom_from_robot=belief.odom_from_robot,
+        robot_from_laser=first.robot_from_laser,
+        angle_min_rad=first.angle_min_rad,
+        angle_step_rad=first.angle_step_rad,
+        range_max_m=first.range_max_m,
+        ranges=first.ranges,
+        map_digest=lasers[0].map_digest,
+        others=tuple(others),
+    )
+
+
 def best_pose(belief: Belief) -> PoseAnswer:
-    """The most probable place, as the coordinator said it right after the step."""
+    """The most probable place, as the coordinator answered it right after the step."""
     best = belief.hypotheses[0] if belief.hypotheses else None
     return PoseAnswer(
         sender=belief.sender,

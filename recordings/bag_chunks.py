@@ -1,13 +1,21 @@
-"""Chunks of ROS bags, unpacked with a bound: 92 kB of zstd can stand for gigabytes."""
+"""Chunks of bags and run logs, unpacked with a bound: 92 kB of zstd can stand for gigabytes."""
 
 import bz2
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import cache, partial
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, BinaryIO
+
+import zstandard
+from lz4.frame import LZ4FrameDecompressor
+from mcap.exceptions import EndOfFile
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 
 MOST_BYTES = 2**26
 """Of one chunk, or one packed message, once unpacked. Recorders write chunks of a few megabytes."""
@@ -30,9 +38,6 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
     Raises:
         ValueError: it is more, or packed in another way.
     """
-    from backports import zstd  # noqa: PLC0415 - comes with rosbags
-    from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - see above
-
     most = min(most, MOST_BYTES)
     match compression:
         case "" | "none":
@@ -42,7 +47,7 @@ def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
         case "lz4":
             content = LZ4FrameDecompressor().decompress(packed, most + 1)
         case "zstd":
-            content = zstd.ZstdDecompressor().decompress(packed, most + 1)
+            content = zstandard.ZstdDecompressor().stream_reader(packed).read(most + 1)
         case other:
             raise ValueError(f"chunks are packed by {other!r:.20}")
     if len(content) > most:
@@ -99,43 +104,48 @@ def check_overlaps(chunks: Iterable[Any]) -> None:
             raise ValueError(f"chunks of {held} bytes, unpacked, hold messages of one moment")
 
 
+def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
+    """The records of an MCAP file, those in its chunks too; one chunk is held at a time.
+
+    Raises:
+        Exception: of many kinds: from here on the file is cut off or damaged.
+    """
+    reader = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            yield from _chunk_records(record)
+        else:
+            yield record
+
+
+def _chunk_records(chunk: Chunk) -> Iterator[McapRecord]:
+    content = unpacked(chunk.compression, chunk.data)
+    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+        raise ValueError("the checksum of a chunk is wrong")
+    with suppress(EndOfFile):
+        yield from StreamReader(BytesIO(content), skip_magic=True, emit_chunks=True).records
+
+
 def recover_mcap(damaged: Path, recovered: Path) -> None:
     """Write the whole chunks before the first damaged one into a new file, with an index.
 
     A recorder writes the index last: a file that is cut off has none, and `rosbags` needs one.
-
-    Raises:
-        Exception: of many kinds: its beginning is not that of an MCAP file.
     """
-    from mcap.records import Chunk  # noqa: PLC0415 - an extra
-    from mcap.stream_reader import StreamReader, breakup_chunk  # noqa: PLC0415 - see above
-    from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - see above
-
     with damaged.open("rb") as source, recovered.open("wb") as target:
         writer = Writer(target, compression=CompressionType.NONE)
         writer.start(profile="ros2")
-        reader = StreamReader(source, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
+        schemas: dict[int, int] = {0: 0}
+        channels: dict[int, int] = {}
         with suppress(Exception):  # of many kinds: from here on it is damaged
-            schemas: dict[int, int] = {0: 0}
-            channels: dict[int, int] = {}
-            for record in reader.records:
-                if isinstance(record, Chunk):
-                    content = unpacked(record.compression, record.data)
-                    whole = replace(record, compression="", data=content)
-                    inner = breakup_chunk(whole, validate_crc=True)
-                else:
-                    inner = [record]
-                for one in inner:
-                    _copy_record(one, writer, schemas, channels)
+            for record in mcap_records(source):
+                _copy_record(record, writer, schemas, channels)
                 check_unpacked(target.tell())
         writer.finish()  # type: ignore[no-untyped-call] # the library's
 
 
 def _copy_record(
-    record: Any, writer: Any, schemas: dict[int, int], channels: dict[int, int]
+    record: McapRecord, writer: Writer, schemas: dict[int, int], channels: dict[int, int]
 ) -> None:
-    from mcap.records import Channel, Message, Schema  # noqa: PLC0415 - an extra
-
     match record:
         case Schema() if record.id not in schemas:
             made = writer.register_schema(record.name, record.encoding, record.data)

@@ -1,4 +1,4 @@
-"""From a file to a map: ROS map_server YAML or wean.dat, perhaps packed, or a ROS bag's map."""
+"""From a file to a map: ROS map_server YAML, wean.dat, a run log, or a ROS bag."""
 
 from collections import deque
 from pathlib import Path
@@ -10,8 +10,9 @@ from grid_maps.occupancy_grid import grid_map_of
 from grid_maps.wean_map import is_wean_map, parse_wean_map
 from particle_filter.arrays import OCCUPIED
 from process_runtime.compressed import read_decompressed
-from protocol.errors import MapFileError
+from protocol.errors import MapFileError, RecordingError
 from recordings.bag_file import OCCUPANCY_GRID, BagFile, is_bag
+from recordings.run_log import is_run_log, last_map
 
 _MAP = "map"
 _TOPIC_MARK = "#"
@@ -21,13 +22,18 @@ def load_map(path: Path | str) -> GridMap:
     """Read a map. The format shows in the content; gzip and xz are unpacked on the way.
 
     Args:
-        path: a map_server YAML file (its image is looked for beside it), a wean.dat file, or a ROS
-            bag that holds its map; ``BAG#TOPIC`` names one of several.
+        path: a map_server YAML file (its image is looked for beside it), a wean.dat file, a run
+            log, or a ROS bag that holds its map; ``BAG#TOPIC`` names one of several.
 
     Raises:
         MapFileError: with file, line where there is one, cause and remedy.
     """
     path, topic = _split_topic(Path(path))
+    if is_run_log(path):
+        try:
+            return last_map(path)
+        except RecordingError as error:
+            raise MapFileError(path, error.problem) from error
     if is_bag(path):
         return _load_bag_map(path, topic)
     content = read_decompressed(path, MapFileError)

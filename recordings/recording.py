@@ -23,6 +23,7 @@ from recordings.log_file import (
 )
 from recordings.no_return import range_limit_m
 from recordings.recording_time import merged, plausible
+from recordings.run_log import is_run_log, playback
 from recordings.wean_log import WeanParser, is_wean_line
 
 SENDER = "recording"
@@ -61,7 +62,7 @@ class OwnReading(Protocol):
 
 
 def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
-    """Read a ROS bag, a Wean Hall or CARMEN log, or what an installed reader can read.
+    """Read a run log, a ROS bag, a Wean Hall or CARMEN log, or what an installed reader can read.
 
     The format shows in the content.
 
@@ -84,7 +85,9 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
                 return _own_recording(path, own, mount)
         except (OSError, ValueError) as error:
             raise RecordingError(path, f"reader {name!r}: {error}") from error
-    if is_bag(path):
+    if is_run_log(path):
+        entries, skipped = playback(path)
+    elif is_bag(path):
         # Imported here: bags need scipy for turns, and a live robot's bridge is to start fast.
         from recordings.ros_bag import bag_entries  # noqa: PLC0415
 

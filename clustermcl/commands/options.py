@@ -55,7 +55,7 @@ Listen = Annotated[
 ]
 RecordFile = Annotated[
     Path | None,
-    typer.Option("--record", metavar="FILE.mcap", help="Record the run as a rosbag2."),
+    typer.Option("--record", metavar="FILE.mcap", help="Record the run (MCAP)."),
 ]
 AllowCommands = Annotated[
     bool, typer.Option("--allow-commands", help="Allow commands from other machines too.")

@@ -179,7 +179,7 @@ def check(
 def record(
     settings: Settings,
     file: Annotated[
-        Path, typer.Argument(metavar="FILE.mcap", help="A rosbag2; an existing file is replaced.")
+        Path, typer.Argument(metavar="FILE.mcap", help="An existing file is replaced.")
     ],
 ) -> None:
     """Record map, scans, odometry and beliefs, until Ctrl-C."""

@@ -1,4 +1,4 @@
-"""Writes down what the coordinator is told, in a thread of its own: a slow disk delays no step."""
+"""Records a coordinator's events in a thread of its own: a slow disk delays no step."""
 
 import logging
 import platform
@@ -6,44 +6,54 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 import numpy as np
 
 from coordinator.coordinator import Coordinator
-from coordinator.events import Event
-from coordinator.instructions import Instruction, PublishBelief
+from coordinator.events import Event, HistoryArrived, ScanArrived
+from coordinator.instructions import Instruction, PublishBelief, PublishEvents
 from coordinator.recorder.records import (
-    BeliefsSaid,
     EventTold,
+    Happened,
     Head,
-    Record,
     Started,
+    happened,
+    happened_to,
     without_bulk,
 )
-from coordinator.recorder.ring import Ring
+from coordinator.recorder.ring import EVENT, LINES, Ring
 from coordinator.recorder.snapshot import freeze
+from grid_maps.grid_map import GridMap
+from process_runtime.output_files import OutputError
+from recordings.foxglove import Grid, Log
+from recordings.run_log import GRID, JOB_EVENTS, RunLog
 
-FLUSH_S = 0.05
-"""So much may be missing at the end after a kill -9."""
+FLUSH_S = 0.5
+"""A kill -9 loses at most this much."""
 MAX_QUEUED = 2_048
-"""Records that wait for a slow disk: half a minute at ten steps a second and ten clusters."""
+"""Entries that wait for a slow disk: half a minute at ten steps a second and ten clusters."""
 RETRY_S = 10.0
-"""A disk that could not be written is tried again after so long."""
+"""A disk that could not be written is tried again after this time."""
+MAX_MAP_CELLS = 4_000_000
+"""A larger map is recorded coarser: each file of the ring begins with it."""
 LOST = "event not recorded"
+
+_Entry: TypeAlias = Head | EventTold | Grid | list[PublishBelief | PublishEvents]
 
 _log = logging.getLogger(__name__)
 
 
 class FlightRecorder:
-    """Stands before a coordinator's door: hands events on, and writes them down.
+    """Records events on their way to a coordinator, and the beliefs that follow.
 
-    What cannot be written is counted. After a gap a new file begins, from what the coordinator
-    knows then.
+    Events that cannot be written are counted. After a gap a new file begins, with the state of
+    the coordinator at that moment.
 
     Args:
-        coordinator: whose events; nobody else may tell it any.
+        coordinator: which receives events from here only.
         started: what it was made with.
         ring: where to; None: nowhere.
     """
@@ -51,33 +61,38 @@ class FlightRecorder:
     def __init__(self, coordinator: Coordinator, started: Started, ring: Ring | None) -> None:
         self._coordinator, self._ring = coordinator, ring
         self._started = without_bulk(started)
-        self._queue: deque[Record | Head] = deque()
+        self._queue: deque[_Entry] = deque()
         self._events = self._dropped = 0
-        self._recording, self._begin_file = (
-            False,
-            ring is not None,
-        )  # the thread asks for a file too
+        # The thread asks for a file too.
+        self._recording, self._begin_file = False, ring is not None
         self._closed = threading.Event()
         # Of the thread:
-        self._unwritten, self._retry_s = 0, 0.0
+        self._unflushed, self._unwritten, self._retry_s = 0, 0, 0.0
         self._asked, self._failed = True, False
+        self._wall_from_now_ns, self._at_ns = 0, 0
+        self._map: Grid | None = None
 
     @property
     def lost(self) -> dict[str, int]:
-        """How many events were not written down, by cause; empty for none."""
+        """How many events were not recorded, by cause; empty for none."""
         count = self._dropped + self._unwritten
         return {LOST: count} if count else {}
 
     def handle(self, event: Event, now_ns: int) -> list[Instruction]:
-        """Tell the coordinator; as `Coordinator.handle`."""
+        """Pass an event to the coordinator; as `Coordinator.handle`."""
         if self._ring is None:
             return self._coordinator.handle(event, now_ns)
-        self._write_down(event, now_ns)
+        self._enqueue(event, now_ns)
         instructions = self._coordinator.handle(event, now_ns)
-        beliefs = tuple(do.belief for do in instructions if isinstance(do, PublishBelief))
-        if beliefs and self._recording:
-            self._queue.append(BeliefsSaid(beliefs))
+        told = [do for do in instructions if isinstance(do, (PublishBelief, PublishEvents))]
+        if told and self._recording:
+            self._queue.append(told)
         return instructions
+
+    def on_map(self, grid_map: GridMap) -> None:
+        """Record the map, which each file begins with; from any thread."""
+        if self._ring is not None:
+            self._queue.append(Grid.of(grid_map, time.time_ns(), MAX_MAP_CELLS))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -95,7 +110,7 @@ class FlightRecorder:
 
     # --- in the thread of the loop
 
-    def _write_down(self, event: Event, now_ns: int) -> None:
+    def _enqueue(self, event: Event, now_ns: int) -> None:
         if self._begin_file and len(self._queue) < MAX_QUEUED // 2:
             self._recording, self._begin_file = True, False
             self._queue.append(self._head(now_ns))
@@ -130,32 +145,78 @@ class FlightRecorder:
 
     def flush(self) -> None:
         """Write what waits, and ask for a new file where it is time; the thread calls it."""
-        ring, records = self._ring, list[Record]()
+        ring = self._ring
         assert ring is not None  # else there is no thread
-        for record in [self._queue.popleft() for _ in range(len(self._queue))]:
-            if isinstance(record, Head):
-                self._write(ring, None, records)
-                self._write(ring, record, [])
-                records = []
-            else:
-                records.append(record)
-        self._write(ring, None, records)
-        due = ring.is_full if ring.is_open else time.monotonic() >= self._retry_s
+        for entry in [self._queue.popleft() for _ in range(len(self._queue))]:
+            if isinstance(entry, Head):
+                self._guarded(self._flush, ring)
+            self._unflushed += isinstance(entry, EventTold)
+            self._guarded(self._write, ring, entry)
+        self._guarded(self._flush, ring)
+        due = ring.is_full if ring.log else time.monotonic() >= self._retry_s
         if due and not self._asked:
             self._asked = self._begin_file = True
 
-    def _write(self, ring: Ring, head: Head | None, records: list[Record]) -> None:
+    def _guarded(self, write: Callable[..., None], ring: Ring, *entry: _Entry) -> None:
         try:
-            if head is not None:
-                self._asked = False
-                ring.begin(head)
-                self._failed = False
-            elif records and ring.is_open:
-                ring.write([without_bulk(record) for record in records])
-                return
-        except OSError as error:
+            write(ring, *entry)
+        except (OSError, OutputError) as error:
+            ring.abandon()
             if not self._failed:
                 _log.warning("the flight recorder cannot write, and will try again: %s", error)
             wait_s = 0.0 if isinstance(error, FileNotFoundError) else RETRY_S  # it was removed
             self._failed, self._retry_s = True, time.monotonic() + wait_s
-        self._unwritten += sum(isinstance(record, EventTold) for record in records)
+
+    def _flush(self, ring: Ring) -> None:
+        """Flush; events that do not reach an open file are lost."""
+        unflushed, self._unflushed = self._unflushed, 0
+        self._unwritten += unflushed
+        ring.flush()
+        if ring.log is not None:
+            self._unwritten -= unflushed
+
+    def _write(self, ring: Ring, entry: _Entry) -> None:
+        match entry:
+            case Head():
+                self._begin(ring, entry)
+            case Grid():
+                self._map = entry
+                if ring.log is not None:
+                    ring.log.write(GRID, entry, self._at_ns)
+            case EventTold() if ring.log is not None:
+                self._at_ns = self._wall_from_now_ns + entry.now_ns
+                self._write_event(ring.log, entry)
+            case list() if ring.log is not None:
+                self._write_decisions(ring.log, entry)
+
+    def _begin(self, ring: Ring, head: Head) -> None:
+        self._asked = False
+        log = ring.begin(head)
+        self._failed = False
+        self._wall_from_now_ns, self._at_ns = head.wall_ns - head.now_ns, head.wall_ns
+        if self._map is not None:
+            log.write(GRID, self._map, self._at_ns)
+
+    def _write_event(self, log: RunLog, told: EventTold) -> None:
+        log.write(EVENT, without_bulk(told), self._at_ns, packed=True)
+        match told.event:
+            case ScanArrived(scan):
+                log.on_scan(scan, self._at_ns)
+            case HistoryArrived(scans):
+                for scan in scans:
+                    log.on_scan(scan, self._at_ns)
+        self._write_lines(log, happened(told.event))
+
+    def _write_decisions(self, log: RunLog, decisions: list[PublishBelief | PublishEvents]) -> None:
+        for decision in decisions:
+            match decision:
+                case PublishBelief(belief):
+                    log.on_belief(belief, self._at_ns)
+                case PublishEvents(events):
+                    log.write(JOB_EVENTS, events, self._at_ns)
+        self._write_lines(log, happened_to(decisions))
+
+    def _write_lines(self, log: RunLog, lines: Iterable[Happened]) -> None:
+        for line in lines:
+            text = f"{line.kind}: {line.about}"
+            log.write(LINES, Log.of(text, self._at_ns), self._at_ns)

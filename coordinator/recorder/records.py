@@ -5,9 +5,10 @@ and leaves beams alone. Both are left out, which makes a step a hundred times sm
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeAlias, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -15,13 +16,23 @@ from msgspec.structs import replace
 
 from coordinator.checkpoint import from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
-from coordinator.events import Event
+from coordinator.events import (
+    CommandArrived,
+    Event,
+    LinkBack,
+    LinkLost,
+    OrderAnswered,
+    WorkerJoined,
+    WorkerLeft,
+    WorkerReturned,
+)
+from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
 from coordinator.membership.jobs import JobState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
+from protocol.job_events import Began, event_text
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Particles, TrackJob
@@ -51,11 +62,11 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
         return Coordinator(**{name: getattr(self, name) for name in self.__struct_fields__})
 
 
-class Head(msgspec.Struct, frozen=True, kw_only=True, tag_field="record", tag="head"):
-    """The first record of each file: from here a coordinator can be made that carries on."""
+class Head(msgspec.Struct, frozen=True, kw_only=True):
+    """The first message of each file: a coordinator that continues from here can be built."""
 
     version: str
-    """Of the software; only the same one is sure to decide the same."""
+    """Of the software; another version may decide otherwise."""
     made_with: str
     """Python, numpy and processor."""
     now_ns: int
@@ -63,27 +74,59 @@ class Head(msgspec.Struct, frozen=True, kw_only=True, tag_field="record", tag="h
     wall_ns: int
     """At the same moment by the wall clock."""
     first_event: int
-    """So many events this coordinator was told before, recorded or not."""
+    """Number of events that this coordinator processed before, recorded or not."""
     started: Started
     snapshot: bytes
-    """What the coordinator knew after them, see `snapshot`; empty before the first event."""
+    """The coordinator's state, see `snapshot`; empty before the first event."""
 
 
-class EventTold(msgspec.Struct, frozen=True, tag_field="record", tag="told", array_like=True):
-    """What the coordinator was told; written down before it has taken it in."""
+class EventTold(msgspec.Struct, frozen=True, array_like=True):
+    """An event, written before the coordinator processes it."""
 
     now_ns: int
     event: Event
 
 
-class BeliefsSaid(msgspec.Struct, frozen=True, tag_field="record", tag="said", array_like=True):
-    """What it then had published."""
+@dataclass(frozen=True)
+class Happened:
+    """An event in words, other than a step."""
 
-    beliefs: tuple[Belief, ...]
+    kind: str
+    about: str
 
 
-Record: TypeAlias = EventTold | BeliefsSaid
-"""What follows the head of a file."""
+def happened(event: Event) -> Iterator[Happened]:
+    """An event in words, for those that a person wants to read."""
+    match event:
+        case WorkerJoined(worker):
+            yield Happened("worker joined", worker)
+        case WorkerLeft(worker):
+            yield Happened("worker left", worker)
+        case WorkerReturned(worker):
+            yield Happened("worker is back", worker)
+        case LinkLost():
+            yield Happened("link lost", "to the router")
+        case LinkBack():
+            yield Happened("link is back", "to the router")
+        case OrderAnswered(worker, answer) if answer.problem:
+            yield Happened("order refused", f"by {worker}: {answer.problem}")
+        case CommandArrived(command):
+            yield Happened("command", repr(command))
+
+
+def happened_to(instructions: Iterable[Instruction]) -> Iterator[Happened]:
+    """What the coordinator decided, in words."""
+    for instruction in instructions:
+        match instruction:
+            case FetchScans(first, last):
+                until = "the newest" if last is None else last
+                yield Happened("scans asked for", f"{first} to {until}")
+            case AnswerCommand(done) if done.problem:
+                yield Happened("command refused", done.problem)
+            case PublishEvents(told):
+                for one in told.events:
+                    what = "began" if isinstance(one.event, Began) else "ended"
+                    yield Happened(what, event_text(one.event))
 
 
 T = TypeVar("T")

@@ -1,65 +1,31 @@
-"""A recording told to the real coordinator once more: what happened, and whether it is the same."""
+"""Replays a flight recording with the real coordinator, and compares the beliefs."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import chain, pairwise
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
+
+import msgspec
 
 from coordinator.coordinator import Coordinator
-from coordinator.events import (
-    CommandArrived,
-    Event,
-    LinkBack,
-    LinkLost,
-    OrderAnswered,
-    ScanArrived,
-    WorkerJoined,
-    WorkerLeft,
-    WorkerReturned,
-)
-from coordinator.instructions import (
-    AnswerCommand,
-    FetchScans,
-    Instruction,
-    PublishBelief,
-    PublishCheckpoint,
-    PublishEvents,
-)
-from coordinator.recorder.blocks import BlockReader, UnreadableError
-from coordinator.recorder.records import BeliefsSaid, EventTold, Head, Record
-from coordinator.recorder.ring import files_in, series_of
+from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
+from coordinator.recorder.records import EventTold, Happened, Head, happened, happened_to
+from coordinator.recorder.ring import EVENT, HEAD, files_in, series_of
 from coordinator.recorder.snapshot import thaw
-from process_runtime.settings import BridgeSettings
 from protocol.answers import Belief
 from protocol.codec import encode
-from protocol.errors import InputFileError
-from protocol.job_events import Began, NumberedEvent, event_text
-
-
-class FlightRecordingError(InputFileError):
-    """A flight recording is missing, broken, of another version, or of another map."""
-
-
-@dataclass(frozen=True)
-class Happened:
-    """Something other than a step."""
-
-    kind: str
-    about: str
-    numbered: NumberedEvent | None = None
-    """As it was published, where it is a job that began or ended."""
+from protocol.errors import RecordingError
+from recordings.run_log import BELIEF, LogFile, LogMessage, decoded
 
 
 @dataclass(frozen=True)
 class CoordinatorActs:
-    """A coordinator has begun to act."""
+    """A coordinator begins to act."""
 
     sender: str
     term: int
     after_step: int | None
-    """The last step of the one it took over from; None: it began anew."""
+    """The last step of its predecessor; None: it begins empty."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +34,7 @@ class Believed:
 
     belief: Belief
     same: bool | None
-    """Whether the recorded belief is this one, bit for bit; None: the recording ends before it."""
+    """Whether it equals the recorded belief bit for bit; None: the recording ends before it."""
 
 
 Happening: TypeAlias = Happened | CoordinatorActs | Believed
@@ -77,27 +43,27 @@ Happening: TypeAlias = Happened | CoordinatorActs | Believed
 def replayed(
     folder: Path, version: str, map_digest: str | None = None
 ) -> Iterator[tuple[int, Happening]]:
-    """All that happened, coordinator by coordinator in the order of their terms.
+    """Replay a folder, coordinator by coordinator in the order of their terms.
 
     Args:
         folder: of the recording.
         version: of this software.
-        map_digest: of the map that all of it must have happened in; None: any.
+        map_digest: of the map of the whole run; None: any.
 
     Returns:
-        When by the wall clock [ns], and what.
+        Wall clock [ns], and what happened.
 
     Raises:
-        FlightRecordingError: there is no recording, or one that cannot be read.
+        RecordingError: there is no recording, or one that cannot be read.
     """
-    series = _by_term(folder, version)
-    if all(_head_of(path, version) is None for files in series for path in files):
-        raise FlightRecordingError(folder, "all that is in it is cut off within its beginning")
+    series = _by_term(folder)
+    if not any(_head_of(path, version) for files in series for path in files):
+        raise RecordingError(folder, "all files in it are cut off within their beginning")
     for files in series:
-        yield from SeriesReplay(files, version, map_digest).run()
+        yield from _SeriesReplay(files, version, map_digest).run()
 
 
-class SeriesReplay:
+class _SeriesReplay:
     """Replays the files of one coordinator.
 
     Args:
@@ -119,15 +85,20 @@ class SeriesReplay:
 
     def _run(self) -> Iterator[Happening]:
         for path in self._files:
-            with opened(path, self._version) as reader:
-                if reader.head is not None:
-                    yield from self._begin_file(path, reader.head)
-                    yield from self._tell(path, reader.head, reader.records())
-                if reader.cut_bytes or reader.head is None:
-                    yield Happened("cut off", f"{path.name}, {reader.cut_bytes} bytes")
+            log = LogFile(path)
+            for entry in _entries(log, self._version):
+                match entry:
+                    case Head():
+                        head = entry
+                        yield from self._begin_file(path, head)
+                    case _Entry():
+                        self._wall_ns = head.wall_ns + entry.told.now_ns - head.now_ns
+                        yield from self._replay(path, entry)
+            if log.cut:
+                yield Happened("cut off", f"{path.name}: {log.cut}")
 
     def _begin_file(self, path: Path, head: Head) -> Iterator[Happening]:
-        """Go on, or where events are missing, from what the file's head knows."""
+        """Continue, or where events are missing, start from the state in the file's head."""
         missing, self._wall_ns = head.first_event - self._events, head.wall_ns
         if self._coordinator is not None and not missing:
             return
@@ -137,157 +108,141 @@ class SeriesReplay:
             started, snapshot = head.started, head.snapshot
             self._coordinator = thaw(started, snapshot) if snapshot else started.coordinator()
         except ValueError as error:
-            raise FlightRecordingError(path, str(error)) from error
+            raise RecordingError(path, str(error)) from error
         self._events = head.first_event
         yield Happened("recording", f"{path.name}, made with {head.made_with}")
 
-    def _tell(self, path: Path, head: Head, records: Iterator[Record]) -> Iterator[Happening]:
-        """Tell the events of a file; the beliefs that were published follow their event."""
+    def _replay(self, path: Path, entry: "_Entry") -> Iterator[Happening]:
         coordinator = self._coordinator
         assert coordinator is not None  # the file's head has made one
-        for record, after in pairwise(chain(records, (None,))):
-            if not isinstance(record, EventTold):
-                continue
-            self._events += 1
-            self._wall_ns = head.wall_ns + record.now_ns - head.now_ns
-            yield from _before(record.event, coordinator)
-            had_begun = coordinator.begun
-            instructions = self._handled(path, coordinator, record)
-            self._check_map(path, coordinator)
-            if coordinator.begun and not had_begun:
-                yield _begins(instructions)
-            yield from _after(instructions)
-            recorded = after.beliefs if isinstance(after, BeliefsSaid) else ()
-            yield from self._believed(instructions, recorded, known=after is not None)
+        self._events += 1
+        yield from happened(entry.told.event)
+        had_begun = coordinator.begun
+        instructions = self._handled(path, coordinator, entry.told)
+        self._check_map(path, coordinator)
+        if coordinator.begun and not had_begun:
+            yield _begins(instructions)
+        yield from happened_to(instructions)
+        yield from _compared(instructions, entry)
 
-    def _handled(
-        self, path: Path, coordinator: Coordinator, record: EventTold
-    ) -> list[Instruction]:
+    def _handled(self, path: Path, coordinator: Coordinator, told: EventTold) -> list[Instruction]:
         try:
-            return coordinator.handle(record.event, record.now_ns)
+            return coordinator.handle(told.event, told.now_ns)
         except Exception as error:  # a bug that was recorded, or a forged file
             problem = f"the coordinator fails at event {self._events}"
-            raise FlightRecordingError(
-                path, f"{problem}: {type(error).__name__}: {error}"
-            ) from error
-
-    def _believed(
-        self, instructions: list[Instruction], recorded: tuple[Belief, ...], *, known: bool
-    ) -> Iterator[Believed]:
-        beliefs = [do.belief for do in instructions if isinstance(do, PublishBelief)]
-        for index, belief in enumerate(beliefs):
-            same = [encode(belief)] == [encode(one) for one in recorded[index : index + 1]]
-            yield Believed(belief, same if known else None)
-        for belief in recorded[len(beliefs) :]:  # told then, and not now
-            yield Believed(belief, same=False)
+            raise RecordingError(path, f"{problem}: {type(error).__name__}: {error}") from error
 
     def _check_map(self, path: Path, coordinator: Coordinator) -> None:
         digest, allowed = coordinator.map_digest, self._allowed_map
         if digest and allowed is not None and digest != allowed:
             problem = f"recorded in the map {digest!r}, but this one is {allowed!r}"
-            raise FlightRecordingError(path, problem)
+            raise RecordingError(path, problem)
 
 
-def recorded_bridge(folder: Path, version: str) -> BridgeSettings | None:
-    """The settings of the bridge that the first coordinator was started with: they name the map.
-
-    Raises:
-        FlightRecordingError: there is no recording, or one that cannot be read.
-    """
-    for path in (path for files in _by_term(folder, version) for path in files):
-        if (head := _head_of(path, version)) is not None:
-            return head.started.bridge
-    return None
+def _compared(instructions: list[Instruction], entry: "_Entry") -> Iterator[Believed]:
+    beliefs = [do.belief for do in instructions if isinstance(do, PublishBelief)]
+    for index, belief in enumerate(beliefs):
+        same = [encode(belief)] == [encode(one) for one in entry.beliefs[index : index + 1]]
+        yield Believed(belief, same if entry.is_followed else None)
+    for belief in entry.beliefs[len(beliefs) :]:  # published then, and not now
+        yield Believed(belief, same=False)
 
 
-@contextmanager
-def opened(path: Path, version: str) -> Iterator[BlockReader]:
-    """Read a file of a recording.
+@dataclass
+class _Entry:
+    """An event, and the beliefs that were published because of it."""
 
-    Raises:
-        FlightRecordingError: it cannot be read.
-    """
+    told: EventTold
+    beliefs: list[Belief] = field(default_factory=list)
+    is_followed: bool = False
+    """Whether the file goes on after the event and its beliefs."""
+
+
+def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
+    """The head of a file, then its events."""
+    entry: _Entry | None = None
+    for number, message in enumerate(log.messages()):
+        if number == 0:
+            yield _head(log.path, message, version)
+        elif message.topic == EVENT:
+            if entry is not None:
+                entry.is_followed = True
+                yield entry
+            entry = _Entry(_unpacked(log.path, message, _EVENTS))
+        elif entry is not None and message.topic == BELIEF:
+            entry.is_followed = True
+            entry.beliefs.append(decoded(message, Belief, log.path))
+    if entry is not None:
+        yield entry
+
+
+class _Version(msgspec.Struct, frozen=True):
+    version: str
+
+
+T = TypeVar("T")
+
+_VERSIONS = msgspec.msgpack.Decoder(_Version)
+_HEADS = msgspec.msgpack.Decoder(Head)
+_EVENTS = msgspec.msgpack.Decoder(EventTold)
+
+
+def _head(path: Path, message: LogMessage, version: str) -> Head:
+    if message.topic != HEAD:
+        raise RecordingError(
+            path, "no events of a coordinator in it; look at it by clustermcl view"
+        )
+    found = _unpacked(path, message, _VERSIONS).version
+    if found != version:
+        problem = f"recorded by version {found}, this is {version}: replay it with that one"
+        raise RecordingError(path, problem)
+    return _unpacked(path, message, _HEADS)
+
+
+def _unpacked(path: Path, message: LogMessage, decoder: "msgspec.msgpack.Decoder[T]") -> T:
     try:
-        with path.open("rb") as file:
-            yield BlockReader(file, version)
-    except OSError as error:
-        raise FlightRecordingError(path, error.strerror or str(error)) from error
-    except UnreadableError as error:
-        raise FlightRecordingError(path, str(error)) from error
+        return decoder.decode(message.data)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise RecordingError(path, f"{message.topic}: {error}") from None
 
 
 def _head_of(path: Path, version: str) -> Head | None:
-    with opened(path, version) as reader:
-        return reader.head
+    first = next(LogFile(path).messages(), None)
+    return first and _head(path, first, version)
 
 
-def _by_term(folder: Path, version: str) -> list[list[Path]]:
+def _by_term(folder: Path) -> list[list[Path]]:
     """The files of each coordinator."""
     series: dict[int, list[Path]] = {}
-    for path in files_in(folder):
+    for path in (path for path in files_in(folder) if path.suffix == ".mcap"):
         series.setdefault(series_of(path)[0], []).append(path)
     if not series:
-        raise FlightRecordingError(folder, _nothing_in(folder))
-    return sorted(series.values(), key=lambda files: _term(files, version))
+        raise RecordingError(folder, _nothing_in(folder))
+    return sorted(series.values(), key=_term)
 
 
 def _nothing_in(folder: Path) -> str:
     if not folder.is_dir():
         return "there is no such folder"
+    if files_in(folder):
+        return "recorded by an older version, in a form that is not read any more"
     for below in sorted(folder.iterdir()):
         if below.is_dir() and files_in(below):
             return f"no flight recording is in it; there is one in {below}"
     return "no flight recording is in it"
 
 
-def _term(files: list[Path], version: str) -> int:
-    """Of the first belief; before there was one, the term that it meant to have."""
-    meant = series_of(files[0])[0]
+def _term(files: list[Path]) -> int:
+    """Of the first belief; before there was one, the term that the coordinator meant to have."""
     for path in files:
-        with opened(path, version) as reader:
-            for record in reader.records():
-                if isinstance(record, BeliefsSaid) and record.beliefs:
-                    return record.beliefs[0].term
-    return meant
+        for message in LogFile(path).messages():
+            if message.topic == BELIEF:
+                return decoded(message, Belief, path).term
+    return series_of(files[0])[0]
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:
-    """It begins to act: the checkpoint tells its term, a belief told again that it took over."""
+    """The checkpoint has the coordinator's term; a repeated belief means that it took over."""
     checkpoint = next(do.checkpoint for do in instructions if isinstance(do, PublishCheckpoint))
     steps = [do.belief.step for do in instructions if isinstance(do, PublishBelief)]
     return CoordinatorActs(checkpoint.sender, checkpoint.term, steps[0] if steps else None)
-
-
-def _before(event: Event, coordinator: Coordinator) -> Iterator[Happened]:
-    match event:
-        case WorkerJoined(worker):
-            yield Happened("worker joined", worker)
-        case WorkerLeft(worker):
-            yield Happened("worker left", worker)
-        case WorkerReturned(worker):
-            yield Happened("worker is back", worker)
-        case LinkLost():
-            yield Happened("link lost", "to the router")
-        case LinkBack():
-            yield Happened("link is back", "to the router")
-        case OrderAnswered(worker, answer) if answer.problem:
-            yield Happened("order refused", f"by {worker}: {answer.problem}")
-        case ScanArrived(scan) if coordinator.map_digest not in ("", scan.map_digest):
-            about = f"{scan.map_digest}, expected {coordinator.map_digest}"
-            yield Happened("scan of another map", about)
-        case CommandArrived(command):
-            yield Happened("command", repr(command))
-
-
-def _after(instructions: list[Instruction]) -> Iterator[Happened]:
-    for instruction in instructions:
-        match instruction:
-            case FetchScans(first, last):
-                until = "the newest" if last is None else last
-                yield Happened("scans asked for", f"{first} to {until}")
-            case AnswerCommand(done) if done.problem:
-                yield Happened("command refused", done.problem)
-            case PublishEvents(told):
-                for one in told.events:
-                    what = "began" if isinstance(one.event, Began) else "ended"
-                    yield Happened(what, event_text(one.event), one)

@@ -5,20 +5,21 @@ it: sorted by name, files are sorted by time. A file is only ever appended to, s
 copied at any moment.
 """
 
-import os
 import re
-from collections.abc import Sequence
-from io import FileIO
+from contextlib import suppress
 from pathlib import Path
 
-from coordinator.recorder.blocks import BlockWriter
-from coordinator.recorder.records import Head, Record
+from coordinator.recorder.records import Head
+from process_runtime.output_files import OutputError
+from recordings.run_log import RunLog
 
 FILES = 10
-"""So many of them make a full ring."""
+"""A full ring has this number of files."""
 MAX_FILE_BYTES = 8_000_000
-"""A file is read as a whole."""
-_NAME = re.compile(r"(\d{17,20})-(\d{6})\.flight")
+HEAD, EVENT, LINES = "/coordinator/head", "/coordinator/event", "/log"
+"""Topics next to those of `recordings.run_log`."""
+_NAME = re.compile(r"(\d{17,20})-(\d{6})\.(?:mcap|flight)")
+"""Files of the second kind are of older versions: they are not read, and make room."""
 
 
 class Ring:
@@ -26,75 +27,66 @@ class Ring:
 
     Args:
         folder: of one robot.
-        series: tells this coordinator from others, and rises from one to the next.
-        max_bytes: of all files together; the newest may pass it by what is written at a time.
+        series: distinguishes this coordinator from others, and increases from one to the next.
+        max_bytes: of all files together; the newest may exceed it by one chunk and its index.
+
+    Attributes:
+        log: the file that is written; None: none is open.
     """
 
     def __init__(self, folder: Path, series: int, max_bytes: int) -> None:
         self._folder, self._series, self._max_bytes = folder, series, max_bytes
         self._file_bytes = min(max_bytes // FILES, MAX_FILE_BYTES)
         self._number = 0
-        self._file: FileIO | None = None
-        self._blocks = BlockWriter()
-        self._written_bytes = 0
-
-    @property
-    def is_open(self) -> bool:
-        """Whether there is a file to write to."""
-        return self._file is not None
+        self.log: RunLog | None = None
 
     @property
     def is_full(self) -> bool:
         """Whether it is time for the next file."""
-        return self._written_bytes >= self._file_bytes
+        return self.log is not None and self.log.size >= self._file_bytes
 
-    def begin(self, head: Head) -> None:
-        """Begin the next file; the oldest ones give way.
+    def begin(self, head: Head) -> RunLog:
+        """Begin the next file, after the oldest ones were removed.
 
         Raises:
-            OSError: it cannot be written; so for `write`. No file is open then.
+            OSError: the folder cannot be written; so for `flush`.
+            OutputError: the file cannot be written; so for `flush`.
         """
         self.close()
         self._folder.mkdir(parents=True, exist_ok=True)
         self._make_room()
-        path = self._folder / f"{self._series:017d}-{self._number:06d}.flight"
+        path = self._folder / f"{self._series:017d}-{self._number:06d}.mcap"
         self._number += 1
-        self._file = FileIO(path, "x", opener=_private)
-        self._blocks, self._written_bytes = BlockWriter(), 0
+        log = RunLog(path, "x")
         try:
-            self._append(self._blocks.first(head))
-        except OSError:  # on a full disk there would soon be thousands of empty ones
+            log.write(HEAD, head, head.wall_ns, packed=True)
+            log.flush()
+        except OutputError:  # on a full disk there would soon be thousands of empty ones
+            log.abandon()
             path.unlink(missing_ok=True)
             raise
+        self.log = log
+        return log
 
-    def write(self, records: Sequence[Record]) -> None:
-        """Append records; a file that was removed meanwhile is closed.
-
-        Raises:
-            OSError: see `begin`.
-        """
-        if self._file is not None and os.fstat(self._file.fileno()).st_nlink == 0:
-            self.close()
-            raise FileNotFoundError(f"its file was removed from {self._folder}")
-        self._append(self._blocks.next(records))
+    def flush(self) -> None:
+        """Bring to the disk what was written; a file that was removed meanwhile is an error."""
+        if self.log is not None:
+            self.log.flush()
+            if self.log.is_removed:
+                raise FileNotFoundError(f"its file was removed from {self._folder}")
 
     def close(self) -> None:
-        """Close the file, if there is one."""
-        if self._file is not None:
-            file, self._file = self._file, None
-            file.close()
+        """Finish the file, if there is one."""
+        log, self.log = self.log, None
+        if log is not None:
+            with suppress(OutputError):  # without its index it is read up to its last chunk
+                log.close()
 
-    def _append(self, block: bytes) -> None:
-        if self._file is None:
-            raise ValueError("no file has begun")
-        left = memoryview(block)
-        try:
-            while left:  # a disk that is nearly full takes a part
-                left = left[self._file.write(left) :]
-        except OSError:
-            self.close()
-            raise
-        self._written_bytes += len(block)
+    def abandon(self) -> None:
+        """Close a file that cannot be written."""
+        log, self.log = self.log, None
+        if log is not None:
+            log.abandon()
 
     def _make_room(self) -> None:
         sizes = {path: path.stat().st_size for path in files_in(self._folder)}
@@ -105,14 +97,9 @@ class Ring:
             del sizes[path]
 
 
-def _private(path: str, flags: int) -> int:
-    """A recording tells where the robot was: nobody but its owner may read it."""
-    return os.open(path, flags, 0o600)
-
-
 def files_in(folder: Path) -> list[Path]:
     """The files of a recording, oldest first; a pipe would never end."""
-    found = (path for path in folder.glob("*.flight") if _NAME.fullmatch(path.name))
+    found = (path for path in folder.glob("*") if _NAME.fullmatch(path.name))
     return sorted(path for path in found if path.is_file())
 
 

@@ -20,7 +20,7 @@ from process_runtime.settings import Settings
 from protocol.errors import MapFileError
 from protocol.message import PoseTuple
 from protocol.steps import Scan
-from recordings.run_recorder import RunRecorder
+from recordings.run_log import RunLog
 from worker.map_model import default_cache_folder, sensor_model
 
 
@@ -98,7 +98,7 @@ class Run:
         with _recorder(self._record) as recorder, written_trajectory(self._tum) as on_pose:
             yield from self._followed(recorder, on_pose)
 
-    def _followed(self, recorder: RunRecorder | None, on_pose: OnPose) -> Iterator[Outcome]:
+    def _followed(self, recorder: RunLog | None, on_pose: OnPose) -> Iterator[Outcome]:
         truths: dict[int, PoseTuple | None] = {}
         observer = self.observer
         for scan, outcome in self._follow(self._scans(truths), self._model, self._settings):
@@ -114,7 +114,7 @@ class Run:
                 self.course.kidnap()
                 observer.kidnapped()
 
-    def _tell(self, recorder: RunRecorder, scan: Scan, outcome: Outcome) -> None:
+    def _tell(self, recorder: RunLog, scan: Scan, outcome: Outcome) -> None:
         if recorder.wants_map(scan):
             recorder.on_map(self.course.map, scan.stamp_ns)
         recorder.on_scan(scan)
@@ -127,8 +127,8 @@ class Run:
             yield scan
 
 
-def _recorder(file: Path | None) -> AbstractContextManager[RunRecorder | None]:
-    return nullcontext() if file is None else RunRecorder.to(file)
+def _recorder(file: Path | None) -> AbstractContextManager[RunLog | None]:
+    return nullcontext() if file is None else RunLog.to(file)
 
 
 def _model(course: Course, settings: Settings, cache_folder: Path) -> SensorModel:

@@ -10,17 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.recorder.blocks import BlockWriter
-from coordinator.recorder.records import Head, Record
-from coordinator.recorder.replay import FlightRecordingError, opened, replayed
-from coordinator.recorder.ring import files_in
+from coordinator.recorder.records import EventTold, Head
+from coordinator.recorder.replay import replayed
+from coordinator.recorder.ring import EVENT, HEAD, files_in
+from live_view.recorded_run import RecordedRun
+from protocol.errors import RecordingError
+from recordings.run_log import LogFile, LogMessage, RunLog
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, with_other_numbers
 from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.recorder.recorded import VERSION, Recordings
+from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, write_file
 from tests.unit.coordinator.recorder.test_replay import live
 
-NAME = f"{7:017d}-000001.flight"
+NAME = f"{7:017d}-000001.mcap"
 
 
 @pytest.fixture(scope="module")
@@ -29,39 +31,39 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @cache
-def recording() -> tuple[Head, list[Record]]:
+def recording() -> tuple[bytes, list[LogMessage]]:
     """A file that begins with a snapshot: of a search, of clusters, of a worker that was lost."""
     with TemporaryDirectory() as name:
-        living = Living(symmetric_room(), made=Recordings(Path(name), 200_000).make)
+        living = Living(symmetric_room(), made=Recordings(Path(name), 400_000).make)
         live(living, [*[("drive", 0)] * 9, ("lose worker", 1), *[("drive", 0)] * 3])
         live(living, [("set pose", 2), *[("drive", 0)] * 20])
-        with opened(files_in(Path(name))[-2], VERSION) as reader:
-            assert reader.head is not None
-            return reader.head, list(reader.records())
+        file = files_in(Path(name))[-2]
+        return file.read_bytes(), list(LogFile(file).messages())
 
 
-def replay(folder: Path, data: bytes) -> int:
-    (folder / NAME).write_bytes(data)
+def parts() -> tuple[Head, list[EventTold]]:
+    head, *events = (m.data for m in recording()[1] if m.topic in (HEAD, EVENT))
+    decode = msgspec.msgpack.Decoder(EventTold).decode
+    return msgspec.msgpack.decode(head, type=Head), [decode(event) for event in events]
+
+
+def replay(folder: Path) -> int:
     return sum(1 for _ in replayed(folder, VERSION))
 
 
-def file_of(head: Head, records: list[Record]) -> bytes:
-    writer = BlockWriter()
-    return writer.first(head) + writer.next(records)
-
-
 def test_the_recording_is_replayed_from_its_snapshot(folder: Path) -> None:
-    head, records = recording()
+    head, events = parts()
     assert head.snapshot
-    assert replay(folder, file_of(head, records)) > 5
+    write_file(folder / NAME, head, *events)
+    assert replay(folder) > 5
 
 
 @cases(0.02)
 @given(st.data())
 def test_damaged_bytes_are_refused_or_cut_off(folder: Path, data: st.DataObject) -> None:
-    content = data.draw(damaged(st.just(file_of(*recording()))))
-    with contextlib.suppress(FlightRecordingError):
-        replay(folder, content)
+    (folder / NAME).write_bytes(data.draw(damaged(st.just(recording()[0]))))
+    with contextlib.suppress(RecordingError):
+        replay(folder)
 
 
 @cases(0.03)
@@ -69,12 +71,13 @@ def test_damaged_bytes_are_refused_or_cut_off(folder: Path, data: st.DataObject)
 def test_a_snapshot_with_other_numbers_is_replayed_or_refused(
     folder: Path, data: st.DataObject
 ) -> None:
-    head, records = recording()
+    head, events = parts()
     snapshot = data.draw(
         damaged(st.just(head.snapshot)) | with_other_numbers(st.just(head.snapshot))
     )
-    with contextlib.suppress(FlightRecordingError):
-        replay(folder, file_of(msgspec.structs.replace(head, snapshot=snapshot), records))
+    write_file(folder / NAME, msgspec.structs.replace(head, snapshot=snapshot), *events)
+    with contextlib.suppress(RecordingError):
+        replay(folder)
 
 
 @cases(0.03)
@@ -82,9 +85,32 @@ def test_a_snapshot_with_other_numbers_is_replayed_or_refused(
 def test_heads_and_events_with_other_numbers_are_replayed_or_refused(
     folder: Path, data: st.DataObject
 ) -> None:
-    encode, writer = msgspec.msgpack.encode, BlockWriter()
-    head, records = (with_other_numbers(st.just(encode(part))) for part in recording())
-    content = writer.first(msgspec.Raw(data.draw(head)))  # type: ignore[arg-type] # encoded already
-    content += writer._block(data.draw(records))
-    with contextlib.suppress(FlightRecordingError):
-        replay(folder, content)
+    head, events = parts()
+    changed = data.draw(with_other_numbers(st.just(msgspec.msgpack.encode(head))))
+    at = data.draw(st.integers(0, len(events) - 1))
+    other = data.draw(with_other_numbers(st.just(msgspec.msgpack.encode(events[at]))))
+    with_other: list[EventTold | msgspec.Raw] = [*events]
+    with_other[at] = msgspec.Raw(other)
+    for begin in (msgspec.Raw(changed), head):
+        write_file(folder / NAME, begin, *with_other)
+        with contextlib.suppress(RecordingError):
+            replay(folder)
+
+
+@cases(0.03)
+@given(st.data())
+def test_messages_with_other_contents_are_shown_or_refused(
+    folder: Path, data: st.DataObject
+) -> None:
+    messages = recording()[1]
+    shown = [number for number, message in enumerate(messages) if message.topic[1] != "c"]
+    at = data.draw(st.sampled_from(shown))
+    other = data.draw(damaged(st.just(messages[at].data)))
+    with RunLog(folder / NAME) as log:
+        for number, message in enumerate(messages):
+            content = msgspec.Raw(other if number == at else message.data)
+            log.write(message.topic, content, message.at_ns)  # type: ignore[arg-type] # encoded
+    with contextlib.suppress(RecordingError):
+        run = RecordedRun(folder, None)
+        while run.read_for(1.0):
+            pass

@@ -40,7 +40,6 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
     assert past["step"]["step"] == 10
     assert past["step"]["places"]
     assert len(past["step"]["scan"]) > 20
-    assert [topic for topic in past if topic.startswith("cloud ")]
 
 
 def told(page: ClientConnection) -> dict[str, Any]:

@@ -5,21 +5,18 @@ import signal
 from collections import Counter
 from pathlib import Path
 
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
-
 from process_runtime.settings import BridgeSettings
 from recordings.recording import open_recording
 from sensor_bridge.recorded import steps_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import SMALL_FILTER, typed
 from tests.integration.waiting import wait_until
+from tests.unit.recordings.test_run_log import as_others_read
 
 
 def counts_in(file: Path) -> Counter[str]:
     """Messages by topic."""
-    with AnyReader([file], default_typestore=get_typestore(Stores.EMPTY)) as reader:
-        return Counter(connection.topic for connection, _, _ in reader.messages())
+    return Counter({topic: len(found) for topic, found in as_others_read(file).items()})
 
 
 def steps_in(file: Path) -> int:
@@ -35,7 +32,7 @@ def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> N
         assert demo.popen.wait(100.0) == 0, demo.err
     counts = counts_in(file)
     assert (counts["/map"], counts["/scan"]) == (1, 25)
-    assert counts["/hypotheses"] >= 24, "the last belief ends the demo"
+    assert counts["/places"] >= 24, "the last belief ends the demo"
     assert steps_in(file) == 25
 
 
@@ -56,5 +53,5 @@ def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None
     assert steps >= 9
     assert (counts["/map"], counts["/scan"]) == (1, steps)
     assert counts["/tf"] > 5 * steps, "odometry between the steps"
-    assert abs(counts["/hypotheses"] - steps) <= 1
+    assert abs(counts["/places"] - steps) <= 1
     assert steps_in(file) == steps

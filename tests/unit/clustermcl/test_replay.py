@@ -14,15 +14,15 @@ from clustermcl import replay
 from clustermcl.command import app
 from coordinator.belief import cluster_set
 from coordinator.events import WorkerReturned
-from coordinator.recorder.blocks import BlockWriter
-from coordinator.recorder.records import EventTold
+from coordinator.recorder.records import EventTold, Head
 from coordinator.recorder.ring import files_in
 from particle_filter.evidence_model import counted
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError
+from recordings.run_log import RunLog
+from robot_simulator.worlds.catalogue import world
 from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.recorder.recorded import VERSION, Recordings
-from tests.unit.coordinator.recorder.test_blocks import head
+from tests.unit.coordinator.recorder.recorded import VERSION, Recordings, head, write_file
 
 
 @pytest.fixture(scope="module")
@@ -112,22 +112,31 @@ def test_folders_that_are_no_recording_are_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("data", "problem"),
+    ("begin", "problem"),
     [
-        (b"nonsense, and no recording", "no flight recording"),
-        (BlockWriter().first(head("0.9")), "recorded by version 0.9, this is test"),
-        (
-            BlockWriter().first(msgspec.structs.replace(head(), snapshot=b"nonsense")),
-            "not a coordinator's snapshot",
-        ),
-        (b"MCLFLY1\n" + bytes(100), "in a form that is not read any more"),
+        (head("0.9"), "recorded by version 0.9, this is test"),
+        (msgspec.structs.replace(head(), snapshot=b"nonsense"), "not a coordinator's snapshot"),
+        (msgspec.Raw(b"\x93\x01\x02\x03"), "/coordinator/head: Expected `object`"),
+        (msgspec.Raw(b"\xc1" + bytes(100)), "/coordinator/head: MessagePack data is malformed"),
     ],
 )
 def test_files_that_cannot_be_read_are_refused_in_one_line(
-    tmp_path: Path, data: bytes, problem: str
+    tmp_path: Path, begin: Head | msgspec.Raw, problem: str
 ) -> None:
-    (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)
+    write_file(tmp_path / f"{7:017d}-000000.mcap", begin)
     assert problem in complaint(tmp_path)
+
+
+def test_files_of_other_kinds_are_refused_in_one_line(tmp_path: Path) -> None:
+    old = tmp_path / f"{7:017d}-000000.flight"
+    old.write_bytes(b"MCLFLY2\n" + bytes(100))
+    assert "in a form that is not read any more" in complaint(tmp_path)
+    path = tmp_path / f"{7:017d}-000000.mcap"
+    path.write_bytes(b"nonsense, and no recording")
+    assert "is no MCAP file" in complaint(tmp_path)
+    with RunLog(path) as log:
+        log.on_map(world("cross").map, 0)
+    assert "no events of a coordinator" in complaint(tmp_path)
 
 
 def test_a_truncated_end_is_reported_and_the_rest_replayed(recording: Path, tmp_path: Path) -> None:
@@ -139,12 +148,12 @@ def test_a_truncated_end_is_reported_and_the_rest_replayed(recording: Path, tmp_
 
 
 def test_truncated_headers_alone_mean_nothing_recorded(tmp_path: Path) -> None:
-    (tmp_path / f"{7:017d}-000000.flight").write_bytes(b"MCL")
-    assert "cut off within its beginning" in complaint(tmp_path)
+    (tmp_path / f"{7:017d}-000000.mcap").write_bytes(b"\x89MC")
+    assert "cut off within their beginning" in complaint(tmp_path)
 
 
 def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
-    pipe = recording / f"{8:017d}-000000.flight"
+    pipe = recording / f"{8:017d}-000000.mcap"
     os.mkfifo(pipe)
     try:
         assert run(recording).exit_code == 0
@@ -154,9 +163,8 @@ def test_a_pipe_among_the_files_is_left_alone(recording: Path) -> None:
 
 def test_where_the_coordinator_fails_is_one_line(tmp_path: Path) -> None:
     """A bug that was recorded, or a forged file."""
-    writer = BlockWriter()
-    data = writer.first(head()) + writer.next([EventTold(1, WorkerReturned("never seen"))])
-    (tmp_path / f"{7:017d}-000000.flight").write_bytes(data)
+    path = tmp_path / f"{7:017d}-000000.mcap"
+    write_file(path, head(), EventTold(1, WorkerReturned("never seen")))
     assert "the coordinator fails at event 1: KeyError: 'never seen'" in complaint(tmp_path)
 
 

@@ -7,11 +7,10 @@ import pytest
 from clustermcl import view
 from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
-from coordinator.recorder.replay import FlightRecordingError
 from process_runtime.output_files import OutputError
-from process_runtime.settings import BridgeSettings, Settings
-from protocol.errors import SettingsError
-from robot_simulator.worlds.catalogue import world
+from process_runtime.settings import Settings
+from protocol.errors import RecordingError, SettingsError
+from tests.unit.recordings.bags import scan, written
 
 
 @pytest.mark.parametrize("listen", ["0.0.0.0:8350", "127.0.0.1:0"])
@@ -28,18 +27,15 @@ def test_only_on_the_page_and_only_a_simulated_robot_can_be_driven() -> None:
         run_demo(driven, Settings())
 
 
-def test_a_finished_run_that_is_not_there_is_said_before_anything_is_served(
-    tmp_path: Path,
+@pytest.mark.parametrize("name", ["none", "robot.mcap", "."])
+def test_what_is_no_recorded_run_is_refused_with_what_to_do_instead(
+    tmp_path: Path, name: str
 ) -> None:
-    options = view.ViewOptions(listen="127.0.0.1:0", recording=tmp_path / "none")
-    with pytest.raises(FlightRecordingError, match="no such folder"):
+    if name != "none":
+        written(tmp_path, "mcap", [scan(2, [1.0])]).rename(tmp_path / "robot.mcap")
+    options = view.ViewOptions(listen="127.0.0.1:0", recording=tmp_path / name)
+    with pytest.raises(RecordingError, match="demo --view --recording"):
         view.run_view(Settings(), options)
-
-
-def test_the_map_of_a_finished_run_is_the_one_that_its_bridge_named() -> None:
-    simulated = BridgeSettings(source="sim:cross")
-    drawn = view.map_of_bridge(simulated)
-    assert drawn.digest == world("cross").map.digest
 
 
 @pytest.mark.parametrize("name", ["now", "now.jpg"])

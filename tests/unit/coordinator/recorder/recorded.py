@@ -3,17 +3,53 @@
 import weakref
 from pathlib import Path
 
+import msgspec
+
 from coordinator.coordinator import Coordinator
 from coordinator.events import Event
 from coordinator.instructions import Instruction
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.recorder.records import Started
+from coordinator.recorder.records import EventTold, Head, Started
 from coordinator.recorder.replay import Believed, Happening, replayed
-from coordinator.recorder.ring import Ring
+from coordinator.recorder.ring import EVENT, HEAD, Ring, files_in
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
 from protocol.codec import encode
+from recordings.run_log import LogFile, RunLog
 
 VERSION = "test"
+
+
+def head(version: str = VERSION) -> Head:
+    started = Started(
+        sender="coordinator", filter_settings=FilterSettings(), settings=CoordinatorSettings(),
+        version=version, now_ns=0, term=7, known=None,
+    )  # fmt: skip
+    return Head(
+        version=version,
+        made_with="",
+        now_ns=0,
+        wall_ns=0,
+        first_event=0,
+        started=started,
+        snapshot=b"",
+    )
+
+
+def events_in(folder: Path) -> list[Event]:
+    """All that were written, in order."""
+    messages = (message for file in files_in(folder) for message in LogFile(file).messages())
+    decode = msgspec.msgpack.Decoder(EventTold).decode
+    return [decode(message.data).event for message in messages if message.topic == EVENT]
+
+
+def write_file(path: Path, head: Head | msgspec.Raw, *events: EventTold | msgspec.Raw) -> None:
+    """A file as the recorder writes it."""
+    with RunLog(path) as log:
+        log.write(HEAD, head, 0, packed=True)  # type: ignore[arg-type] # encoded already
+        for event in events:
+            log.write(EVENT, event, 1, packed=True)  # type: ignore[arg-type] # see above
 
 
 class RecordedCoordinator:

@@ -1,32 +1,29 @@
 """What the recorder does when files fill up or a disk is slow or full, and what it leaves out."""
 
-import errno
 import logging
+import os
 import shutil
 import time
-from io import FileIO
 from pathlib import Path
 
 import pytest
 
-from coordinator.events import Event, HistoryArrived, ReportArrived, ScanArrived, TimePassed
+from coordinator.events import HistoryArrived, ReportArrived, ScanArrived, TimePassed
 from coordinator.recorder import flight_recorder
-from coordinator.recorder import ring as ring_module
 from coordinator.recorder.flight_recorder import LOST, MAX_QUEUED, FlightRecorder
-from coordinator.recorder.records import EventTold, without_bulk
-from coordinator.recorder.replay import Happened
+from coordinator.recorder.records import Happened, without_bulk
 from coordinator.recorder.ring import FILES, Ring, files_in
 from protocol.work import TrackReport
-from tests.unit.coordinator.recorder.recorded import VERSION, RecordedCoordinator, Recordings
-from tests.unit.coordinator.recorder.test_blocks import head, read
+from recordings import run_log
+from tests.unit.coordinator.recorder.recorded import (
+    RecordedCoordinator,
+    Recordings,
+    events_in,
+    head,
+)
 from tests.unit.coordinator.reports import cloud_at, scan, searched, tracked
 
 STARTED = head().started
-
-
-def events_in(folder: Path) -> list[Event]:
-    contents = [read(file.read_bytes(), VERSION) for file in files_in(folder)]
-    return [r.event for c in contents for r in c.records if isinstance(r, EventTold)]
 
 
 def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
@@ -37,16 +34,16 @@ def test_files_have_a_bound_and_the_oldest_give_way(tmp_path: Path) -> None:
         assert sum(file.stat().st_size for file in files_in(tmp_path)) < max_bytes + 2_000
     names = [file.name for file in files_in(tmp_path)]
     assert len(names) > FILES // 2
-    assert not names[0].endswith("-000000.flight")
+    assert not names[0].endswith("-000000.mcap")
     assert recorded.recorder.lost == {}
 
 
 def test_files_of_an_older_coordinator_give_way_first(tmp_path: Path) -> None:
-    old = tmp_path / f"{1:017d}-000000.flight"
+    old = tmp_path / f"{1:017d}-000000.mcap"
     old.write_bytes(bytes(58_000))
     (tmp_path / "notes.txt").write_bytes(bytes(100_000))
     RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000)).handle(TimePassed(), 0)
-    assert [file.name for file in files_in(tmp_path)] == [f"{7:017d}-000000.flight"]
+    assert [file.name for file in files_in(tmp_path)] == [f"{7:017d}-000000.mcap"]
     assert (tmp_path / "notes.txt").exists()
 
 
@@ -62,7 +59,7 @@ def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
     for _ in range(3):
         recorded.handle(TimePassed(), 10_000)
     assert recorded.recorder.lost == {LOST: lost}
-    gap = Happened("not recorded", f"{lost} events before {7:017d}-000001.flight")
+    gap = Happened("not recorded", f"{lost} events before {7:017d}-000001.mcap")
     assert gap in recordings.replay()
     assert len(events_in(tmp_path)) == MAX_QUEUED + 503 - lost
 
@@ -103,12 +100,12 @@ def test_a_disk_that_gets_full_is_told_and_localization_goes_on(
 def test_a_full_disk_is_not_filled_with_empty_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class FullDisk(FileIO):
-        def write(self, _: object) -> int:
-            raise OSError(errno.ENOSPC, "no space left")
+    def full(path: str, _flags: int) -> int:
+        Path(path).touch()
+        return os.open("/dev/full", os.O_WRONLY)
 
     monkeypatch.setattr(flight_recorder, "RETRY_S", 0.0)
-    monkeypatch.setattr(ring_module, "FileIO", FullDisk)
+    monkeypatch.setattr(run_log, "_private", full)
     recorded = RecordedCoordinator(STARTED, Ring(tmp_path, 7, 60_000))
     for now_ns in range(10):
         recorded.handle(TimePassed(), now_ns)
@@ -180,5 +177,5 @@ def test_a_folder_that_was_removed_is_begun_again_and_what_is_missing_counted(
     lost = recorder.lost[LOST]
     assert len(events_in(folder)) + lost == 10, "at once, and what is not in it is counted"
     assert lost <= 2
-    gap = Happened("not recorded", f"{5 + lost} events before {7:017d}-000001.flight")
+    gap = Happened("not recorded", f"{5 + lost} events before {7:017d}-000001.mcap")
     assert gap in recordings.replay()

@@ -7,7 +7,8 @@ import hypothesis
 import pytest
 from hypothesis import strategies as st
 
-from coordinator.recorder.replay import CoordinatorActs, Happened, replayed
+from coordinator.recorder.records import Happened
+from coordinator.recorder.replay import CoordinatorActs, replayed
 from coordinator.recorder.ring import files_in
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief, Relocalize, SetPose
@@ -154,7 +155,7 @@ def test_a_ring_that_went_round_is_replayed_from_its_oldest_file(
     live(living, [("drive", 0)] * 100)
     happenings = recordings.replay()
     first = files_in(tmp_path)[0]
-    assert not first.name.endswith("-000000.flight")
+    assert not first.name.endswith("-000000.mcap")
     assert (
         sum(file.stat().st_size for file in files_in(tmp_path)) < 165_000
     )  # the newest passes by a head

@@ -20,7 +20,7 @@ from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.living import Living, symmetric_room
-from tests.unit.coordinator.recorder.test_blocks import head
+from tests.unit.coordinator.recorder.recorded import head
 from tests.unit.coordinator.recorder.test_replay import ACTIONS, live
 from tests.unit.coordinator.reports import scan
 

@@ -1,0 +1,337 @@
+"""A run on disk: MCAP files that the coordinator and `clustermcl record` write.
+
+Each message is JSON by a schema of Foxglove's, JSON of our own, or MessagePack that only a replay
+reads; docs/recordings.md lists all topics.
+"""
+
+import os
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, TypeVar, cast
+
+import msgspec
+import numpy as np
+from mcap.records import Channel, Header, Message
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from grid_maps.grid_map import GridMap
+from particle_filter.poses import compose, inverse
+from process_runtime.compressed import os_problem
+from process_runtime.output_files import OutputError, check_output_file
+from protocol.answers import Belief
+from protocol.errors import RecordingError
+from protocol.message import PoseTuple
+from protocol.pose_arrays import pose_tuple
+from protocol.steps import LaserBeams, OdometryReading, Scan
+from recordings import foxglove
+from recordings.bag_chunks import mcap_records
+from recordings.foxglove import BASE, MAP, ODOM
+from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
+
+PROFILE = "clustermcl"
+"""In the header of each file: no other MCAP file is read as a run log."""
+SCAN, ODOMETRY, GRID, BELIEF, JOB_EVENTS = "/scan", "/tf", "/map", "/belief", "/events"
+"""Topics; further lasers of a step have `/scan_1`, ..."""
+CHUNK_BYTES = 2**18
+MAX_MAP_CELLS = 40_000_000
+"""As JSON they fill the largest chunk that is read."""
+
+
+class RunLog:
+    """Writes one file; use it in a ``with`` block.
+
+    What is written reaches the disk with `flush`, or where a chunk of `CHUNK_BYTES` is full. Only
+    the owner may read the file: it shows where the robot was.
+
+    Args:
+        path: of the file.
+        mode: "w" replaces a file, "x" refuses one.
+
+    Raises:
+        OutputError: it cannot be written; so for all methods.
+    """
+
+    def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
+        self._path, self._map_digest = path, ""
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        with self._named():
+            self._file = open(path, f"{mode}b", opener=_private)  # noqa: SIM115 - no opener
+            self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
+            self._writer.start(profile=PROFILE, library="clustermcl")
+
+    @classmethod
+    def to(cls, path: Path) -> "RunLog":
+        """Begin a file that a person named."""
+        check_output_file(path)
+        return cls(path)
+
+    def __enter__(self) -> "RunLog":
+        return self
+
+    def __exit__(self, *_how: object) -> None:
+        self.close()
+
+    def wants_map(self, scan: Scan) -> bool:
+        """Whether the map of a step is not in the file yet."""
+        return scan.map_digest != self._map_digest
+
+    def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
+        """Write the map of the steps that follow; a larger one is made coarser."""
+        self._map_digest = grid_map.digest
+        self.write(GRID, foxglove.Grid.of(grid_map, at_ns, max_cells), at_ns)
+
+    def on_odometry(self, reading: OdometryReading) -> None:
+        at_ns = reading.stamp_ns
+        link = foxglove.FrameTransform.of(at_ns, ODOM, BASE, reading.odom_from_robot)
+        self.write(ODOMETRY, link, at_ns)
+
+    def on_scan(self, scan: Scan, at_ns: int | None = None) -> None:
+        """Write a step's beams and odometry.
+
+        Args:
+            scan: the step.
+            at_ns: time of the recording; None: the scan's own stamp.
+        """
+        at_ns = scan.stamp_ns if at_ns is None else at_ns
+        link = foxglove.FrameTransform.of(scan.stamp_ns, ODOM, BASE, scan.odom_from_robot)
+        self.write(ODOMETRY, link, at_ns)
+        lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
+        for number, beams in enumerate(lasers):
+            topic = f"{SCAN}_{number}" if number else SCAN
+            self.write(topic, foxglove.LaserScan.of(scan, beams), at_ns)
+
+    def on_belief(self, belief: Belief, at_ns: int | None = None) -> None:
+        """Write a belief, and what Foxglove draws of it; arguments as for `on_scan`."""
+        stamp_ns = belief.stamp_ns
+        at_ns = stamp_ns if at_ns is None else at_ns
+        self.write(BELIEF, belief, at_ns)
+        self.write("/places", foxglove.SceneUpdate.of(belief.hypotheses, stamp_ns), at_ns)
+        if belief.pose is not None:
+            self.write("/pose", foxglove.PoseInFrame.of(belief.pose, stamp_ns), at_ns)
+            there, odometry = np.array(belief.pose), np.array(belief.odom_from_robot)
+            odom = pose_tuple(compose(there, inverse(odometry)))
+            self.write(ODOMETRY, foxglove.FrameTransform.of(stamp_ns, MAP, ODOM, odom), at_ns)
+
+    def write(
+        self, topic: str, message: msgspec.Struct, at_ns: int, *, packed: bool = False
+    ) -> None:
+        """Append a message.
+
+        Args:
+            topic: which has one type of messages.
+            message: as it is.
+            at_ns: time of the recording.
+            packed: as MessagePack, not as JSON.
+        """
+        codec = msgspec.msgpack if packed else msgspec.json
+        at_ns, data = max(at_ns, 0), codec.encode(message)
+        with self._named():
+            if topic not in self._channels:
+                encoding = "msgpack" if packed else "json"
+                schema = self._schema(type(message), encoding)
+                self._channels[topic] = self._writer.register_channel(topic, encoding, schema)
+            self._writer.add_message(self._channels[topic], at_ns, data, at_ns)
+
+    def flush(self) -> None:
+        """End the chunk: of a process that is killed, what was written before stays."""
+        with self._named():
+            self._writer.flush()  # type: ignore[no-untyped-call] # the library's
+
+    @property
+    def size(self) -> int:
+        """Bytes written, without those since the last `flush`."""
+        return self._file.tell()
+
+    @property
+    def is_removed(self) -> bool:
+        return os.fstat(self._file.fileno()).st_nlink == 0
+
+    def close(self) -> None:
+        """Write the index and close the file."""
+        with self._named(), self._file:
+            self._writer.finish()  # type: ignore[no-untyped-call] # the library's
+
+    def abandon(self) -> None:
+        """Close a file that cannot be written, as it is."""
+        with suppress(OSError):
+            self._file.close()
+
+    def _schema(self, kind: type[msgspec.Struct], encoding: str) -> int:
+        is_drawn = kind.__module__ == foxglove.__name__
+        name = f"{'foxglove' if is_drawn else 'clustermcl'}.{kind.__name__}"
+        if name not in self._schemas:
+            schema: dict[str, Any] = {"type": "object"}
+            if is_drawn:
+                _, parts = msgspec.json.schema_components((kind,), ref_template="#/$defs/{name}")
+                schema = {**parts.pop(kind.__name__), "$defs": parts}
+            form = ("jsonschema", msgspec.json.encode(schema)) if encoding == "json" else ("", b"")
+            self._schemas[name] = self._writer.register_schema(name, *form)
+        return self._schemas[name]
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise OutputError(path=self._path, problem=error.strerror or str(error)) from error
+
+
+def _private(path: str, flags: int) -> int:
+    return os.open(path, flags, 0o600)
+
+
+class LogMessage(NamedTuple):
+    """One message of a run log."""
+
+    topic: str
+    at_ns: int
+    """Time of the recording."""
+    data: bytes
+
+
+T = TypeVar("T")
+
+
+class LogFile:
+    """Reads one file, message by message.
+
+    Args:
+        path: of the file.
+
+    Attributes:
+        cut: once all messages were read, why nothing could be read after them; empty: the file
+            is whole.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.cut = path, ""
+
+    def messages(self) -> Iterator[LogMessage]:
+        """All messages in the order of their writing, up to the first damaged byte.
+
+        Raises:
+            RecordingError: the file is no run log, or cannot be opened.
+        """
+        channels: dict[int, str] = {}
+        try:
+            with self.path.open("rb") as file:
+                if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
+                    raise RecordingError(self.path, "is no MCAP file")
+                file.seek(0)
+                records = mcap_records(file)
+                if not _is_ours(next(records)):
+                    raise RecordingError(self.path, "was not written by clustermcl")
+                for record in records:
+                    match record:
+                        case Channel():
+                            channels[record.id] = record.topic
+                        case Message():
+                            topic = channels[record.channel_id]
+                            yield LogMessage(topic, record.log_time, record.data)
+        except RecordingError:
+            raise
+        except OSError as error:
+            raise RecordingError(self.path, os_problem(error)) from error
+        except Exception as broken:  # noqa: BLE001 - damaged bytes raise whatever they hit
+            self.cut = str(broken) or type(broken).__name__
+
+
+def is_run_log(path: Path) -> bool:
+    """Whether a file, or any file of a folder, is a run log."""
+    return any(_has_our_header(file) for file in log_files(path))
+
+
+def log_files(path: Path) -> list[Path]:
+    """The file, or the MCAP files of a folder by their names; a pipe would never end."""
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    return [file for file in files if file.is_file()]
+
+
+def _has_our_header(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _is_ours(next(mcap_records(file)))
+    except Exception:  # noqa: BLE001 - as in `LogFile.messages`
+        return False
+
+
+def _is_ours(record: object) -> bool:
+    return isinstance(record, Header) and record.profile == PROFILE
+
+
+def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
+    """A JSON message as its type.
+
+    Raises:
+        RecordingError: it is something else.
+    """
+    try:
+        return msgspec.json.decode(message.data, type=kind)
+    except (msgspec.DecodeError, RecursionError) as error:
+        raise RecordingError(path, f"{message.topic}: {error}") from None
+
+
+def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
+    """The scans and odometry of a run, to localize in them again.
+
+    Raises:
+        RecordingError: a file is no run log, or a message is malformed.
+    """
+    entries, skipped = list[Entry](), list[SkippedLine]()
+    for file in log_files(path):
+        log, number = LogFile(file), 0
+        for number, message in enumerate(log.messages(), start=1):
+            if message.topic.startswith(SCAN):
+                entries.append(_laser_entry(number, message, file))
+            elif message.topic == ODOMETRY:
+                link = decoded(message, foxglove.FrameTransform, file)
+                if link.child_frame_id == BASE:
+                    pose = cast(PoseTuple, link.parent_from_child)
+                    entries.append(OdometryEntry(number, link.timestamp.ns, pose))
+        if log.cut:
+            skipped.append(SkippedLine(number + 1, f"from here on cut off or damaged: {log.cut}"))
+    return entries, skipped
+
+
+def _laser_entry(number: int, message: LogMessage, path: Path) -> LaserEntry:
+    scan = decoded(message, foxglove.LaserScan, path)
+    beams = scan.beams()
+    return LaserEntry(
+        line_number=number,
+        stamp_ns=scan.timestamp.ns,
+        ranges=beams.ranges.array(),
+        angle_min_rad=beams.angle_min_rad,
+        angle_step_rad=beams.angle_step_rad,
+        robot_from_laser=beams.robot_from_laser,
+        odom_from_robot=cast(PoseTuple, scan.odom_from_robot),
+        range_limit_m=beams.range_max_m,
+        laser=message.topic.removeprefix("/"),
+    )
+
+
+def last_map(path: Path) -> GridMap:
+    """The newest map of a run.
+
+    Raises:
+        RecordingError: there is none, or it is malformed.
+    """
+    for file in reversed(log_files(path)):
+        grids = deque((one for one in LogFile(file).messages() if one.topic == GRID), maxlen=1)
+        if grids:
+            return map_in(grids[0], file)
+    raise RecordingError(path, "no map in it; name one by --map")
+
+
+def map_in(message: LogMessage, path: Path) -> GridMap:
+    """The map of a message.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    try:
+        return decoded(message, foxglove.Grid, path).grid_map()
+    except ValueError as error:
+        raise RecordingError(path, f"{message.topic}: {error}") from None

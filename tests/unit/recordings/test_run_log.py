@@ -1,0 +1,281 @@
+"""A run log: what was written is read, up to the first damaged byte, and by other readers."""
+
+import json
+import random
+import resource
+import struct
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from process_runtime.output_files import OutputError
+from process_runtime.settings import BridgeSettings
+from protocol.arrays import ArrayBlob
+from protocol.errors import MapFileError, RecordingError
+from protocol.job_events import JobEvents
+from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
+from recordings.map_file import load_map
+from recordings.recording import open_recording
+from recordings.run_log import (
+    BELIEF,
+    GRID,
+    JOB_EVENTS,
+    LogFile,
+    RunLog,
+    is_run_log,
+    last_map,
+    map_in,
+)
+from robot_simulator.worlds.catalogue import world
+from tests.unit.live_view.messages import belief, scan
+from tests.unit.recordings.test_bag_bombs import bomb
+
+ROOT = Path(__file__).parents[3]
+STEPS = 12
+EVENTS = JobEvents(sender="c", events=(), term=1)
+
+
+def step_scan(step: int) -> Scan:
+    beams = LaserBeams(
+        robot_from_laser=(-0.4, 0.0, np.pi), angle_min_rad=0.0, angle_step_rad=0.5,
+        range_max_m=10.0, ranges=ArrayBlob.of(np.array([1.0, 1.0 / 3.0]), "float32"),
+    )  # fmt: skip
+    made = scan(step, [2.0, 11.0, np.nan, 3.1])
+    return msgspec.structs.replace(made, stamp_ns=step * 10**8, others=(beams,))
+
+
+def write_run(path: Path) -> None:
+    """Two lasers, odometry between the steps; each step is a chunk."""
+    with RunLog.to(path) as log:
+        log.on_map(world("cross").map, 0)
+        for step in range(STEPS):
+            seen = step_scan(step)
+            log.on_scan(seen)
+            later = seen.stamp_ns + 10**7
+            reading = OdometryReading(sender="r", stamp_ns=later, odom_from_robot=(0.1, 0.2, 0.3))
+            log.on_odometry(reading)
+            told = belief(step, 4, 7) if step else belief(step)
+            log.on_belief(msgspec.structs.replace(told, stamp_ns=seen.stamp_ns))
+            log.write(JOB_EVENTS, EVENTS, seen.stamp_ns)
+            log.flush()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    write_run(path)
+    return path
+
+
+def as_others_read(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """JSON messages by topic, by the library's own reader of indexed files."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
+            assert schema is not None
+            assert channel.message_encoding == "json"
+            found.setdefault(channel.topic, []).append(json.loads(message.data))
+    return found
+
+
+def resolved(schema: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
+    name = schema.get("$ref", "").removeprefix("#/$defs/")
+    return parts[name] if name else schema
+
+
+def assert_fits(value: Any, schema: dict[str, Any], parts: dict[str, Any]) -> None:
+    """A value has the types of a JSON schema, with what Foxglove's parser knows of it."""
+    schema = resolved(schema, parts)
+    kinds = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int}
+    assert isinstance(value, kinds.get(schema["type"], (int, float))), schema
+    if schema["type"] == "array":
+        assert isinstance(schema["items"], dict), "no tuples"
+        for item in value:
+            assert_fits(item, schema["items"], parts)
+    for name, kind in schema.get("properties", {}).items():
+        assert_fits(value[name], kind, parts)
+
+
+def test_every_message_fits_the_schema_in_the_file(run: Path) -> None:
+    names = set()
+    with run.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            assert schema is not None
+            assert schema.encoding == "jsonschema"
+            described = json.loads(schema.data)
+            assert described["type"] == "object"
+            assert_fits(json.loads(message.data), described, described.get("$defs", {}))
+            names.add((channel.topic, schema.name))
+    assert names == {
+        ("/map", "foxglove.Grid"), ("/tf", "foxglove.FrameTransform"),
+        ("/scan", "foxglove.LaserScan"), ("/scan_1", "foxglove.LaserScan"),
+        ("/pose", "foxglove.PoseInFrame"), ("/places", "foxglove.SceneUpdate"),
+        ("/belief", "clustermcl.Belief"), ("/events", "clustermcl.JobEvents"),
+    }  # fmt: skip
+
+
+def test_the_layout_for_foxglove_draws_topics_of_the_file(run: Path) -> None:
+    panels = json.loads((ROOT / "deploy" / "foxglove.json").read_text())["configById"]
+    topics = as_others_read(run)
+    assert panels["3D!map"]["topics"].keys() <= topics.keys()
+    first, second, elsewhere = (one["value"] for one in panels["Plot!probabilities"]["paths"])
+    assert elsewhere.removeprefix("/belief.") in topics["/belief"][1]
+    for number, path in enumerate((first, second)):
+        found = topics["/belief"][1]["hypotheses"][number]
+        assert path.removeprefix(f"/belief.hypotheses[{number}].") in found
+
+
+def test_others_read_the_scan_the_places_and_the_map(run: Path) -> None:
+    found = as_others_read(run)
+    assert found["/scan"][3]["ranges"] == [2.0, 0.0, 0.0, 3.1]
+    assert np.float32(found["/scan_1"][0]["ranges"][1]) == np.float32(1.0 / 3.0)
+    assert found["/scan_1"][0]["pose"]["position"] == {"x": -0.4, "y": 0.0, "z": 0.0}
+    assert [len(one["entities"][0]["cylinders"]) for one in found["/places"][:2]] == [0, 2]
+    assert [text["text"] for text in found["/places"][1]["entities"][0]["texts"]] == ["45 %"] * 2
+    variances = np.linalg.eigvalsh([[0.4, 0.1], [0.1, 0.3]])
+    size = found["/places"][1]["entities"][0]["cylinders"][0]["size"]
+    assert (size["y"], size["x"]) == pytest.approx(tuple(4.0 * np.sqrt(variances)), abs=1e-4)
+    (grid,) = found["/map"]
+    assert (grid["column_count"], grid["cell_size"]["x"]) == (
+        world("cross").map.cells.shape[1], world("cross").map.cell_m,
+    )  # fmt: skip
+
+
+def test_the_map_is_read_again_and_a_large_one_coarser(run: Path, tmp_path: Path) -> None:
+    ground = world("cross").map
+    assert last_map(run).digest == load_map(run).digest == ground.digest
+    small = tmp_path / "small.mcap"
+    with RunLog(small) as log:
+        log.on_map(ground, 0, ground.cells.size // 4)
+    coarse = last_map(small)
+    assert coarse.cell_m == 2 * ground.cell_m
+    assert coarse.cells.shape == tuple(-(-side // 2) for side in ground.cells.shape)
+    rows, cols = np.nonzero(ground.cells == 1)
+    assert np.all(coarse.cells[rows // 2, cols // 2] == 1), "no wall is lost"
+
+
+def test_a_run_is_a_recording_with_every_bit_of_scans_and_odometry(run: Path) -> None:
+    recording = open_recording(run, BridgeSettings())
+    assert recording.skipped == ()
+    lasers = [one for one in recording.readings if isinstance(one, LaserReading)]
+    assert {one.laser for one in lasers} == {"scan", "scan_1"}
+    assert len(lasers) == 2 * STEPS
+    behind = next(one for one in lasers if one.laser == "scan_1")
+    assert behind.ranges == step_scan(0).others[0].ranges
+    assert behind.robot_from_laser == (-0.4, 0.0, np.pi)
+    moved = [one for one in recording.readings if isinstance(one, OdometryReading)]
+    assert {one.odom_from_robot for one in moved} == {(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)}
+
+
+def test_only_its_owner_may_read_a_run(run: Path) -> None:
+    assert run.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_file_that_is_cut_anywhere_is_good_up_to_its_last_whole_chunk(
+    run: Path, tmp_path: Path
+) -> None:
+    data, cut = run.read_bytes(), tmp_path / "cut.mcap"
+    whole = list(LogFile(run).messages())
+    read_last = 0
+    for length in range(0, len(data), 97):
+        cut.write_bytes(data[:length])
+        log = LogFile(cut)
+        read = list(log.messages())
+        assert read == whole[: len(read)]
+        assert log.cut
+        assert len(read) >= read_last
+        read_last = len(read)
+    assert read_last == len(whole)
+    log = LogFile(run)
+    list(log.messages())
+    assert not log.cut
+
+
+def test_of_a_file_with_any_bytes_changed_nothing_wrong_is_read(run: Path, tmp_path: Path) -> None:
+    rng, data = random.Random(1), run.read_bytes()
+    right, path = list(LogFile(run).messages()), tmp_path / "broken.mcap"
+    for _ in range(300):
+        broken = bytearray(data)
+        broken[rng.randrange(60, len(data))] ^= rng.randrange(1, 256)
+        path.write_bytes(broken)
+        read = list(LogFile(path).messages())
+        assert read == right[: len(read)]
+
+
+@pytest.mark.parametrize("data", [b"P5 800 600 255", b"MCLFLY2\n" + bytes(100)])
+def test_what_is_no_run_log_is_refused(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "run.mcap"
+    path.write_bytes(data)
+    assert not is_run_log(path)
+    with pytest.raises(RecordingError, match="is no MCAP file"):
+        list(LogFile(path).messages())
+    with pytest.raises(RecordingError, match="no such file"):
+        list(LogFile(tmp_path / "none").messages())
+
+
+def test_another_mcap_file_is_refused_and_a_bomb_never_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(bomb(1_000))
+    assert not is_run_log(path)
+    with pytest.raises(RecordingError, match="not written by clustermcl"):
+        list(LogFile(path).messages())
+    ours = struct.pack("<I", 10) + b"clustermcl" + struct.pack("<I", 0)
+    theirs = bomb(1_000)
+    after_header = 8 + 9 + 12  # magic, opcode and length, two strings: "ros2" and ""
+    path.write_bytes(theirs[:9] + struct.pack("<Q", len(ours)) + ours + theirs[after_header:])
+    assert is_run_log(path)
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    log = LogFile(path)
+    assert list(log.messages()) == []
+    assert "unpacks to more than" in log.cut
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
+
+
+def test_a_run_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
+    """A file of some kilobytes that holds 2 GB."""
+    path = tmp_path / "long.mcap"
+    with RunLog(path) as log:
+        for _ in range(1_000):
+            log.write("/log", msgspec.Raw(bytes(2_000_000)), 0, packed=True)  # type: ignore[arg-type]
+    assert path.stat().st_size < 2_000_000
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert sum(1 for _ in LogFile(path).messages()) == 1_000
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
+
+
+@pytest.mark.parametrize(
+    ("topic", "content"),
+    [(GRID, {}), (GRID, {"nonsense": 1}), ("/scan", {"ranges": []}), ("/tf", {"timestamp": 1})],
+)
+def test_messages_of_another_form_are_one_line(
+    tmp_path: Path, topic: str, content: dict[str, Any]
+) -> None:
+    path = tmp_path / "run.mcap"
+    with RunLog(path) as log:
+        log.write(topic, msgspec.Raw(msgspec.json.encode(content)), 0)  # type: ignore[arg-type]
+    with pytest.raises(RecordingError, match=topic if topic != GRID else "no scan in it"):
+        open_recording(path, BridgeSettings())
+    if topic == GRID:
+        with pytest.raises(MapFileError, match="/map"):
+            load_map(path)
+
+
+def test_a_map_that_is_not_rectangular_is_one_line(run: Path, tmp_path: Path) -> None:
+    message = next(one for one in LogFile(run).messages() if one.topic == GRID)
+    grid = msgspec.json.decode(message.data)
+    grid["column_count"] += 1
+    bent = message._replace(data=msgspec.json.encode(grid))
+    with pytest.raises(RecordingError, match="/map"):
+        map_in(bent, tmp_path)
+
+
+def test_a_disk_that_is_full_is_one_line() -> None:
+    log = RunLog(Path("/dev/full"))
+    log.write(BELIEF, belief(1, 4), 0)
+    with pytest.raises(OutputError, match="No space left"):
+        log.flush()
+    log.abandon()
