@@ -15,7 +15,7 @@ from types import ModuleType
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from clustermcl.client import Client
+import clustermcl
 from clustermcl.command import app
 from process_runtime.settings_table import TABLE
 from protocol.message import Message
@@ -69,17 +69,23 @@ def command_names() -> list[str]:
     return list(getattr(get_command(app), "commands"))  # noqa: B009 - of a group, mypy
 
 
+def library_page() -> str:
+    """The library, for mkdocstrings to fill in."""
+    about = "What `clustermcl` exports, but for the [client](client.md)."
+    names = sorted(clustermcl.__all__, key=lambda name: (name.endswith("Error"), name.lower()))
+    return _members("The library", about, [name for name in names if name != "Client"])
+
+
 def client_page() -> str:
-    """The methods of the Python client."""
-    lines = ["# The Python client", "", "```python", "from clustermcl.client import Client", "```"]
-    lines += ["", *_docstring(inspect.getdoc(Client) or "")]
-    lines.append("What answers hold: [messages](messages.md).")
-    for name, member in vars(Client).items():
-        if not name.startswith("_") and inspect.isfunction(member):
-            signature = str(inspect.signature(member)).replace("self, ", "").replace("(self)", "()")
-            lines += ["", f"## {name}", "", "```python", f"client.{name}{_short(signature)}", "```"]
-            lines += ["", *_docstring(inspect.getdoc(member) or "")]
-    return "\n".join(lines) + "\n"
+    """The Python client, for mkdocstrings to fill in."""
+    about = (
+        "What answers hold: [messages](messages.md). Asking with it: [From Python](../library.md)."
+    )
+    return _members("The Python client", about, ["Client"])
+
+
+def _members(title: str, about: str, names: list[str]) -> str:
+    return "\n\n".join([f"# {title}", about, *(f"::: clustermcl.{name}" for name in names)])
 
 
 def messages_page() -> str:
@@ -135,13 +141,6 @@ def title_of(page: Path) -> str:
     return page.read_text().partition("\n")[0].removeprefix("# ")
 
 
-def _short(signature: str) -> str:
-    """A signature without the folders of its types."""
-    for folder in ("protocol.answers.", "protocol.job_events.", "grid_maps.grid_map."):
-        signature = signature.replace(folder, "")
-    return signature.replace("collections.abc.", "").replace("protocol.message.", "")
-
-
 def _docstring(text: str) -> Iterator[str]:
     """Sections of a docstring as headings and lists."""
     for block in text.split("\n\n"):
@@ -158,6 +157,7 @@ def _docstring(text: str) -> Iterator[str]:
 PAGES = {
     "reference/settings.md": settings_page,
     "reference/commands.md": commands_page,
+    "reference/library.md": library_page,
     "reference/client.md": client_page,
     "reference/messages.md": messages_page,
 }

@@ -1,7 +1,8 @@
-"""Hooks of MkDocs: pages made from the code, links to files, and the navigation."""
+"""Hooks of MkDocs: pages made from the code, runs that play, links to files, the navigation."""
 
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,10 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 DOCS = Path(__file__).parent
-sys.path.insert(0, str(DOCS))  # MkDocs loads this file alone
+sys.path[:0] = [str(DOCS), str(DOCS.parent)]  # MkDocs loads this file alone
 
+import notebook  # noqa: E402 - see above
+import play_runs  # noqa: E402 - see above
 from reference import PAGES, decisions_page, title_of  # noqa: E402 - see above
 
 _OUTSIDE = re.compile(r"\[([^\]]+)\]\(((?:\.\./)+[\w./-]+)\)")
@@ -24,23 +27,26 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     decisions = sorted((DOCS / "decisions").glob("*.md"), key=title_of)
     placed = re.findall(r"[\w/-]+\.md", str(nav))
     more = [page.name for page in sorted(DOCS.glob("*.md")) if page.name not in placed]
-    for section in nav:
-        if "Decisions" in section:
-            section["Decisions"] = [
-                "decisions/index.md",
-                *(f"decisions/{p.name}" for p in decisions),
-            ]
+    explanation = next(section["Explanation"] for section in nav if "Explanation" in section)
+    explanation[-1]["Decisions"] += [f"decisions/{page.name}" for page in decisions]
     config.nav = [*nav, {"More": more}] if more else nav
     return config
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is made from the code."""
-    pages = {name: make() for name, make in PAGES.items()}
-    pages["decisions/index.md"] = decisions_page()
-    for name, text in pages.items():
-        files.append(File.generated(config, name, content=text))
+    made: dict[str, str | bytes] = {name: make() for name, make in PAGES.items()}
+    made["decisions/index.md"] = decisions_page()
+    made[notebook.PAGE], pictures = notebook.page()
+    for name, content in {**made, **pictures, **_runs()}.items():
+        files.append(File.generated(config, name, content=content))
     return files
+
+
+@cache
+def _runs() -> dict[str, str]:
+    """The runs take some seconds; `mkdocs serve` makes them once."""
+    return {f"demo/{name}.html": play_runs.page(story) for name, story in play_runs.STORIES.items()}
 
 
 def on_page_markdown(markdown: str, page: Page, **_rest: object) -> str:
@@ -55,4 +61,5 @@ def on_page_markdown(markdown: str, page: Page, **_rest: object) -> str:
             raise PluginError(f"{page.file.src_uri} links to {link[2]}, which is not there")
         return f"{words} (`{target.relative_to(DOCS.parent)}` in the repository)"
 
-    return _OUTSIDE.sub(named, markdown).replace("](decisions)", "](decisions/index.md)")
+    inside = _OUTSIDE.sub(named, markdown).replace("](decisions)", "](decisions/index.md)")
+    return inside.replace("notebook.ipynb)", "notebook.md)")

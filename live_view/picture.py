@@ -17,7 +17,7 @@ from live_view.frames import (
     step_frame,
 )
 from live_view.particle_clouds import cloud_frame, cluster_of
-from live_view.step_archive import StepArchive
+from live_view.step_archive import ArchiveEntry, StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
 from protocol.message import PoseTuple
@@ -81,6 +81,11 @@ class Picture:
         """The frames as they were after a step; without those that are not known any more."""
         events = [event for event in self._events.values() if event.step <= step]
         return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
+
+    @property
+    def archived(self) -> list[ArchiveEntry]:
+        """Step, topic and frame of all steps that are kept, in their order."""
+        return self._archive.everything()
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
         """What the way and the plot need of the steps before one, the last of them."""

@@ -1,12 +1,14 @@
-"""The page as one file that needs no server: what is shown stands in it."""
+"""The page as one file that needs no server: a moment, or a run that plays."""
 
 import base64
 import re
+import zlib
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 
+from live_view.picture import Picture
 from live_view.static_files import static_files
 from protocol.steps import MapMessage
 
@@ -22,10 +24,20 @@ def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at:
         saved_at: when, in words.
     """
     system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
-    shown = {**frames, "system": system}
+    return _page({**frames, "system": system}, grid_map)
+
+
+def saved_run(picture: Picture, grid_map: MapMessage) -> str:
+    """A page of HTML that plays all steps that a picture holds; its run has ended."""
+    packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
+    past = base64.b64encode(packed).decode()
+    return _page({**picture.everything(), "past": past}, grid_map)
+
+
+def _page(shown: dict[str, Any], grid_map: MapMessage | None) -> str:
     if grid_map is not None:
         packed = base64.b64encode(grid_map.zlib_cells).decode()
-        shown["map"] = {**frames["map"], "packed": packed}
+        shown["map"] = {**shown["map"], "packed": packed}
     files = {name: content.decode() for name, content in static_files().items()}
     data = msgspec.json.encode(shown).decode().replace("<", "\\u003c")
     head = (

@@ -16,9 +16,9 @@ PACKED_TOGETHER_BYTES = 32_000
 """About a second's frames: deflate takes longer to set up than to pack one, and they are alike."""
 _FAST = 1
 
-_Entry: TypeAlias = tuple[int, str, msgspec.Raw]
+ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
 """Step, topic, encoded frame."""
-_ENTRIES = msgspec.json.Decoder(list[_Entry])
+_ENTRIES = msgspec.json.Decoder(list[ArchiveEntry])
 
 
 class _Pack(NamedTuple):
@@ -44,7 +44,7 @@ class StepArchive:
         """Forget all."""
         self._packs: deque[_Pack] = deque()
         self._packed_bytes = self._newest_bytes = 0
-        self._newest: list[_Entry] = []
+        self._newest: list[ArchiveEntry] = []
         """Not packed yet."""
         self._newest_step = 0
 
@@ -78,7 +78,12 @@ class StepArchive:
                     found.setdefault(topic, frame)
         return found
 
-    def _entries_between(self, first: int, last: int) -> Iterator[Sequence[_Entry]]:
+    def everything(self) -> list[ArchiveEntry]:
+        """All entries in the order of their steps."""
+        packs = [_ENTRIES.decode(zlib.decompress(pack.packed)) for pack in self._packs]
+        return [entry for entries in (*packs, self._newest) for entry in entries]
+
+    def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
         """Entries of these steps and some around them, the newest pack first."""
         yield self._newest
         for pack in reversed(self._packs):

@@ -1,4 +1,7 @@
 // The socket to the server. It is opened again whenever it closes; a page that was saved as a file has none.
+import { unpacked } from "./map_picture.js";
+
+const LOOK_BACK_STEPS = 100; // as in `step_archive.py`
 const LONGEST_PAUSE_MS = 4000, FIRST_PAUSE_MS = 250;
 const DRAWN_EVERY = 3, DRAWN_WITHIN_MS = 250; // so the server hears of what was drawn
 
@@ -17,7 +20,7 @@ export class Connection {
     const saved = document.getElementById("saved");
     if (saved) {
       this.isOpen = true;
-      this.take(JSON.parse(saved.textContent));
+      this.openSaved(JSON.parse(saved.textContent));
       return;
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
@@ -41,6 +44,21 @@ export class Connection {
     };
   }
 
+  /** @param past of a saved run: [step, topic, frame] of all its steps, packed */
+  async openSaved({ past, ...frames }) {
+    if (past) this.past = { entries: await unpacked(past).json(), events: frames.events };
+    this.opened = this.take(frames);
+  }
+
+  /** What the server would answer. */
+  pastAt(step) {
+    const frames = { events: this.past.events.filter((event) => event.step <= step) };
+    for (const [at, topic, frame] of this.past.entries) {
+      if (at <= step && at >= step - LOOK_BACK_STEPS) frames[topic] = frame;
+    }
+    return frames;
+  }
+
   tellDrawn() {
     clearTimeout(this.timer);
     this.timer = 0;
@@ -49,6 +67,7 @@ export class Connection {
   }
 
   send(message) {
+    if (this.past && message.type === "past") this.opened.then(() => this.take({ past: this.pastAt(message.step) }));
     if (this.socket?.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 }

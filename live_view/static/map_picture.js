@@ -11,7 +11,7 @@ export async function fetchedCells({ digest, rows, cols, packed }) {
 }
 
 /** Of a page that was saved as a file: base64 of zlib. */
-function unpacked(packed) {
+export function unpacked(packed) {
   const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")));
 }

@@ -1,14 +1,19 @@
 """The site of docs/: what is made from the code is complete, and no link leads nowhere."""
 
+import base64
 import importlib.util
+import json
+import os
+import re
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-from clustermcl.client import Client
+import clustermcl
 from process_runtime.settings_table import TABLE
 from protocol import answers, health, job_events, steps, work
 from protocol.message import Message
@@ -18,7 +23,12 @@ REPOSITORY = Path(__file__).parents[2]
 
 @pytest.fixture(scope="module")
 def reference() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("reference", REPOSITORY / "docs/reference.py")
+    return loaded("reference")
+
+
+def loaded(name: str) -> ModuleType:
+    """A script of docs/."""
+    spec = importlib.util.spec_from_file_location(name, REPOSITORY / f"docs/{name}.py")
     assert spec is not None
     assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
@@ -31,10 +41,6 @@ def test_the_reference_has_every_setting_command_and_question(reference: ModuleT
     assert {name for name in TABLE if f"| `{name}` |" not in settings} == set()
     assert "## clustermcl check\n" in commands
     assert "Usage: clustermcl check [OPTIONS] {MAP}" in commands
-    client = reference.client_page()
-    for name in ("pose", "hypotheses", "beliefs", "map", "set_pose"):
-        assert hasattr(Client, name)
-        assert f"\n## {name}\n" in client
 
 
 def test_the_reference_has_every_message_with_its_fields(reference: ModuleType) -> None:
@@ -59,13 +65,54 @@ def test_every_field_that_the_client_hands_out_is_described(
     assert bare == []
 
 
-def test_the_site_is_made_without_a_warning(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("mkdocs", reason="the extra docs is not installed; .ci/run makes the site")
+    folder = tmp_path_factory.mktemp("site")
     made = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")],
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
         cwd=REPOSITORY, capture_output=True, text=True, timeout=100, check=False,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
     )  # fmt: skip
     assert made.returncode == 0, made.stderr
-    assert (tmp_path / "site/reference/settings/index.html").is_file()
-    html = "".join(page.read_text() for page in (tmp_path / "site").rglob("*.html"))
-    assert 'src="http' not in html, "something is loaded from elsewhere"
+    return folder
+
+
+def test_the_site_loads_nothing_from_elsewhere(site: Path) -> None:
+    assert (site / "reference/settings/index.html").is_file()
+    loaded = re.compile(
+        r'<(?:script|img|iframe|source|video)[^>]*(?:src|srcset)="?(?:https?:)?//'
+        r'|<link[^>]*rel="?(?:stylesheet|preconnect|preload|icon)[^>]*href="?(?:https?:)?//'
+        r"|@import|url\((?:https?:)?//"
+    )
+    for page in (*site.rglob("*.html"), *site.rglob("*.css")):
+        assert loaded.search(page.read_text()) is None, page
+
+
+def test_the_reference_of_the_library_has_its_public_names_and_methods(site: Path) -> None:
+    library = (site / "reference/library/index.html").read_text()
+    client = (site / "reference/client/index.html").read_text()
+    for name in clustermcl.__all__:
+        assert f'id="clustermcl.{name}"' in (client if name == "Client" else library)
+    for name in ("pose", "hypotheses", "beliefs", "map", "set_pose"):
+        assert f'id="clustermcl.Client.{name}"' in client
+
+
+def test_the_runs_to_play_are_small_and_hold_all_steps(site: Path) -> None:
+    """A browser plays such a page in tests/integration/live_view/test_drawn.py."""
+    for name, count in (("story", 200), ("office", 100), ("kidnapping", 160)):
+        page = (site / f"demo/{name}.html").read_text()
+        assert len(page) < 1_000_000
+        saved = json.loads(re.findall(r'id="saved">(.*?)</script>', page)[0])
+        past = json.loads(zlib.decompress(base64.b64decode(saved["past"])))
+        assert [step for step, topic, _ in past if topic == "step"] == list(range(count))
+
+
+def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
+    pytest.importorskip("nbclient", reason="the extra docs is not installed; .ci/run runs it")
+    notebook = loaded("notebook")
+    *_, last = (cell for cell in notebook.executed().cells if cell.cell_type == "code")
+    assert last.outputs[0]["data"]["text/plain"] == "True"
+    page = (site / "tutorials/notebook/index.html").read_text()
+    assert page.count('src="../notebook-') == 3
+    assert "localized" in page

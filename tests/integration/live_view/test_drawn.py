@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from live_view.commands import DriveRobot, KidnapRobot, PlaceRobot, SearchAgain
-from live_view.saved_page import saved_page
+from live_view.saved_page import saved_page, saved_run
 from protocol.answers import Belief
 from protocol.arrays import ArrayBlob
 from protocol.job_events import Ended, JobEvents, NumberedEvent
@@ -321,6 +321,25 @@ def test_a_page_that_was_saved_shows_the_same_without_a_server(
     assert not page.is_visible("timeline")
     assert not page.is_visible("banner")
     assert page.snapshot().pixel_at(1.0, 2.0) == (0xE6, 0x9F, 0x00)
+    assert page.console() == []
+
+
+def test_a_run_that_was_saved_plays_without_a_server(
+    stage: Stage, driver: Any, tmp_path: Path
+) -> None:
+    play(stage, range(30))
+    stage.picture.on_events(events(3))
+    stage.picture.on_link("finished")
+    file = tmp_path / "run.html"
+    assert stage.map is not None
+    file.write_text(saved_run(stage.picture, stage.map))
+    page = Page(driver, f"{file.as_uri()}#step=4")
+    wait_until(lambda: shown_step(page) == 4)
+    truth = page.run("return liveView.view.step.truth")
+    assert truth == pytest.approx([1.04, 2.0, 0.0])
+    page.click("play")
+    wait_until(lambda: shown_step(page) == 29)
+    wait_until(lambda: page.text("slider-step") == "end")
     assert page.console() == []
 
 

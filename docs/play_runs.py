@@ -1,0 +1,92 @@
+"""Three runs of a simulated robot, each as a page in one file that plays in the browser.
+
+python docs/play_runs.py FOLDER      writes them; the site makes them by itself
+"""
+
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from coordinator.belief.outcome import Outcome, belief_after
+from evaluation.in_process import InProcess
+from grid_maps.map_message import to_message
+from live_view.picture import Picture
+from live_view.recorded_run import best_pose
+from live_view.saved_page import saved_run
+from process_runtime.settings import Settings
+from protocol.job_events import JobEvents, NumberedEvent
+from protocol.steps import TruePose
+from protocol.work import TrackJob
+from robot_simulator.simulation import Simulation
+from robot_simulator.source import SimulatedSource, simulated_steps
+from robot_simulator.worlds.catalogue import world
+from worker.map_model import sensor_model
+
+CLOUD_EVERY_STEPS = 10
+MOST_CLOUDS = 8
+"""With more places, particles would make the file too large."""
+
+
+@dataclass(frozen=True)
+class Story:
+    """A run to show."""
+
+    world: str
+    title: str
+    steps: int
+    seed: int = 0
+    kidnap_at: int | None = None
+
+
+STORIES = {
+    "story": Story("cross_feature", "four arms that look alike, and one cabinet", 200),
+    "office": Story("office", "an office of identical rooms", 100),
+    "kidnapping": Story("hall", "a robot that is kidnapped at step 60", 160, kidnap_at=60),
+}
+
+
+def page(story: Story, progress: Callable[[int], None] = lambda _step: None) -> str:
+    """Run it, and return its page."""
+    place, settings = world(story.world), Settings(seed=story.seed)
+    source = SimulatedSource(
+        Simulation(place, story.seed), steps=story.steps, kidnap_at=story.kidnap_at
+    )
+    with tempfile.TemporaryDirectory() as cache:
+        run = InProcess(sensor_model(place.map, settings.sensor, Path(cache)), settings)
+    picture = Picture({"robot": story.title, "router": "", "commands": False, "story": True})
+    grid_map = to_message(place.map, "docs")
+    picture.on_link("running")
+    picture.on_map(grid_map)
+    events = 0
+    for scan, truth in simulated_steps(source, settings.bridge, place.map.digest):
+        outcome = run.advance(scan)
+        picture.on_scan(scan)
+        picture.on_truth(TruePose(sender="docs", step=scan.step, map_from_robot=truth))
+        picture.on_events(_events(outcome, events, scan.stamp_ns))
+        events += len(outcome.events)
+        belief = belief_after(scan, outcome, "docs")
+        picture.on_belief(belief)
+        picture.on_pose(best_pose(belief))
+        if scan.step % CLOUD_EVERY_STEPS == 0 and len(belief.hypotheses) <= MOST_CLOUDS:
+            for job in (assignment.job for assignment in run.state.jobs):
+                if isinstance(job, TrackJob) and job.start.step == scan.step:
+                    picture.on_particles(job.cluster, job.start)
+        progress(scan.step)
+    picture.on_link("finished")
+    return saved_run(picture, grid_map)
+
+
+def _events(outcome: Outcome, first: int, stamp_ns: int) -> JobEvents:
+    numbered = (
+        NumberedEvent(number=first + index, step=outcome.step, stamp_ns=stamp_ns, event=event)
+        for index, event in enumerate(outcome.events)
+    )
+    return JobEvents(sender="docs", events=tuple(numbered))
+
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    for name, story in STORIES.items():
+        (folder / f"{name}.html").write_text(page(story))
