@@ -14,14 +14,13 @@ from particle_filter.arrays import OCCUPIED, Cells, Points, Poses
 from particle_filter.beam_model import beam_log_likelihood
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
-from particle_filter.motion import move, move_with_noise
+from particle_filter.motion import move, move_with_noise, standard_normals
 from particle_filter.motion_noise import along_across_turn
-from particle_filter.normal_numbers import standard_normals
+from particle_filter.places import cluster_by_source_point
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.resampling import resample, systematic
 from particle_filter.sensor_model import Grid
 from particle_filter.settings import MotionSettings, SensorSettings
-from particle_filter.source_clustering import cluster_by_source_point
 from robot_simulator.worlds.catalogue import world
 
 Run = Callable[[], object]

@@ -35,7 +35,7 @@ from evaluation.mirrored import mirrored
 from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
-from particle_filter.kernel_arguments import to_cells
+from particle_filter.kernels import to_cells
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple

@@ -10,12 +10,10 @@ from math import ceil, cos, floor, sin, sqrt
 import numpy as np
 
 from particle_filter.arrays import OCCUPIED, UNKNOWN, Cells, Points, Pose
-from particle_filter.kernel_arguments import ToCells, plain, read_only
-from particle_filter.kernels import kernel
+from particle_filter.kernels import ToCells, kernel, plain, read_only
 from particle_filter.off_map import BeamClasses
-from particle_filter.ray_casting import JumpField
+from particle_filter.ray_casting import JumpField, cast_ray, flat
 from particle_filter.sensor_model import Beams, Grid
-from particle_filter.single_ray import cast_ray, flat
 
 SHARP_M = 0.1
 """An end this near to an obstacle, plus half a cell of the map, lies on it."""

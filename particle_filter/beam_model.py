@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
-from particle_filter.kernel_arguments import plain, read_only, to_cells
-from particle_filter.kernels import kernel
+from particle_filter.kernels import kernel, plain, read_only, to_cells
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
-from particle_filter.scan_points import usable_beams
-from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
+from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
 _Mixture = tuple[float, float, float, float, float, float, float]

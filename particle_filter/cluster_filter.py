@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.evidence_model import way
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.ground import ground_log_penalty
 from particle_filter.log_weights import multiplied, normalised_weights, shares
-from particle_filter.motion import move
+from particle_filter.motion import move, slipped
 from particle_filter.resampling import resample, systematic
-from particle_filter.sensor_model import Beams, SensorModel
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import ClusterSettings, MotionSettings
-from particle_filter.slip import slipped
 
 _SLIP_EVERY = 4
 """One particle of so many is tried as one that has slipped."""

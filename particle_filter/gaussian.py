@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose, Poses
-from particle_filter.kernel_arguments import plain
-from particle_filter.kernels import kernel
+from particle_filter.kernels import kernel, plain
 from particle_filter.poses import wrap_angle
 
 

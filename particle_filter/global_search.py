@@ -19,18 +19,16 @@ from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.cluster_filter import Cloud
 from particle_filter.evidence_model import misfit, share_that_counts
 from particle_filter.grid_search import Circle, GridSearch, SearchSpace
-from particle_filter.ground import ground_log_penalty
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
-from particle_filter.places import FoundPlace, Parts, clustered, found_places
+from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_places
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
 from particle_filter.resampling import thinning
-from particle_filter.sensor_model import Beams, SensorModel
+from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import FilterSettings, SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter, finished
-from particle_filter.source_clustering import Labels
 from particle_filter.view_memory import ViewMemory
 
 _REFINEMENTS = 2

@@ -7,12 +7,11 @@ from math import log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 
 from particle_filter.arrays import OCCUPIED, Cells, LogField, LogWeights, Points, Pose, Poses
 from particle_filter.elementary_functions import cos_sin
-from particle_filter.kernel_arguments import ToCells, plain, read_only, to_cells
-from particle_filter.kernels import kernel
-from particle_filter.obstacle_distance import obstacle_distance
+from particle_filter.kernels import ToCells, kernel, plain, read_only, to_cells
 from particle_filter.settings import SensorSettings
 
 Codes = NDArray[np.uint16]
@@ -43,7 +42,10 @@ def _strips(
 
 def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
     """Distance to the nearest obstacle, capped."""
-    distance_m = obstacle_distance(cells == OCCUPIED) * np.float32(cell_m)
+    blocked = cells == OCCUPIED
+    if not blocked.any():
+        return np.full(cells.shape, settings.max_obstacle_distance_m, np.float32)
+    distance_m = distance_transform_edt(~blocked).astype(np.float32) * np.float32(cell_m)
     return np.asarray(np.minimum(distance_m, np.float32(settings.max_obstacle_distance_m)))
 
 

@@ -12,8 +12,7 @@ from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihoo
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField, checked_jumps, jump_field
 from particle_filter.resampling import systematic
-from particle_filter.scan_points import usable_beams
-from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays
+from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 from particle_filter.visibility import hidden_log_likelihood
 

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
 from particle_filter.elementary_functions import exponentials
-from particle_filter.kernel_arguments import plain
-from particle_filter.kernels import kernel
+from particle_filter.kernels import kernel, plain
 
 
 def normalised_weights(log_weights: LogWeights) -> NDArray[np.float64]:

@@ -1,6 +1,9 @@
-"""How one odometry motion errs: its parts and their standard deviations, without particles."""
+"""The errors of odometry: deviations of the parts of a motion, and covariances of poses."""
 
-from math import atan2, hypot, pi
+from math import atan2, cos, hypot, pi, sin, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
 from particle_filter.poses import heading_distance, wrap_angle
@@ -46,3 +49,68 @@ def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]
         ),
         hypot(settings.turn_noise_per_turn * turned_2, turn_by_drive),
     )
+
+
+_ANY_HEADING_RAD2 = pi**2 / 3.0
+"""Variance of a heading that nobody knows; a larger one would swing things without a bound."""
+
+
+def motion_covariance(before_from_after: Pose, settings: MotionSettings) -> NDArray[np.float64]:
+    """How uncertain one motion is, by the noise that `motion.move` would draw.
+
+    The noise M of the drive's own parts becomes one of the pose by their Jacobian V: V M V^T.
+
+    Args:
+        before_from_after: (3,) the motion by odometry, in the frame before it.
+        settings: motion model and noise.
+
+    Returns:
+        (3, 3) covariance of x, y [m] and heading [rad], in the frame before the motion. Exact for
+        the omnidirectional model, of first order for the differential one.
+
+    References:
+        Probabilistic Robotics (2005), section 7.4: V_t M_t V_t^T of table 7.2, there with the
+        velocity model; here with the odometry model of table 5.6.
+    """
+    if settings.model == "differential":
+        turn_1, drive, _, *sigmas = turn_drive_turn(before_from_after, settings)
+        c, s = cos(turn_1), sin(turn_1)
+        # Of x = drive cos(turn_1), y = drive sin(turn_1), heading = turn_1 + turn_2.
+        parts = np.array([[-drive * s, c, 0.0], [drive * c, s, 0.0], [1.0, 0.0, 1.0]])
+    else:
+        bearing, _, _, *sigmas = along_across_turn(before_from_after, settings)
+        c, s = cos(bearing), sin(bearing)
+        parts = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    scaled = parts * np.array(sigmas)
+    return np.asarray(scaled @ scaled.T)
+
+
+def composed_covariance(
+    a_from_b: Pose,
+    of_a_from_b: NDArray[np.float64],
+    b_from_c: Pose,
+    of_b_from_c: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """How uncertain `compose(a_from_b, b_from_c)` is, where the two err independently.
+
+    G S G^T + H Q H^T: an uncertain heading of b swings c about it, and what is uncertain in the
+    frame of b is turned into that of a. A heading can be no less certain than any at all.
+
+    Args:
+        a_from_b: (3,) mean.
+        of_a_from_b: (3, 3) its covariance, in the frame of a.
+        b_from_c: (3,) mean.
+        of_b_from_c: (3, 3) its covariance, in the frame of b.
+
+    Returns:
+        (3, 3) covariance of x, y [m] and heading [rad], in the frame of a.
+
+    References:
+        Probabilistic Robotics (2005), table 7.2: G_t Sigma G_t^T + R_t.
+    """
+    c, s = cos(a_from_b[2]), sin(a_from_b[2])
+    x, y, _ = b_from_c.tolist()
+    swung = np.array([[1.0, 0.0, -s * x - c * y], [0.0, 1.0, c * x - s * y], [0.0, 0.0, 1.0]])
+    swung[:, 2] *= sqrt(_ANY_HEADING_RAD2 / max(float(of_a_from_b[2, 2]), _ANY_HEADING_RAD2))
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(swung @ of_a_from_b @ swung.T + turned @ of_b_from_c @ turned.T)

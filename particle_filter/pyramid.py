@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
-from particle_filter.kernel_arguments import read_only
-from particle_filter.kernels import kernel
+from particle_filter.kernels import kernel, read_only
 from particle_filter.likelihood_field import LikelihoodField, code_scale
 from particle_filter.settings import SensorSettings
 

@@ -1,4 +1,4 @@
-"""What every sensor model does: choose beams of a scan, weigh poses by them, correct the sum.
+"""What all sensor models share: the map, the beams of a scan, and the protocol of a model.
 
 A model is a class in a file of its own; `sensor_models.py` knows them all by their names.
 """
@@ -11,11 +11,10 @@ from typing import Any, ClassVar, Protocol, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import Cells, LogWeights, Points, Pose, Poses
-from particle_filter.kernel_arguments import ToCells, read_only, to_cells
+from particle_filter.arrays import FREE, Cells, LogWeights, Points, Pose, Poses
+from particle_filter.kernels import ToCells, kernel, plain, read_only, to_cells
 from particle_filter.pyramid import Pyramid
 from particle_filter.ray_casting import JumpField
-from particle_filter.scan_points import points_in_robot
 from particle_filter.settings import SensorSettings
 
 MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
@@ -178,3 +177,85 @@ class SensorModel(Hashable, Protocol):
             sharers: so many ask of the same cluster, with particles of their own, as the shards
                 of a search; each does its part of the work.
         """
+
+
+def usable_beams(
+    ranges: NDArray[np.floating], range_max_m: float, max_beams: int
+) -> NDArray[np.int64]:
+    """Choose the beams to score: the valid ones, thinned evenly.
+
+    Invalid beams (not finite, not positive, `range_max_m` or longer) go first, so that a scan
+    with many drop-outs still gives as many beams as it can.
+
+    Args:
+        ranges: (n,) [m].
+        range_max_m: a reading this long is no return [m].
+        max_beams: at most so many are chosen.
+
+    Returns:
+        (B,) increasing indices into `ranges`; empty where no beam is valid.
+
+    Raises:
+        ValueError: `max_beams` is not positive.
+    """
+    if max_beams < 1:
+        raise ValueError(f"max_beams must be positive, not {max_beams}")
+    ranges = np.asarray(ranges)
+    # What is not finite is not below the range, be it infinite itself.
+    valid = ((ranges > 0.0) & (ranges < range_max_m)).nonzero()[0]
+    if len(valid) <= max_beams:
+        return valid
+    middles = (2 * np.arange(max_beams) + 1) * len(valid) // (2 * max_beams)
+    return np.asarray(valid[middles])
+
+
+def points_in_robot(
+    ranges: NDArray[np.floating], angles: NDArray[np.float64], robot_from_laser: Pose
+) -> Points:
+    """End points of beams in the robot's frame.
+
+    Args:
+        ranges: (B,) [m].
+        angles: (B,) directions in the laser's frame [rad].
+        robot_from_laser: (3,) where the laser sits on the robot.
+
+    Returns:
+        (B, 2) points [m].
+    """
+    directions = robot_from_laser[2] + np.asarray(angles)
+    lengths = np.asarray(ranges, np.float64)
+    return np.stack(
+        [
+            robot_from_laser[0] + lengths * np.cos(directions),
+            robot_from_laser[1] + lengths * np.sin(directions),
+        ],
+        axis=-1,
+    )
+
+
+def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
+    """What each particle pays for the ground it stands on.
+
+    Args:
+        map_from_robot: (N, 3) poses.
+        grid: the map.
+        log_penalty: for ground that is occupied, unknown or off the map.
+
+    Returns:
+        (N,) `log_penalty` or 0.
+    """
+    return _penalties(plain(map_from_robot), grid.cells, grid.in_cells, log_penalty)
+
+
+@kernel
+def _penalties(poses: Poses, cells: Cells, in_cells: ToCells, log_penalty: float) -> LogWeights:
+    c, s, x0, y0 = in_cells
+    rows, cols = cells.shape
+    penalties = np.full(len(poses), log_penalty)
+    for i in range(len(poses)):
+        # Compared before int(), which rounds towards zero: just below the map is not in cell 0.
+        col = c * poses[i, 0] - s * poses[i, 1] + x0
+        row = s * poses[i, 0] + c * poses[i, 1] + y0
+        if 0.0 <= col < cols and 0.0 <= row < rows and cells[int(row), int(col)] == FREE:
+            penalties[i] = 0.0
+    return penalties

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
-from particle_filter.motion_covariance import motion_covariance
+from particle_filter.motion_noise import motion_covariance
 from particle_filter.poses import compose, inverse
 from particle_filter.settings import BeliefSettings, MotionSettings
 

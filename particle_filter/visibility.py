@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Poses
-from particle_filter.kernel_arguments import ToCells, plain, read_only
-from particle_filter.kernels import kernel
+from particle_filter.kernels import ToCells, kernel, plain, read_only
 from particle_filter.likelihood_field import LikelihoodField
-from particle_filter.ray_casting import JumpField
-from particle_filter.single_ray import FlatJumps, cast_ray, flat
+from particle_filter.ray_casting import FlatJumps, JumpField, cast_ray, flat
 
 
 def hidden_log_likelihood(

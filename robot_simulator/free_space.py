@@ -4,12 +4,12 @@ from math import ceil, floor, hypot
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.sparse.csgraph import dijkstra
 
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Points, Pose, Poses
-from particle_filter.kernel_arguments import to_cells
-from particle_filter.obstacle_distance import obstacle_distance
+from particle_filter.kernels import to_cells
 from particle_filter.poses import compose
 from protocol.message import PoseTuple
 from robot_simulator.roadmap import EDGE_CLEARANCE_M, connected_roadmap
@@ -33,7 +33,7 @@ class FreeSpace:
             ground.cells != FREE, 1, constant_values=True
         )  # cells off the map count as blocked
         self._clearance: NDArray[np.float32] = (
-            obstacle_distance(blocked)[1:-1, 1:-1] - np.float32(0.5)
+            distance_transform_edt(~blocked)[1:-1, 1:-1].astype(np.float32) - np.float32(0.5)
         ) * np.float32(ground.cell_m)
         self._graph, self._nodes = connected_roadmap(self._clearance, ground.cell_m)
 

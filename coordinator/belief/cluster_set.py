@@ -19,7 +19,7 @@ from particle_filter.evidence_model import (
     short_beam_gain,
     way,
 )
-from particle_filter.motion_covariance import composed_covariance, motion_covariance
+from particle_filter.motion_noise import composed_covariance, motion_covariance
 from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose

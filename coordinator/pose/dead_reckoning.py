@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
-from particle_filter.motion_covariance import composed_covariance, motion_covariance
+from particle_filter.motion_noise import composed_covariance, motion_covariance
 from particle_filter.poses import between, compose, wrap_angle
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings

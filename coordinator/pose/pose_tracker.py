@@ -6,7 +6,7 @@ from msgspec.structs import replace
 from coordinator.belief.outcome import Outcome
 from coordinator.pose.dead_reckoning import BlindDrive, DeadReckoning
 from coordinator.pose.lateness import Lateness
-from particle_filter.motion_covariance import composed_covariance
+from particle_filter.motion_noise import composed_covariance
 from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
 from particle_filter.trajectory import Trajectory

@@ -11,9 +11,9 @@ from evaluation.map_check.views import View, Viewer
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, Poses
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.places import cluster_by_source_point
 from particle_filter.poses import compose, heading_distance
 from particle_filter.settings import SensorSettings
-from particle_filter.source_clustering import cluster_by_source_point
 
 MOST_POSES = 1_000_000
 """Most poses scored for a view; a larger map is searched on a coarser lattice."""

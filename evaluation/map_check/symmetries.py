@@ -8,8 +8,8 @@ import numpy as np
 
 from evaluation.map_check.look_alikes import LookAlikes
 from particle_filter.gaussian import fit_gaussian
+from particle_filter.places import cluster_by_source_point
 from particle_filter.poses import compose, inverse
-from particle_filter.source_clustering import cluster_by_source_point
 
 _LEAST_SHARE, _LEAST_PLACES = 0.15, 3
 _NEAR_M, _NEAR_RAD = 1.0, 0.15

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from particle_filter import gaussian, log_weights, motion, ray_casting, slip, source_clustering
+from particle_filter import gaussian, log_weights, motion, places, ray_casting
 from particle_filter.settings import MotionSettings
 from tests.unit.particle_filter.rooms import plain_room
 
@@ -28,11 +28,11 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
     (gaussian._moments, lambda p: gaussian.fit_gaussian(p, EVEN)),
     (motion._drive_along_bearing, lambda p: motion.move(p, AFTER, OMNI, rng())),
     (motion._turn_drive_turn, lambda p: motion.move(p, AFTER, TWO_WHEELS, rng())),
-    (slip._slipped, lambda p: slip.slipped(p, p, AFTER, rng())),
+    (motion._slipped, lambda p: motion.slipped(p, p, AFTER, rng())),
     (ray_casting._cast_all, lambda p: ray_casting.cast_rays_from_poses(JUMPS, 0.1, p, EVEN, 9.0)),
     (
-        source_clustering._assign,
-        lambda p: source_clustering.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3),
+        places._assign,
+        lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3),
     ),
     (log_weights._shares, lambda p: log_weights.shares(p[:, 0])),
     (

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.ground import ground_log_penalty
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
 from particle_filter.motion import move
+from particle_filter.places import cluster_by_source_point
 from particle_filter.resampling import resample
-from particle_filter.sensor_model import Grid
+from particle_filter.sensor_model import Grid, ground_log_penalty
 from particle_filter.settings import MotionSettings, SensorSettings
-from particle_filter.source_clustering import cluster_by_source_point
 
 REPOSITORY = Path(__file__).parents[3]
 

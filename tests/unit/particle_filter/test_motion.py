@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import Pose, Poses
-from particle_filter.motion import move, move_with_noise
-from particle_filter.normal_numbers import standard_normals
+from particle_filter.motion import move, move_with_noise, standard_normals
 from particle_filter.poses import between, compose, heading_distance, inverse, wrap_angle
 from particle_filter.settings import MotionSettings
 from tests.unit.particle_filter import naive

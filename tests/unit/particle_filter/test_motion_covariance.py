@@ -7,7 +7,7 @@ import pytest
 
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.motion import move
-from particle_filter.motion_covariance import composed_covariance, motion_covariance
+from particle_filter.motion_noise import composed_covariance, motion_covariance
 from particle_filter.settings import MotionSettings
 
 OMNI = MotionSettings(strafe_noise_per_metre=0.25)

@@ -5,7 +5,7 @@ from math import erf, sqrt
 import numpy as np
 import pytest
 
-from particle_filter.normal_numbers import _box_muller, standard_normals
+from particle_filter.motion import _box_muller, standard_normals
 from particle_filter.random_streams import Purpose, generator
 
 

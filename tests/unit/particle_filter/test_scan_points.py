@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from particle_filter.poses import compose
-from particle_filter.scan_points import points_in_robot, usable_beams
+from particle_filter.sensor_model import points_in_robot, usable_beams
 
 readings = st.one_of(
     st.floats(0.01, 9.99), st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -1.0, 10.0, 81.9])

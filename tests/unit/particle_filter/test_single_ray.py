@@ -4,8 +4,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import Cells
-from particle_filter.ray_casting import cast_fan, jump_field
-from particle_filter.single_ray import cast_ray, flat
+from particle_filter.ray_casting import cast_fan, cast_ray, flat, jump_field
 
 RAYS = 40
 

@@ -9,11 +9,10 @@ from msgspec.structs import replace
 
 from particle_filter.arrays import Pose, Poses
 from particle_filter.cluster_filter import Cloud, Weighed, advanced
-from particle_filter.motion import move
+from particle_filter.motion import move, slipped
 from particle_filter.poses import compose
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
-from particle_filter.slip import slipped
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
 BEFORE = np.array([3.0, 3.0, 0.3])

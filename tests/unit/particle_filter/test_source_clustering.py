@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from particle_filter.arrays import Poses
-from particle_filter.source_clustering import cluster_by_source_point
+from particle_filter.places import cluster_by_source_point
 from tests.unit.particle_filter import naive
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from particle_filter.scan_points import points_in_robot
+from particle_filter.sensor_model import points_in_robot
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple

@@ -11,7 +11,7 @@ from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Pose
 from particle_filter.poses import compose, inverse
-from particle_filter.scan_points import points_in_robot, usable_beams
+from particle_filter.sensor_model import points_in_robot, usable_beams
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
 from protocol.steps import LaserReading, OdometryReading, Scan
