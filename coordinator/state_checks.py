@@ -15,6 +15,7 @@ from coordinator.belief.search_pool import SearchState
 from coordinator.commands import CommandsState
 from coordinator.membership.jobs import JobState
 from coordinator.step_collector import StepCollectorState
+from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from protocol.codec import refusal_of
 from protocol.message import MAX_ID_CHARACTERS, MAX_SCAN_STEP, MAX_STEP
@@ -47,8 +48,10 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
     if len(set(numbers)) < len(numbers) or max(numbers, default=-1) >= state.next_cluster:
         return "clusters whose numbers are taken, or were never given"
     nowhere = (state.log_elsewhere, state.log_off_map)
-    if problem := first_problem(map(_elsewhere_problem, nowhere)) or _quality_problem(
-        state.quality
+    if problem := (
+        first_problem(map(_elsewhere_problem, nowhere))
+        or _quality_problem(state.quality)
+        or _fit_problem(state.fit)
     ):
         return problem
     probabilities = [*map(math.exp, nowhere), *(c.probability for c in state.clusters)]
@@ -163,6 +166,12 @@ def _elsewhere_problem(log_probability: float) -> str | None:
 def _quality_problem(quality: MapQuality) -> str | None:
     possible = all(0.0 < share < 1.0 for share in (quality.crude, quality.resembling))
     return None if possible and 0.0 <= quality.short <= 1.0 else f"a map of {quality}"
+
+
+def _fit_problem(fit: UsualFit) -> str | None:
+    possible = 0.0 < fit.variance < math.inf and 0.0 <= fit.shortfall < math.inf
+    possible &= fit.mean is None or math.isfinite(fit.mean)
+    return None if possible else f"scans whose usual fit is {fit}"
 
 
 def _gathered_problem(gathered: tuple[int, float]) -> str | None:

@@ -9,6 +9,7 @@ places count by how much of a new view the scan is, and less the worse even the 
 
 import math
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +21,12 @@ CONTENDED = 0.99
 
 SHORT_M = 2.0
 """People stand anywhere up to here, so far as a beam would have gone."""
+_UNKNOWN_VARIANCE, _LEAST_VARIANCE = 9.0, 0.1
+"""Of the fits at one place [nat^2], before any was seen, and at least."""
+_CHANCE, _LARGE_SHORTFALL = 3.0, 4.0
+"""Standard deviations that a fit may be low by chance; what exceeds them, in sum [nat]."""
+_LEARNED, _LEARNED_BELOW = 0.1, 0.2
+"""What a scan says of the usual fit, against all earlier ones; share of it while fits are low."""
 
 
 def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -85,9 +92,12 @@ def share_that_counts(new_view: float, misfit: float, rules: BeliefSettings) -> 
 
 def misfit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
     """How much worse a particle fits than one could whose beams all end on obstacles [nat/beam]."""
-    peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
-    best = math.log(peak + settings.random_weight / settings.max_range_m)
-    return max(best - log_likelihood_per_beam, 0.0)
+    return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
+
+
+def through_beam_loss(settings: SensorSettings) -> float:
+    """How much likelier a beam that ends on an obstacle is than one that nothing explains [nat]."""
+    return _log_hit(settings) - _log_unexplained(settings)
 
 
 def short_beam_gain(rate: float, settings: SensorSettings) -> float:
@@ -97,8 +107,56 @@ def short_beam_gain(rate: float, settings: SensorSettings) -> float:
         rate: share of the beams that people have cut short so far.
         settings: what nothing explains is uniform up to the largest range.
     """
-    by_people, by_nothing = rate / SHORT_M, settings.random_weight / settings.max_range_m
-    return math.log(max(by_people / by_nothing, 1.0))
+    return max(math.log(rate / SHORT_M) - _log_unexplained(settings), 0.0) if rate > 0.0 else 0.0
+
+
+def _log_hit(settings: SensorSettings) -> float:
+    peak = settings.hit_weight / (math.sqrt(2.0 * math.pi) * settings.hit_sigma_m)
+    return math.log(peak + settings.random_weight / settings.max_range_m)
+
+
+def _log_unexplained(settings: SensorSettings) -> float:
+    return math.log(settings.random_weight / settings.max_range_m)
+
+
+class UsualFit(msgspec.Struct, frozen=True):
+    """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
+
+    A place that looks like the true one explains most of a scan, so evidence against it gathers
+    slowly. A fit that falls by far more than it has varied shows a lifted robot in a scan or two.
+    """
+
+    mean: float | None = None
+    """Of the scans' log-likelihoods [nat]; None: there was none."""
+    variance: float = _UNKNOWN_VARIANCE
+    """Of the same [nat^2]."""
+    shortfall: float = 0.0
+    """By how much the last scans together fitted worse than chance explains [nat]."""
+
+    @property
+    def has_fallen(self) -> bool:
+        """Whether a search is worth its price."""
+        return self.shortfall > _LARGE_SHORTFALL
+
+    def after(self, log_likelihood: float, news: float) -> "UsualFit":
+        """Take a scan.
+
+        Args:
+            log_likelihood: of the scan, where the robot is believed to be.
+            news: how much of an independent scan it is, from 0 to 1.
+        """
+        if self.mean is None:
+            return UsualFit(log_likelihood)
+        below = self.mean - log_likelihood
+        by_chance = _CHANCE * math.sqrt(self.variance)
+        if self.has_fallen:
+            shortfall = self.shortfall if below > by_chance else 0.0
+        else:
+            shortfall = max(self.shortfall + below - by_chance, 0.0)
+        learned = _LEARNED * news * (_LEARNED_BELOW if shortfall > 0.0 else 1.0)
+        mean = self.mean - learned * below
+        variance = self.variance + learned * ((mean - log_likelihood) ** 2 - self.variance)
+        return UsualFit(mean, max(variance, _LEAST_VARIANCE), shortfall)
 
 
 def way(before_from_after: Pose) -> tuple[float, float]:

@@ -54,6 +54,7 @@ def admission(
     is_over: bool,
     holds_own: bool = False,
     most: float = math.inf,
+    trial: float = 0.0,
 ) -> Admission:
     """The places of a search that no cluster holds and that are probable enough.
 
@@ -73,6 +74,7 @@ def admission(
             and they tell what it is worth.
         most: so much all who enter can hold together, however they weigh among themselves; with
             that they have to be more probable than those whose places they take.
+        trial: least weight beside the belief of all together when the search is over.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -82,7 +84,9 @@ def admission(
     share = np.array(pool.share)
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
-    on_trial = max(earned, rules.newcomer_probability) if is_over and not holds_own else earned
+    on_trial = (
+        max(earned, rules.newcomer_probability, trial) if is_over and not holds_own else earned
+    )
     weight = share * np.where(is_beside, earned, on_trial)
     asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
     asking = asking[np.argsort(-weight[asking], kind="stable")]

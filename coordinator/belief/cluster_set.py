@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from particle_filter import belief
 from particle_filter.arrays import Pose
 from particle_filter.evidence_model import (
+    UsualFit,
     contenders,
     counted,
     misfit,
     share_that_counts,
     short_beam_gain,
+    through_beam_loss,
     way,
 )
 from particle_filter.motion_noise import composed_covariance, motion_covariance
@@ -35,6 +37,8 @@ ALTERNATIVE = 0.1
 """Of the best cluster's probability: who has so much is where the robot may well be."""
 STILL_PROBABLE = 0.05
 """Of one that was such an alternative, after newcomers came: the alarm may have been false."""
+PERHAPS_LIFTED = 0.2
+"""Elsewhere has so much at least, against all clusters, while scans fit worse than usual."""
 RETURNS = 2.0
 """So much more often than it is lifted a robot that is off the map comes back."""
 LEAST_LOG = -1e6
@@ -90,6 +94,8 @@ class ClusterSet:
         self._next_cluster = 0
         self.quality = MapQuality()
         """What has been learned of the map."""
+        self.fit = UsualFit()
+        """How well scans fit where the robot is."""
         self.log_elsewhere = self.log_off_map = 0.0
         """Logs of the probabilities that the robot is elsewhere on the map, and not on it."""
         self._is_anywhere()
@@ -128,11 +134,13 @@ class ClusterSet:
         log_elsewhere: float,
         log_off_map: float = -math.inf,
         quality: MapQuality | None = None,
+        fit: UsualFit | None = None,
     ) -> None:
         """Be as another set was."""
         self._clusters = {cluster.cluster: cluster for cluster in clusters}
         self._next_cluster, self.log_elsewhere = next_cluster, log_elsewhere
         self.log_off_map, self.quality = log_off_map, quality or MapQuality()
+        self.fit = fit or UsualFit()
 
     @property
     def job_ids(self) -> tuple[str, ...]:
@@ -201,13 +209,17 @@ class ClusterSet:
         told = counted(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told)
         among = belief.mixed(among, self._rules.transition_probability * news)
-        cut_short = self._cut_short(among, reports)
+        cut_short, through = self._explained(among, reports)
+        log_scan += cut_short
+        self._follow_fit(log_scan - through, float(among.max()) + log_here, news)
         odds = self._log_odds_of_here(among, reports, new_view)
         if not math.isnan(elsewhere):
-            fits_better = elsewhere - log_scan - cut_short
+            fits_better = elsewhere - log_scan
             # People stand before the laser: where what is left of the beams fits, nothing is odd.
             log_there += news * (min(fits_better, 0.0) if odds > 0.0 else fits_better)
             log_scan += float(np.logaddexp.reduce([log_here, log_there, log_off]))
+        if self.fit.has_fallen:
+            log_there = max(log_there, log_here + math.log(PERHAPS_LIFTED))
         here = np.append(among + log_here, (log_there, log_off))
         told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
         self._set(belief.normalised_logs(told))
@@ -238,16 +250,38 @@ class ClusterSet:
         )
         return odds
 
-    def _cut_short(self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]) -> float:
-        """Log-likelihood that beams before obstacles gain at the clusters, for people stand there.
+    def _follow_fit(self, log_scan: float, log_best: float, news: float) -> None:
+        """Learn how well scans fit while the robot is localized."""
+        rules = self._rules
+        if rules.kidnapping_probability == 0.0:
+            return
+        if self.fit.has_fallen or log_best >= math.log(rules.localized_probability):
+            self.fit = self.fit.after(log_scan, news)
+        else:
+            self.fit = replace(self.fit, shortfall=0.0)
 
-        0 where the classes of beams are not used: the update is Bayes' rule to the letter then.
+    def _explained(
+        self, among: NDArray[np.float64], reports: Mapping[str, TrackReport]
+    ) -> tuple[float, float]:
+        """What the classes of beams change in a scan's log-likelihood at the clusters [nat].
+
+        0 where they are not used: the update is Bayes' rule to the letter then.
+
+        Returns:
+            What beams before obstacles gain, for people stand there; and what beams through
+            obstacles would lose if ends near another one behind it did not explain them.
         """
         if self._rules.off_map_probability == 0.0:
-            return 0.0
-        others = [r.beam_classes[3] if r else 0 for r in map(reports.get, self.job_ids)]
-        gain = short_beam_gain(self.quality.short, self.sensor)
-        return float(np.exp(among) @ others) * gain * self.sensor.scan_likelihood_exponent
+            return 0.0, 0.0
+        ordered = map(reports.get, self.job_ids)
+        counts = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
+        _, _, through, other = (
+            np.exp(among) @ counts * self.sensor.scan_likelihood_exponent
+        ).tolist()
+        return (
+            other * short_beam_gain(self.quality.short, self.sensor),
+            through * through_beam_loss(self.sensor),
+        )
 
     def _kidnapped(self, news: float) -> tuple[float, float, float]:
         """Logs of the probabilities of all clusters together, of elsewhere, and of off the map.
@@ -477,6 +511,7 @@ class ClusterSet:
     def clear(self, cause: EndedCause) -> list[Ended]:
         """Forget all clusters: the robot may be anywhere."""
         self._is_anywhere()
+        self.fit = UsualFit()
         return self._end(self.all(), cause)
 
     def _leaving(self, step: int, first_step: float) -> list[Cluster]:

@@ -13,12 +13,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer, news_of
+from coordinator.belief.cluster_set import PERHAPS_LIFTED, Cluster, ClusterSet, Newcomer, news_of
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import SearchCourse, SearchCourseState
 from coordinator.belief.search_pool import Pool, SearchState
 from particle_filter.arrays import Pose
+from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
@@ -65,6 +66,7 @@ class EnsembleState(msgspec.Struct, frozen=True):
     seen: ViewMemory = ViewMemory()
     log_off_map: float = -math.inf
     quality: MapQuality = MapQuality()
+    fit: UsualFit = UsualFit()
     found: bool = False
 
 
@@ -129,7 +131,7 @@ class Ensemble:
             before_from_after: (3,) how the robot moved since the step before, by odometry; it
                 carries clusters without a report. None: it is not known.
         """
-        was_lost = self._lost
+        was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
         arrived |= set(self.unhurried)  # nobody misses them
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
@@ -157,6 +159,9 @@ class Ensemble:
         self._follow_search(step, reports)
         if self._lost and not was_lost:
             self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
+        if self.clusters.fit.has_fallen and not had_fallen:
+            self._stop_search(step, "search stopped")
+            self._start_search(step + 1)
         if not self._search.runs and self._search.is_due(step, self._patience):
             self._start_search(step + 1)
         return self._outcome(step, missing)
@@ -230,6 +235,7 @@ class Ensemble:
             seen=self._seen,
             log_off_map=self.clusters.log_off_map,
             quality=self.clusters.quality,
+            fit=self.clusters.fit,
             found=self._found,
         )
 
@@ -241,6 +247,7 @@ class Ensemble:
             state.log_elsewhere,
             state.log_off_map,
             state.quality,
+            state.fit,
         )
         search = SearchCourseState(state.search, state.searches, state.next_search_step)
         self._search.restore(search)
@@ -271,7 +278,10 @@ class Ensemble:
     # --- the search
 
     def _start_search(
-        self, first_step: int, near: Circle | None = None, corners: Corners = ()
+        self,
+        first_step: int,
+        near: Circle | None = None,
+        corners: Corners = (),
     ) -> None:
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         log_elsewhere = self.clusters.log_elsewhere
@@ -298,6 +308,7 @@ class Ensemble:
             all_in = self._admit_newcomers(fresh, step, is_over=is_over)
         if is_over and all_in:
             self._stop_search(step, "search over")
+            self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
@@ -335,7 +346,15 @@ class Ensemble:
         before = self.clusters.elsewhere
         most = math.inf if told is None else before + math.fsum(share for _, share in own)
         found = admission(
-            pool, held, room, log_weight, settings, is_over=is_over, holds_own=bool(own), most=most
+            pool,
+            held,
+            room,
+            log_weight,
+            settings,
+            is_over=is_over,
+            holds_own=bool(own),
+            most=most,
+            trial=PERHAPS_LIFTED if self.clusters.fit.has_fallen else 0.0,
         )
         self.clusters.explain(evidence.newly_explained(found.explained))
         entering: list[Newcomer] = [(place, "restart") for place in found.entering]

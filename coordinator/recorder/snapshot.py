@@ -26,6 +26,7 @@ from coordinator.membership.jobs import PlacedJob
 from coordinator.pose.lateness import Lateness
 from coordinator.recorder.records import Started, without_bulk
 from coordinator.step_collector import OpenStep
+from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from particle_filter.view_memory import ViewMemory
 from protocol.job_events import JobEvent, NumberedEvent
@@ -83,6 +84,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "log_elsewhere": float,
             "log_off_map": float,
             "quality": MapQuality,
+            "fit": UsualFit,
         },
         "_state.ensemble._search": {
             "begun": int,

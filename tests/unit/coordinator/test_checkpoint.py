@@ -19,6 +19,7 @@ from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
+from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
@@ -85,6 +86,8 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (changed(state, ensemble=replace(state.ensemble, log_off_map=0.0)), "sum to one"),
         (changed(state, ensemble=replace(state.ensemble, quality=blind)), "Quality"),
         (changed(state, ensemble=replace(state.ensemble, quality=MapQuality(short=2.0))), "short"),
+        (changed(state, ensemble=replace(state.ensemble, fit=UsualFit(math.inf))), "usual fit"),
+        (changed(state, ensemble=replace(state.ensemble, fit=UsualFit(variance=0.0))), "usual fit"),
         (changed(state, ensemble=replace(state.ensemble, seen=ViewMemory(b"x"))), "of views"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.inf)), "elsewhere"),
