@@ -27,10 +27,10 @@ HERE = Path(__file__).parent
 STEPS, SHOWN_STEP = 190, 100
 FRAME_EVERY, FRAME_MS, LAST_FRAME_MS = 3, 110, 3_000
 MAP_PX, PLOT_PX, FINER = 400, 380, 2
-"""Drawn so many times finer than shown, which makes edges smooth."""
+"""Factor by which it is drawn finer than shown, which makes edges smooth."""
 PAPER, INK, FAINT, GROUND = (255, 255, 255), (40, 44, 52), (150, 155, 165), (236, 238, 242)
 COLOURS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (213, 94, 0))
-"""Okabe and Ito's: the colour-blind tell them apart."""
+"""Okabe and Ito's, which the colour-blind can distinguish."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def told(algorithm: Algorithm) -> Story:
 
 
 def frame(story: Story, step: int) -> Image.Image:
-    """The map beside the probabilities so far."""
+    """The map, and the probabilities up to a step."""
     picture = Image.new("RGB", (MAP_PX + PLOT_PX, MAP_PX), PAPER)
     picture.paste(map_picture(story, step), (0, 0))
     picture.paste(plot_picture(story, step), (MAP_PX, 0))
