@@ -27,8 +27,8 @@ from protocol.steps import Scan
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.step_maker import StepMaker
+from worker.jobs import scan_beams
 from worker.map_model import sensor_model
-from worker.scan_beams import scan_beams
 
 ALIKE = {"cross": 4, "rectangle": 2}
 SETTLE_STEPS, BATCH_STEPS = 20, 50

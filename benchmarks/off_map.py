@@ -46,8 +46,8 @@ from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import World
+from worker.jobs import scan_beams
 from worker.map_model import default_cache_folder, sensor_model
-from worker.scan_beams import scan_beams
 
 STEPS, STEPS_OF_A_START = 160, 60
 WEAN = ("wean-1", "wean-2", "wean-3")

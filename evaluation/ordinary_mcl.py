@@ -32,7 +32,7 @@ from particle_filter.settings import FilterSettings
 from protocol.answers import Hypothesis
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.steps import Scan
-from worker.scan_beams import scan_beams
+from worker.jobs import scan_beams
 
 KLD_ERROR, KLD_LEAST_PARTICLES = 0.05, 500
 """nav2's `pf_err` and `min_particles`; the maximum is the number without KLD-sampling."""

@@ -1,4 +1,4 @@
-"""What a worker can be told: plain facts, so that a test is a list of them."""
+"""The events of a worker: plain facts, so that a test is a list of them."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -16,19 +16,19 @@ class ScanArrived:
 
     scan: Scan
     dropped: int = 0
-    """Scans that this process has had no room for, since its start."""
+    """Scans that this process dropped from a full inbox since its start."""
 
 
 @dataclass(frozen=True)
 class CheckpointHeard:
-    """A coordinator has published its state: it has begun, and lives."""
+    """A coordinator published its state, so it has begun and lives."""
 
     checkpoint: Checkpoint
 
 
 @dataclass(frozen=True)
 class OrderAsked:
-    """A coordinator gives an order and waits for the answer."""
+    """A coordinator gave an order and waits for the answer."""
 
     question: Any
     """Handle of the query, for its `Answer`."""
@@ -37,7 +37,7 @@ class OrderAsked:
 
 @dataclass(frozen=True)
 class BrokenOrderAsked:
-    """Somebody waits for the answer to an order that cannot be read."""
+    """A malformed order was received, which needs an answer too."""
 
     question: Any
     error: MalformedMessageError
@@ -45,11 +45,11 @@ class BrokenOrderAsked:
 
 @dataclass(frozen=True)
 class StateAsked:
-    """Somebody wants to know what this worker does."""
+    """A client or a coordinator queries the worker's jobs."""
 
     question: Any
     take_over: TakeOver | None = None
-    """Of a new coordinator, which needs all that it takes to carry on."""
+    """From a new coordinator, which needs the whole state."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +61,10 @@ class MapArrived:
 
 @dataclass(frozen=True)
 class MapFailed:
-    """`FetchMap` or `BuildModel` has come to nothing."""
+    """`FetchMap` or `BuildModel` failed."""
 
     error: Exception
-    """A `ClusterMclError`, or a `ValueError` where nothing can be localized in the map."""
+    """A `ClusterMclError`, or a `ValueError` if the map has no obstacle."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class HistoryArrived:
 
 @dataclass(frozen=True)
 class HistoryFailed:
-    """`FetchScans` has come to nothing."""
+    """`FetchScans` failed."""
 
     missing: MissingScans
     problem: str
@@ -93,7 +93,7 @@ class HistoryFailed:
 
 @dataclass(frozen=True)
 class TimeToSearch:
-    """There is time for a slice of what `Worker.searches`."""
+    """There is time for a slice of a search; see `Worker.searches`."""
 
 
 Event: TypeAlias = (

@@ -1,4 +1,4 @@
-"""What a worker wants done; the rim carries it out."""
+"""The instructions of a worker, which its process carries out."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -11,14 +11,14 @@ from worker.job_table import MissingScans
 
 @dataclass(frozen=True)
 class PublishReport:
-    """Tell the coordinator what a job made of a step."""
+    """Publish a job's report of a step."""
 
     report: Report
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer a question, once."""
+    """Answer a query, once."""
 
     question: Any
     message: OrderAnswer | WorkerState
@@ -26,12 +26,12 @@ class Answer:
 
 @dataclass(frozen=True)
 class FetchMap:
-    """Ask the bridge for the map: `MapArrived` or `MapFailed` follows."""
+    """Query the bridge for the map; `MapArrived` or `MapFailed` follows."""
 
 
 @dataclass(frozen=True)
 class BuildModel:
-    """Compute the sensor model of a map, or find it on disk: `ModelBuilt` or `MapFailed` follows.
+    """Compute the sensor model of a map, or read it; `ModelBuilt` or `MapFailed` follows.
 
     It takes up to a minute for a large map.
     """
@@ -42,7 +42,7 @@ class BuildModel:
 
 @dataclass(frozen=True)
 class FetchScans:
-    """Ask the bridge for past steps: `HistoryArrived` or `HistoryFailed` follows."""
+    """Query the bridge for past steps; `HistoryArrived` or `HistoryFailed` follows."""
 
     missing: MissingScans
     timeout_s: float
@@ -50,10 +50,10 @@ class FetchScans:
 
 @dataclass(frozen=True)
 class Warn:
-    """Count something that went wrong, and log it, though each cause only now and then."""
+    """Count a fault, and log each cause at most once a period."""
 
     cause: str
-    """Fixed words."""
+    """A constant."""
     detail: str
 
 

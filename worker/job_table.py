@@ -1,22 +1,28 @@
-"""All jobs of one worker: told of orders and scans, answers with reports."""
+"""All jobs of one worker: takes orders and scans, returns reports."""
 
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from protocol.steps import Scan
-from protocol.work import Assignment, Report, WorkOrder
+from protocol.work import Assignment, Report, SearchReport, TrackReport, WorkOrder
 from worker.jobs import RunningJob, Searching, Tracking, running
-from worker.recent_reports import RecentReports
 from worker.search_queue import SearchQueue
 
 RECENT_SCANS = 64
-"""Scans kept at hand for jobs that begin a little behind."""
+"""Scans kept for jobs that begin a little behind."""
 RECENT_SCANS_OF_WAITING = 512
-"""While a job waits for older ones: more than come before the bridge is given up."""
+"""Scans kept while a job waits for older ones: more than arrive until the bridge's time-out."""
+KEPT_STEPS = 300
+"""Reports kept of each job, as many as the bridge keeps scans: older steps cannot be applied."""
+KEPT_SEARCH_STEPS = 16
+"""Reports kept of a search. Each has all its places, up to half a megabyte. Shards need one step
+in common, and are seldom further apart."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,43 @@ class MissingScans:
     first: int
     last: int | None
     """None: up to the newest, for this worker has seen no scan yet."""
+
+
+class RecentReports:
+    """The last reports of each job, for the next coordinator; particles only in the very last."""
+
+    def __init__(self) -> None:
+        self._of: dict[str, deque[Report]] = {}
+
+    def add(self, report: Report) -> None:
+        kept = self._of.get(report.job_id)
+        if kept is None:
+            is_search = isinstance(report, SearchReport)
+            kept = deque(maxlen=KEPT_SEARCH_STEPS if is_search else KEPT_STEPS)
+            self._of[report.job_id] = kept
+        if kept and isinstance(last := kept[-1], TrackReport) and last.snapshot is not None:
+            kept[-1] = replace(last, snapshot=None)
+        kept.append(report)
+
+    def keep_only(self, job_ids: Iterable[str]) -> None:
+        """Forget the reports of other jobs."""
+        self._of = {job_id: self._of[job_id] for job_id in job_ids if job_id in self._of}
+
+    def of_step(self, step: int) -> list[Report]:
+        """Return the last report of each job that is of this step."""
+        return [kept[-1] for kept in self._of.values() if kept[-1].step == step]
+
+    def since(self, step: int) -> list[Report]:
+        """Return the reports of later steps, in their order; all that are kept of a search."""
+        return sorted(
+            (
+                report
+                for kept in self._of.values()
+                for report in kept
+                if report.step > step or isinstance(report, SearchReport)
+            ),
+            key=lambda report: (report.step, report.job_id),
+        )
 
 
 class JobTable:
@@ -38,17 +81,17 @@ class JobTable:
         self._reports = RecentReports()
         self._step_resets = StepResetDetector()
         self._waiting: set[str] = set()
-        """Jobs that take no scan before those that they miss have come."""
+        """Jobs that take no scan before their missing ones arrive."""
         self._searches = SearchQueue()
 
     def summary(self) -> tuple[tuple[str, int, int], ...]:
-        """(job id, epoch, last step done) of each job."""
+        """Return (job id, epoch, last step done) of each job."""
         return tuple(
             (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
         )
 
     def is_news(self, order: WorkOrder) -> bool:
-        """Whether an order changes anything; one that does not is a question after a lost link."""
+        """Return whether an order changes anything; after an outage one may only check."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
         resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
         sizes = [job.size for job in resized if job is not None]
@@ -59,18 +102,18 @@ class JobTable:
         )
 
     def holds(self) -> tuple[Assignment, ...]:
-        """The jobs, each from where another worker could carry on."""
+        """Return the jobs, each from where another worker could continue."""
         return tuple(job.handed_on() for _, job in sorted(self._jobs.items()))
 
     def reports_since(self, step: int) -> list[Report]:
-        """What the jobs have reported of later steps; of searches also some before."""
+        """Return the reports of later steps; of searches also some before."""
         return self._reports.since(step)
 
     def follow(self, order: WorkOrder, model: SensorModel, settings: FilterSettings) -> None:
-        """Begin and end jobs, so that just those of the order are left.
+        """Begin and end jobs, so that exactly those of the order are left.
 
         Raises:
-            ValueError: a job's particles are no cloud; no job is changed then.
+            ValueError: a job's particles have an invalid shape; no job is changed.
         """
         kept = {
             job_id: job
@@ -96,7 +139,7 @@ class JobTable:
         self._reports.keep_only(self._jobs)
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Let all jobs go on with other numbers."""
+        """Continue all jobs with other settings."""
         for job in self._jobs.values():
             job.use(model, settings)
 
@@ -105,12 +148,12 @@ class JobTable:
         return job if isinstance(job, Tracking) else None
 
     def _same(self, job_id: str, epoch: int) -> RunningJob | None:
-        """The job if it has begun already: an order may come twice."""
+        """Return the job if it has begun already: an order may arrive twice."""
         job = self._jobs.get(job_id)
         return job if job is not None and job.assignment.epoch == epoch else None
 
     def missing(self) -> MissingScans | None:
-        """The steps that must be fetched before the jobs can catch up with the newest scan."""
+        """Return the steps to fetch so that the jobs can catch up with the newest scan."""
         if not self._jobs:
             return None
         done = min(job.step for job in self._jobs.values())
@@ -124,7 +167,7 @@ class JobTable:
         return missing
 
     def wait_for(self, missing: MissingScans | None) -> None:
-        """Let jobs that could use these steps take none before `catch_up`; None: none waits."""
+        """Stop jobs that could use these steps until `catch_up`; None: no job waits."""
         self._waiting = {
             job_id
             for job_id, job in self._jobs.items()
@@ -132,26 +175,26 @@ class JobTable:
         }
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
-        """The steps just before `scan` whose scans never came, where a job could use them."""
+        """Return the steps just before `scan` that are missing, if a job could use them."""
         newest = self._recent[-1] if self._recent else scan
         if not self._jobs or scan.step <= newest.step + 1 or is_huge_jump(scan, newest):
             return None
         return MissingScans(newest.step + 1, scan.step - 1)
 
     def said_last(self) -> list[Report]:
-        """The reports on the newest step once more, for one who may have lost them."""
+        """Return the reports of the newest step again, because they may be lost."""
         newest = self._recent[-1].step if self._recent else -1
         return self._reports.of_step(newest)
 
     def catch_up(self, history: Iterable[Scan] = ()) -> list[Report]:
-        """Bring all jobs but those that wait up to the newest scan, with scans of the past."""
+        """Advance all jobs that do not wait to the newest scan, with scans of the past."""
         known = {scan.step: scan for scan in (*history, *self._recent)}
         return [report for step in sorted(known) for report in self._advance(known[step])]
 
     def on_scan(self, scan: Scan) -> list[Report]:
-        """One scan: every job that has not done its step, and does not wait, does it.
+        """Advance every job that has not done this step and does not wait.
 
-        The newest scan once more is a question: its reports seem to be lost, and go out again.
+        If the newest scan is repeated, its reports seem to be lost, and are returned again.
         """
         newest = self._recent[-1] if self._recent else None
         if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
@@ -172,11 +215,11 @@ class JobTable:
 
     @property
     def searches(self) -> bool:
-        """Whether a search has something to do, with `search_on`."""
+        """Whether a search has work for `search_on`."""
         return bool(self._searches)
 
     def search_on(self) -> list[Report]:
-        """Let a search compute for some milliseconds; its report, if it has finished a step."""
+        """Compute one slice of a search; return its report if it has finished a step."""
         report = self._searches.work()
         if report is None:
             return []
@@ -184,7 +227,7 @@ class JobTable:
         return [report]
 
     def _advance(self, scan: Scan) -> list[Report]:
-        """Tracked clusters take the scan at once, searches when there is time."""
+        """Advance tracked clusters at once; searches when there is time."""
         reports = []
         for job_id, job in sorted(self._jobs.items()):
             if scan.step <= job.step or job_id in self._waiting:

@@ -1,10 +1,13 @@
-"""The kinds of work: track one cluster, run one shard of a global search, look elsewhere.
+"""The kinds of work: track one cluster, run one shard of a global search, weigh elsewhere.
 
-Each job is told of scans in the order of their steps and answers with a report. All chance
-comes from (seed, job, step), so a job carried on elsewhere gives the same numbers.
+A job takes scans in the order of their steps and returns a report of each. All randomness comes
+from (seed, job, step), so a job that another worker continues gives the same numbers.
 """
 
-from typing import Protocol
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -15,16 +18,18 @@ from particle_filter.beam_classes import beam_classes
 from particle_filter.cluster_filter import Cloud
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
-from particle_filter.sensor_model import SensorModel
+from particle_filter.sensor_model import Beams, LaserScan, SensorModel
 from particle_filter.settings import FilterSettings
 from particle_filter.slices import Slices, finished
+from particle_filter.uniform_poses import UniformPoses
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.steps import Scan
+from protocol.steps import LaserBeams, Scan
 from protocol.work import (
     Assignment,
     ElsewhereJob,
+    ElsewhereReport,
     Particles,
     Place,
     Report,
@@ -33,25 +38,55 @@ from protocol.work import (
     TrackJob,
     TrackReport,
 )
-from worker.elsewhere import Elsewhere
-from worker.scan_beams import scan_beams
 
 
-class RunningJob(Protocol):
-    """A job with its state."""
+class RunningJob(ABC):
+    """A job with its state.
 
-    assignment: Assignment
-    step: int
-    """The last step done."""
+    Args:
+        assignment: the job.
+        model: the map's sensor model.
+        settings: the filter's settings.
+        sender: the worker's name, for reports.
+        step: the last step done.
+    """
 
+    def __init__(
+        self,
+        assignment: Assignment,
+        model: SensorModel,
+        settings: FilterSettings,
+        sender: str,
+        step: int,
+    ) -> None:
+        self.assignment, self.step = assignment, step
+        self._model, self._settings, self._sender = model, settings, sender
+
+    @abstractmethod
     def advance(self, scan: Scan) -> Report:
         """Take the scan of a later step; steps in between are lost."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Go on with other numbers from the next scan on."""
+        """Use these from the next scan on; slices of a scan that have begun keep theirs."""
+        self._model, self._settings = model, settings
 
     def handed_on(self) -> Assignment:
-        """The same job, from where another worker would carry on with the same numbers."""
+        """Return the job as another worker can continue it with the same numbers."""
+        return self.assignment
+
+    def _rng(self, purpose: Purpose, entity: int, step: int, part: int = 0) -> np.random.Generator:
+        seed = self._settings.seed
+        return generator(seed, purpose=purpose, entity=entity, step=step, part=part)
+
+    def _head(self, step: int) -> dict[str, Any]:
+        """Return the fields that all reports share."""
+        assignment = self.assignment
+        return {
+            "sender": self._sender,
+            "job_id": assignment.job_id,
+            "epoch": assignment.epoch,
+            "step": step,
+        }
 
 
 def running(
@@ -65,14 +100,14 @@ def running(
     """Begin a job.
 
     Args:
-        assignment: what to do.
-        model: the map as the sensors see it.
-        settings: the filter's numbers.
-        sender: the worker's name, for its reports.
-        snapshot_every_steps: a tracked cluster reports its particles so often; 0: never.
+        assignment: the job.
+        model: the map's sensor model.
+        settings: the filter's settings.
+        sender: the worker's name, for reports.
+        snapshot_every_steps: interval of a tracked cluster's particles in reports; 0: never.
 
     Raises:
-        ValueError: the job's particles are no cloud.
+        ValueError: the job's particles have an invalid shape.
     """
     match assignment.job:
         case TrackJob() as job:
@@ -83,7 +118,7 @@ def running(
             return Elsewhere(assignment, job, model, settings, sender)
 
 
-class Tracking:
+class Tracking(RunningJob):
     """The particles of one cluster."""
 
     def __init__(
@@ -95,10 +130,8 @@ class Tracking:
         sender: str,
         snapshot_every_steps: int,
     ) -> None:
-        self.assignment, self.step = assignment, job.start.step
-        self._cluster, self._sender = job.cluster, sender
-        self._model, self._settings = model, settings
-        self._snapshot_every = snapshot_every_steps
+        super().__init__(assignment, model, settings, sender, job.start.step)
+        self._cluster, self._snapshot_every = job.cluster, snapshot_every_steps
         self._odom_from_robot = np.array(job.start.odom_from_robot)
         self._is_new = not job.exact
         poses = job.start.map_from_robot.array().astype(np.float64)
@@ -109,31 +142,22 @@ class Tracking:
             self._cloud = Cloud(poses, log_weights)
             particles = job.particles or len(poses)
         else:
-            rng = generator(
-                settings.seed, purpose=Purpose.START, entity=job.cluster, step=self.step
-            )
+            rng = self._rng(Purpose.START, job.cluster, self.step)
             particles = job.particles or settings.cluster.particles
             rules = replace(settings.cluster, particles=particles)
             self._cloud = cluster_filter.drawn_from(poses, log_weights, rules, rng)
         self.size = particles, job.particles_from
         """Number of particles, and the first step that may resample to it."""
 
-    def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Go on with other numbers."""
-        self._model, self._settings = model, settings
-
     def advance(self, scan: Scan) -> TrackReport:
-        """Move, weigh, and tell what the cluster makes of the scan."""
-        rng = generator(
-            self._settings.seed, purpose=Purpose.TRACK, entity=self._cluster, step=scan.step
-        )
+        """Move and weigh the particles; report the cluster's evidence."""
+        rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
         after = np.array(scan.odom_from_robot)
-        before_from_after = between(self._odom_from_robot, after)
         model, beams = self._model, scan_beams(scan, self._model)
         particles, particles_from = self.size
         result = cluster_filter.advanced(
             self._cloud,
-            before_from_after,
+            between(self._odom_from_robot, after),
             beams,
             model,
             self._settings.motion,
@@ -148,10 +172,7 @@ class Tracking:
         best = result.best
         classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
         return TrackReport(
-            sender=self._sender,
-            job_id=self.assignment.job_id,
-            epoch=self.assignment.epoch,
-            step=scan.step,
+            **self._head(scan.step),
             log_weight_sum=result.log_weight_sum,
             particles=len(self._cloud.log_weights),
             log_likelihood_per_beam=result.log_likelihood_per_beam,
@@ -164,7 +185,6 @@ class Tracking:
         )
 
     def handed_on(self) -> Assignment:
-        """The same job, from its particles as they are now."""
         if self._is_new:
             return self.assignment
         particles, first_step = self.size
@@ -178,7 +198,7 @@ class Tracking:
         return replace(self.assignment, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:
-        """The particles now and then, each cluster at steps of its own: 64 kB at a time."""
+        """Return the particles at some steps, other ones for each cluster: 64 kB at a time."""
         if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
             return None
         return self._particles()
@@ -192,7 +212,7 @@ class Tracking:
         )
 
     def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
-        """The places that the cluster has fallen apart into; none while it is one."""
+        """Return the places into which the cluster has split; none while it is one."""
         rules, every = self._settings.cluster, self._settings.cluster.split_every_steps
         if every == 0 or scan.step % every != 0:
             return ()
@@ -201,8 +221,8 @@ class Tracking:
         return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
 
 
-class Searching:
-    """One shard of a global search."""
+class Searching(RunningJob):
+    """One shard of a global search; another worker starts it again from its first scan."""
 
     def __init__(
         self,
@@ -212,48 +232,26 @@ class Searching:
         settings: FilterSettings,
         sender: str,
     ) -> None:
-        self.assignment, self.step = assignment, job.first_step - 1
-        self._job, self._sender = job, sender
-        self._model, self._settings = model, settings
+        super().__init__(assignment, model, settings, sender, job.first_step - 1)
+        self._job = job
         self._search = global_search.GlobalSearch(model, settings, job.shard, job.near, job.corners)
         self._odom_from_robot: Pose | None = None
 
-    def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Go on with other numbers; the slices of a scan that have begun keep theirs."""
-        self._model, self._settings = model, settings
-
-    def handed_on(self) -> Assignment:
-        """The same job: a search is carried on from its first scan."""
-        return self.assignment
-
-    def _rng(self, step: int, use: int) -> np.random.Generator:
-        part = self._job.shard * 4 + use
-        return generator(
-            self._settings.seed,
-            purpose=Purpose.SEARCH,
-            entity=self._job.search,
-            step=step,
-            part=part,
-        )
-
     def advance(self, scan: Scan) -> SearchReport:
-        """Move, weigh, and tell the places that are possible."""
+        """Move and weigh the hypotheses; report the places that are possible."""
         return finished(self.slices(scan))
 
     def slices(self, scan: Scan) -> Slices[SearchReport]:
-        """As `advance`, in slices; the step counts as done from the first on."""
+        """Do as `advance`, in slices; the step counts as done from the first on."""
         self._search.use(self._model, self._settings)
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
-        beams, rng = scan_beams(scan, self._model), self._rng(scan.step, 1)
+        beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
         per_beam = yield from self._search.slices(before, after, beams, rng)
         yield
-        found = yield from self._search.place_slices(self._rng(scan.step, 2))
+        found = yield from self._search.place_slices(self._search_rng(scan.step, 2))
         return SearchReport(
-            sender=self._sender,
-            job_id=self.assignment.job_id,
-            epoch=self.assignment.epoch,
-            step=scan.step,
+            **self._head(scan.step),
             log_evidence=self._search.log_evidence,
             particles=max(self._search.poses, 1),
             left_out_gap=self._search.left_out_gap,
@@ -266,6 +264,70 @@ class Searching:
                 [place.sample for place in found],
             ),
         )
+
+    def _search_rng(self, step: int, use: int) -> np.random.Generator:
+        return self._rng(Purpose.SEARCH, self._job.search, step, part=self._job.shard * 4 + use)
+
+
+class Elsewhere(RunningJob):
+    """The likelihood of each scan at new poses all over the free space.
+
+    The coordinator weighs the tracked clusters against it.
+    """
+
+    def __init__(
+        self,
+        assignment: Assignment,
+        job: ElsewhereJob,
+        model: SensorModel,
+        settings: FilterSettings,
+        sender: str,
+    ) -> None:
+        super().__init__(assignment, model, settings, sender, job.first_step - 1)
+        self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
+
+    def advance(self, scan: Scan) -> ElsewhereReport:
+        """Report the average likelihood of a scan, as that of a cluster is reported."""
+        rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
+        poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
+        beams = scan_beams(scan, self._model)
+        exponent = self._settings.sensor.scan_likelihood_exponent
+        result = cluster_filter.weighed(Cloud.even(poses), beams, self._model, exponent)
+        correction = self._model.correction(poses, result.cloud.weights, beams)
+        self.step = scan.step
+        return ElsewhereReport(
+            **self._head(scan.step),
+            log_likelihood=result.log_weight_sum - math.log(len(poses)) - correction,
+        )
+
+    def handed_on(self) -> Assignment:
+        return replace(self.assignment, job=ElsewhereJob(first_step=self.step + 1))
+
+
+_latest: list[tuple[Scan, SensorModel, Beams]] = []
+"""The last beams, compared by identity: hashing a scan takes longer than selecting its beams."""
+
+
+def scan_beams(scan: Scan, model: SensorModel) -> Beams:
+    """Return the beams of a scan to score; all jobs of a process share those of the last scan."""
+    for last, its_model, beams in _latest[:1]:
+        if last is scan and its_model is model:
+            return beams
+    others = tuple(map(_laser_scan, scan.others))
+    measured = _laser_scan(scan)
+    beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
+    _latest[:] = [(scan, model, beams)]
+    return beams
+
+
+def _laser_scan(beams: Scan | LaserBeams) -> LaserScan:
+    return LaserScan(
+        beams.ranges.array(),
+        beams.range_max_m,
+        beams.angle_min_rad,
+        beams.angle_step_rad,
+        np.array(beams.robot_from_laser),
+    )
 
 
 def _place(place: places.FoundPlace, scan: Scan) -> Place:

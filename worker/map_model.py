@@ -1,4 +1,4 @@
-"""From a map to the sensor model; computed fields are kept on disk and mapped by all workers."""
+"""The sensor model of a map; all workers map its computed fields from a cache on disk."""
 
 import fcntl
 import hashlib
@@ -21,23 +21,23 @@ from particle_filter.sensor_models import OWN, model_class
 from particle_filter.settings import SensorSettings
 
 CACHE_VERSION = 7
-"""Raise it when the same map and settings give other arrays."""
+"""Increase it when the same map and settings give other arrays."""
 
 KEPT_ENTRIES = 16
-"""Settings can be changed while a robot drives, and each change may need another entry."""
+"""Settings can change while a robot drives, and each change may need another entry."""
 
 _CELLS = "cells"
 _ENTRY = "field-"
 _SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-"""Linux's; another one after every start of the machine."""
+"""Of Linux; changes with every start of the machine."""
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
 
 
 def default_cache_folder() -> Path:
-    """The user's cache folder, by the XDG rule."""
+    """Return the user's cache folder, by the XDG rule."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "clustermcl"
 
@@ -45,16 +45,16 @@ def default_cache_folder() -> Path:
 def sensor_model(
     grid_map: GridMap, settings: SensorSettings, cache_folder: Path | None
 ) -> SensorModel:
-    """The sensor model of a map.
+    """Return the sensor model of a map.
 
     Its arrays are computed once for a map and settings, written to the cache folder, and mapped
     from there, so that the processes of a machine share one copy. A folder that cannot be
-    written or read costs a warning and a copy of one's own. Arrays of an installed model are not
-    kept, for its code may change.
+    written or read costs a warning and a copy for each process. Arrays of an installed model
+    are not kept, because its code may change.
 
     Args:
         grid_map: the map.
-        settings: the sensor model's numbers.
+        settings: of the sensor model.
         cache_folder: None: no cache.
 
     Raises:
@@ -79,21 +79,21 @@ def sensor_model(
 
 @contextmanager
 def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
-    """Let one process of the machine compute, and the others wait for what it writes.
+    """Hold the lock that lets one process of the machine compute while the others wait.
 
-    Twelve at once would take twelve times the memory and, on two cores, six times as long. Parts
-    that are there now were left by one that was killed.
+    Twelve at once would take twelve times the memory and, on two cores, six times as long.
+    Partial entries found here were left by a killed process.
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
     with (cache_folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)  # given back when the file is closed, however
+        fcntl.flock(lock, fcntl.LOCK_EX)  # until the file is closed
         for left in cache_folder.glob(f"*{_PART}"):
             shutil.rmtree(left, ignore_errors=True)
         yield
 
 
 class _BrokenEntryError(Exception):
-    """A cache entry is not what its name says."""
+    """A cache entry does not hold the arrays of its name."""
 
 
 def _computed(grid_map: GridMap, settings: SensorSettings) -> MapArrays:
@@ -122,17 +122,17 @@ def _name(grid_map: GridMap, settings: SensorSettings) -> str:
 
 
 def _write(entry: Path, arrays: MapArrays) -> None:
-    """Write all arrays into a folder that appears under its name complete or not at all."""
+    """Write all arrays into a folder that appears complete or not at all."""
     part = Path(tempfile.mkdtemp(dir=entry.parent, suffix=_PART))
     try:
         _write_arrays(part, arrays)
         part.rename(entry)
     finally:
-        shutil.rmtree(part, ignore_errors=True)  # the disk was full; else it has its name
+        shutil.rmtree(part, ignore_errors=True)  # there only if the disk was full
 
 
 def _remove_oldest(cache_folder: Path) -> None:
-    """Bound the entries; a process that has mapped a removed one keeps it until it ends."""
+    """Bound the number of entries; a process keeps a removed one mapped until it ends."""
     entries = sorted(cache_folder.glob(f"{_ENTRY}*"), key=lambda one: one.stat().st_mtime)
     for entry in entries[:-KEPT_ENTRIES]:
         shutil.rmtree(entry, ignore_errors=True)
@@ -146,7 +146,7 @@ def _write_arrays(part: Path, arrays: MapArrays) -> None:
 
 
 def _checksum(path: Path) -> int:
-    """CRC-32 of a file, in pieces: a gigabyte a second."""
+    """Return the CRC-32 of a file, read in pieces: a gigabyte a second."""
     checksum = 0
     with path.open("rb") as file:
         while piece := file.read(_PIECE_BYTES):
@@ -161,8 +161,8 @@ def _file(entry: Path, name: str) -> Path:
 def _read(entry: Path) -> MapArrays:
     """Map all arrays from disk.
 
-    What was damaged after it was written is refused: a power cut leaves zeros behind, and the
-    kernels look into these arrays without bounds; nonsense in them could end the process.
+    Damaged files are refused: a power cut leaves zeros behind, and the kernels index by these
+    arrays without bounds checks.
     """
     try:
         sums = msgspec.json.decode((entry / _SUMS).read_bytes(), type=dict[str, int])
@@ -173,10 +173,10 @@ def _read(entry: Path) -> MapArrays:
 
 
 def _check(entry: Path, sums: dict[str, int]) -> None:
-    """Compare all files with their checksums, unless that was done since the machine started.
+    """Compare all files with their checksums, once after each start of the machine.
 
-    A quarter of a second for 24 million cells, and twelve workers start at once. Files that were
-    written to since then are compared again.
+    It takes a quarter of a second for 24 million cells, and twelve workers start at once. Files
+    written since then are compared again.
     """
     files = {name: _file(entry, name).stat() for name in sums}
     state = [(name, file.st_size, file.st_ctime_ns) for name, file in files.items()]
@@ -187,5 +187,5 @@ def _check(entry: Path, sums: dict[str, int]) -> None:
     for name, expected in sums.items():
         if _checksum(_file(entry, name)) != expected:
             raise _BrokenEntryError(f"{entry.name}/{name}.npy is damaged")
-    with suppress(OSError):  # in a folder that cannot be written, they are compared each time
+    with suppress(OSError):  # read-only: compared each time
         checked.write_bytes(now)

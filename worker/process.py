@@ -49,7 +49,7 @@ from worker.instructions import (
     Warn,
 )
 from worker.map_model import default_cache_folder, sensor_model
-from worker.search_pause import SearchPause
+from worker.search_queue import SearchPause
 from worker.warm_up import compile_kernels
 from worker.worker import Worker
 from zenoh_link.node import Node
@@ -153,7 +153,7 @@ class WorkerLoop:
 
     def _on_scan(self, scan: Scan, _received: Received) -> None:
         self._node.health.happened("scans")
-        self._pause.scanned(scan.step, time.monotonic_ns())
+        self._pause.on_scan(scan.step, time.monotonic_ns())
         dropped = self._node.inbox.dropped().get("scan", 0)
         instructions = self._worker.handle(ScanArrived(scan, dropped))
         mark("computed", scan)
@@ -161,7 +161,7 @@ class WorkerLoop:
 
     def _on_checkpoint(self, payload: bytes) -> None:
         checkpoint = _with_term(payload, Checkpoint)
-        self._pause.believed(checkpoint.step, founded=checkpoint.founded)
+        self._pause.on_checkpoint(checkpoint.step, founded=checkpoint.founded)
         self._handle(CheckpointHeard(checkpoint))
 
     def _on_order(self, asked: Asked) -> None:

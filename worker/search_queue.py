@@ -1,4 +1,4 @@
-"""What searches have still to do: in slices, for tracked clusters must not wait for them."""
+"""When searches compute, and what: in slices, so that tracked clusters never wait for them."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -9,40 +9,71 @@ from protocol.work import SearchReport
 from worker.jobs import RunningJob, Searching
 
 KEPT_SCANS = 64
-"""Of one search; one that falls further behind leaves out the oldest of them."""
+"""Scans kept for one search; one that falls further behind omits the oldest."""
+LONGEST_NS = 100_000_000
+"""Longest pause after the first undecided scan [ns]. A longer step means a lost worker or an
+overload; then searches must go on, because the step may wait for one of them."""
+
+
+class SearchPause:
+    """Pauses searches while the tracked clusters of a step compute.
+
+    Slices are not enough: trackers of other processes want the same cores, and many searches at
+    once would leave them only an equal share.
+    """
+
+    def __init__(self) -> None:
+        self._scanned_step = self._believed_step = -1
+        self._since_ns = 0
+        self._founded = False
+
+    def on_scan(self, step: int, now_ns: int) -> None:
+        if self._scanned_step <= self._believed_step:
+            self._since_ns = now_ns
+        self._scanned_step = step
+
+    def on_checkpoint(self, step: int, *, founded: bool) -> None:
+        """Note that a coordinator has decided a step; without clusters it waits for searches."""
+        self._believed_step, self._founded = step, founded
+
+    def left_ns(self, now_ns: int) -> int:
+        """Return how long searches still pause unless the step is decided sooner [ns]."""
+        if not self._founded or self._scanned_step <= self._believed_step:
+            return 0
+        return max(self._since_ns + LONGEST_NS - now_ns, 0)
 
 
 class SearchQueue:
     """The scans that searches have not taken yet, oldest first.
 
-    A search takes its scans in their order, a slice at a time: what it finds does not depend on
-    how much time there was in between, unless it is too slow for its scans altogether.
+    A search takes its scans in order, a slice at a time. Its result does not depend on the time
+    between slices, unless it is too slow for its scans altogether.
     """
 
     def __init__(self) -> None:
         self._left: dict[int, tuple[Searching, deque[Scan]]] = {}
         self._slices: Slices[SearchReport] | None = None
         self._searching: Searching | None = None
-        """Whose slices they are."""
+        """The search that `_slices` belong to."""
 
     def __bool__(self) -> bool:
         return self._slices is not None or any(scans for _, scans in self._left.values())
 
     def add(self, search: Searching, scan: Scan) -> None:
-        """One more scan for a search; the same or an older one is left out."""
+        """Queue one more scan for a search; ignore the same or an older one."""
         scans = self._left.setdefault(id(search), (search, deque(maxlen=KEPT_SCANS)))[1]
         if not scans or scan.step > scans[-1].step:
             scans.append(scan)
 
     def keep_only(self, jobs: Iterable[RunningJob]) -> None:
-        """Forget what searches that have ended had to do."""
+        """Forget the work of searches that have ended."""
         kept = {id(job) for job in jobs}
         self._left = {key: left for key, left in self._left.items() if key in kept}
         if self._searching is not None and id(self._searching) not in kept:
             self._slices = self._searching = None
 
     def work(self) -> SearchReport | None:
-        """Compute one slice; the report of a step that it finishes."""
+        """Compute one slice; return the report of a step that it finishes."""
         if self._slices is None:
             waiting = [left for left in self._left.values() if left[1]]
             if not waiting:

@@ -1,4 +1,4 @@
-"""Kernels compiled, or read from their disk cache, before workers are forked."""
+"""Compiles the kernels, or reads them from their disk cache, before workers are forked."""
 
 import logging
 
@@ -18,7 +18,7 @@ _log = logging.getLogger(__name__)
 
 
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
-    """Run one small search, track its best place, and look elsewhere: every kernel runs once."""
+    """Run every kernel once: a small search, tracking of its best place, elsewhere."""
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
     small = FilterSettings(
         seed=settings.seed,
@@ -39,7 +39,7 @@ def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     )
     for step in range(3):
         report = job.advance(_scan(step, rng))
-    assert isinstance(report, SearchReport)  # it came from a search job
+    assert isinstance(report, SearchReport)  # of a search job
     found = report.places.particles.array()
     sample = Particles(
         step=2,

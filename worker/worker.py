@@ -1,4 +1,4 @@
-"""What one worker decides: told what happened, answers what is to be done."""
+"""The decisions of one worker: it takes events and returns instructions."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from protocol.codec import encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
 from protocol.steps import MapMessage, Scan
-from protocol.work import OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
+from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
 from worker.events import (
     BrokenOrderAsked,
     CheckpointHeard,
@@ -36,16 +36,64 @@ from worker.instructions import (
     Warn,
 )
 from worker.job_table import RECENT_SCANS, JobTable, MissingScans
-from worker.term_fence import TermFence
 
 HISTORY_TIMEOUT_S = 5.0
 LOST_SCANS_TIMEOUT_S = 0.5
-"""The bridge has just sent a scan, so it answers soon what it sent before, or never."""
+"""The bridge has just sent a scan, so it answers soon or never."""
+KEPT_TERMS = 16
+"""Terms remembered: more than coordinators that ask before one of them begins."""
+
+
+class TermFence:
+    """Which coordinator a worker obeys: that of the highest term."""
+
+    def __init__(self) -> None:
+        self.term = 0
+        """The highest known."""
+        self.founded = 0
+        """The highest term of a checkpoint that was founded."""
+        self.order = 0
+        """The last order followed."""
+        self.newest = 0
+        """The highest order received, followed or not."""
+        self._terms: deque[int] = deque(maxlen=KEPT_TERMS)
+
+    @property
+    def terms(self) -> tuple[int, ...]:
+        """The last terms, in the order in which they became known."""
+        return tuple(self._terms)
+
+    def on_term(self, term: int) -> None:
+        """Note a coordinator's term; from now on refuse orders of lower ones."""
+        if term and term not in self._terms:
+            self._terms.append(term)
+        if term > self.term:
+            self.term, self.order, self.newest = term, 0, 0
+
+    def on_checkpoint(self, checkpoint: Checkpoint) -> None:
+        """Note that a coordinator has begun and lives."""
+        self.on_term(checkpoint.term)
+        if checkpoint.founded:
+            self.founded = max(self.founded, checkpoint.term)
+
+    def check(self, order: WorkOrder) -> bool:
+        """Return whether to follow an order; False if a later one has overtaken it.
+
+        Raises:
+            OldTermError: its coordinator was deposed.
+        """
+        if order.term < self.term:
+            raise OldTermError(term=order.term, ruling=self.term)
+        self.on_term(order.term)
+        if order.order < self.newest:
+            return False
+        self.newest = order.order
+        return True
 
 
 @dataclass(frozen=True)
 class _WaitingOrder:
-    """An order that is followed as soon as there is a sensor model for it."""
+    """An order that waits for its sensor model."""
 
     question: Any
     order: WorkOrder
@@ -53,13 +101,13 @@ class _WaitingOrder:
 
 
 class Worker:
-    """One worker: the jobs it has, whom it obeys, and the map as its sensors see it.
+    """One worker: its jobs, the coordinator that it obeys, and the map's sensor model.
 
-    Never waits: what it needs from others (the map, past scans) it asks for with an instruction,
-    and hears of with an event. Meanwhile it goes on with what it can do.
+    It never waits. It requests the map and past scans by an instruction, which an event answers;
+    meanwhile it does what it can.
 
     Args:
-        name: the worker's own.
+        name: the worker's name.
     """
 
     def __init__(self, name: str) -> None:
@@ -68,26 +116,26 @@ class Worker:
         self._map: MapMessage | None = None
         self._built: ModelBuilt | None = None
         self._preparing = False
-        """The map has been asked for, or its sensor model is being built."""
+        """The map was requested, or its sensor model is being built."""
         self._waiting: _WaitingOrder | None = None
         self._ordered: FilterSettings | None = None
-        """The filter's numbers, as the last order had them."""
+        """Settings of the last order."""
         self._live = AS_STARTED
-        """What holds in their place, by the newest scan."""
+        """Settings that override them since the newest scan."""
         self._in_force: FilterSettings | None = None
-        """What the jobs go by."""
+        """Settings that the jobs use."""
         self._held: deque[Scan] = deque(maxlen=RECENT_SCANS)
-        """Scans that wait for a sensor model with other numbers."""
+        """Scans that wait for a sensor model with other settings."""
         self._fetching: MissingScans | None = None
         self._dropped = 0
 
     @property
     def searches(self) -> bool:
-        """Whether it has something to do as soon as there is time: see `TimeToSearch`."""
+        """Whether there is work for `TimeToSearch`."""
         return self._table.searches
 
     def handle(self, event: Event) -> list[Instruction]:  # noqa: PLR0911 - one for each event
-        """Take what has happened; what is to be done comes in its order."""
+        """Take an event; return instructions in the order of their execution."""
         match event:
             case ScanArrived(scan, dropped):
                 return self._on_scan(scan, dropped)
@@ -132,7 +180,7 @@ class Worker:
         return [*_published(reports), *self._fetch(self._table.missing(), LOST_SCANS_TIMEOUT_S)]
 
     def _is_prepared(self, scan: Scan) -> bool:
-        """Whether the jobs go by the numbers that hold at a scan, or there are none yet."""
+        """Apply a scan's settings; return False if they need another sensor model first."""
         if self._held:
             return False
         self._live = scan.settings
@@ -147,7 +195,7 @@ class Worker:
         return True
 
     def _release(self) -> list[Instruction]:
-        """Take the scans that were held."""
+        """Take the held scans."""
         held, self._held = self._held, deque(maxlen=RECENT_SCANS)
         return [do for scan in held for do in self._on_scan(scan, self._dropped)]
 
@@ -155,12 +203,12 @@ class Worker:
         return self._map is not None and scan.map_digest != self._map.digest
 
     def _has_fallen_behind(self, dropped: int) -> bool:
-        """Whether scans were dropped here since the last gap: who is too slow must skip some."""
+        """Return whether this process dropped scans since the last gap, because it is too slow."""
         known, self._dropped = self._dropped, dropped
         return dropped > known
 
     def _fetch(self, missing: MissingScans | None, timeout_s: float) -> list[Instruction]:
-        """Ask for past scans, unless the same are being asked for; a later question counts."""
+        """Request past scans, unless the same are requested already; the last request counts."""
         if missing is None or missing == self._fetching:
             return []
         self._fetching = missing
@@ -168,7 +216,7 @@ class Worker:
 
     def _on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
         if missing != self._fetching:
-            return []  # more has been asked for since
+            return []  # more was requested since
         self._fetching = None
         self._table.wait_for(None)
         fitting = [scan for scan in scans if not self._is_of_another_map(scan)]
@@ -184,7 +232,7 @@ class Worker:
         except (OldTermError, msgspec.ValidationError) as error:
             return self._refused(question, error)
         before, self._waiting = self._waiting, _WaitingOrder(question, order, settings)
-        # Who gave the one before has given this one since, and no longer expects it to be done.
+        # The coordinator no longer expects the order before to be followed.
         answered = [Answer(before.question, self._answer())] if before else []
         return [*answered, *self._go_on()]
 
@@ -193,7 +241,7 @@ class Worker:
         return [Warn("order overtaken", detail), Answer(question, self._answer())]
 
     def _go_on(self) -> list[Instruction]:
-        """Follow the order that waits and take the scans that do, or get what they need."""
+        """Follow the waiting order and take the held scans, or request what they need."""
         waiting, settings = self._waiting, self._ordered
         if waiting is not None:
             settings, digest = waiting.settings, waiting.order.map_digest
@@ -201,7 +249,7 @@ class Worker:
             digest = self._built.map_digest
         else:
             return []
-        assert settings is not None  # a scan is held only by a worker that has followed an order
+        assert settings is not None  # scans are held only after an order was followed
         sensor = filter_with(settings, self._live).sensor
         has_model = self._has_model(digest, sensor)
         if waiting is not None and (has_model or not waiting.order.begin):
@@ -240,7 +288,7 @@ class Worker:
         order = waiting.order
         again = [] if self._table.is_news(order) else self._table.said_last()
         try:
-            if not self._fence.check(order):  # once more: it may have waited for long
+            if not self._fence.check(order):  # again: it may have waited
                 return self._overtaken(waiting.question, order)
             if self._built is not None:
                 settings = filter_with(waiting.settings, self._live)
@@ -277,8 +325,8 @@ class Worker:
         )
 
     def _state(self, take_over: TakeOver) -> WorkerState:
-        """All that a new coordinator needs to carry on."""
-        self._fence.hear(take_over.term)
+        """Return what a new coordinator needs to continue."""
+        self._fence.on_term(take_over.term)
         return WorkerState(
             sender=self._name,
             term=self._fence.term,
@@ -294,7 +342,7 @@ def _published(reports: list[Report]) -> list[Instruction]:
 
 
 def _cause_of(error: Exception) -> str:
-    """What to count a refused order as: fixed words."""
+    """Return the counter's name of a refused order, a constant."""
     match error:
         case MalformedMessageError():
             return error.cause

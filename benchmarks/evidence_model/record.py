@@ -25,8 +25,8 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
+from worker.jobs import scan_beams
 from worker.map_model import default_cache_folder, sensor_model
-from worker.scan_beams import scan_beams
 
 MERGE_EVERY = 5
 PLANTED_SPREAD = np.array([0.2, 0.2, 0.1])

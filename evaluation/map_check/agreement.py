@@ -20,7 +20,7 @@ from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
 from protocol.steps import Scan
-from worker.scan_beams import scan_beams
+from worker.jobs import scan_beams
 
 FITS_WITHIN_M = 0.2
 FITS_SHARE = 0.98

@@ -21,8 +21,7 @@ from tests.unit.oracle.tiny_world import (
     plain_room,
     settings,
 )
-from worker.jobs import RunningJob, running
-from worker.scan_beams import scan_beams
+from worker.jobs import RunningJob, running, scan_beams
 
 STEPS = 4
 GRID_ERROR = 0.01

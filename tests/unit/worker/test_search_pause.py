@@ -1,4 +1,4 @@
-from worker.search_pause import LONGEST_NS, SearchPause
+from worker.search_queue import LONGEST_NS, SearchPause
 
 MS = 1_000_000
 
@@ -6,26 +6,26 @@ MS = 1_000_000
 def paused_for(step: int, *, founded: bool = True) -> SearchPause:
     """The step before is decided, this one's scan comes at 10 ms."""
     pause = SearchPause()
-    pause.believed(step - 1, founded=founded)
-    pause.scanned(step, 10 * MS)
+    pause.on_checkpoint(step - 1, founded=founded)
+    pause.on_scan(step, 10 * MS)
     return pause
 
 
 def test_searches_wait_until_the_step_is_decided() -> None:
     pause = paused_for(7)
     assert pause.left_ns(12 * MS) == LONGEST_NS - 2 * MS
-    pause.believed(7, founded=True)
+    pause.on_checkpoint(7, founded=True)
     assert pause.left_ns(12 * MS) == 0
 
 
 def test_one_that_is_not_decided_holds_them_up_for_a_while_only() -> None:
     pause = paused_for(7)
     assert pause.left_ns(10 * MS + LONGEST_NS) == 0
-    pause.scanned(8, 500 * MS)
-    pause.believed(7, founded=True)
+    pause.on_scan(8, 500 * MS)
+    pause.on_checkpoint(7, founded=True)
     assert pause.left_ns(500 * MS) == 0, "a belief that lags behind may wait for the search"
-    pause.believed(8, founded=True)
-    pause.scanned(9, 600 * MS)
+    pause.on_checkpoint(8, founded=True)
+    pause.on_scan(9, 600 * MS)
     assert pause.left_ns(600 * MS) == LONGEST_NS
 
 
@@ -36,5 +36,5 @@ def test_the_first_search_is_what_the_first_step_waits_for() -> None:
 
 def test_after_a_restart_of_steps_nothing_waits_for_the_old_count() -> None:
     pause = paused_for(700)
-    pause.scanned(3, 20 * MS)
+    pause.on_scan(3, 20 * MS)
     assert pause.left_ns(20 * MS) == 0

@@ -2,7 +2,7 @@ import pytest
 
 from protocol.errors import OldTermError
 from protocol.work import Checkpoint, WorkOrder
-from worker.term_fence import KEPT_TERMS, TermFence
+from worker.worker import KEPT_TERMS, TermFence
 
 
 def order(term: int, number: int) -> WorkOrder:
@@ -35,7 +35,7 @@ def test_an_order_that_a_later_one_has_overtaken_is_left_out() -> None:
 
 def test_a_question_or_a_checkpoint_fences_lower_terms_too() -> None:
     asked, told = TermFence(), TermFence()
-    asked.hear(7)
+    asked.on_term(7)
     told.on_checkpoint(checkpoint(7, 0))
     for term_fence in (asked, told):
         with pytest.raises(OldTermError, match="current term is 7"):
@@ -46,7 +46,7 @@ def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
     term_fence = TermFence()
     term_fence.on_checkpoint(checkpoint(5, 1))
     term_fence.on_checkpoint(checkpoint(5, 2))
-    term_fence.hear(9)
+    term_fence.on_term(9)
     assert term_fence.check(order(10, 1))
     term_fence.on_checkpoint(checkpoint(6, 1))
     term_fence.on_checkpoint(checkpoint(10, 1, founded=False))
@@ -56,5 +56,5 @@ def test_all_received_terms_are_known_and_the_last_one_with_a_belief() -> None:
 def test_of_many_terms_the_last_are_kept() -> None:
     term_fence = TermFence()
     for term in range(1, 100):
-        term_fence.hear(term)
+        term_fence.on_term(term)
     assert term_fence.terms == tuple(range(100 - KEPT_TERMS, 100))
