@@ -85,7 +85,7 @@ class WorkerNode(Node):
 
     def start(self) -> None:
         """Begin without any job."""
-        self.core = Worker(self.name, self.life)
+        self.core = Worker(self.name)
         self._is_searching = False
         self._unread.clear()
         self.heard_term = 0
