@@ -36,6 +36,7 @@ from protocol.message import PoseTuple
 from protocol.steps import TruePose
 from recordings.map_file import load_map_with_obstacles, map_file_of
 from robot_simulator.free_space import FreeSpace
+from robot_simulator.robot import RADIUS_M
 from robot_simulator.source import simulated_world
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -302,8 +303,10 @@ def _simulated(robot: Simulated, options: DemoOptions, settings: Settings) -> _R
     FreeSpace(simulated_world(robot).truth)  # raises if the robot fits nowhere
     if options.map_file:
         load_map_with_obstacles(options.map_file)
+    radius_m = settings.robot.radius_m or RADIUS_M
+    shown = msgspec.structs.replace(settings.robot, radius_m=radius_m)
     return _Run(
-        settings,
+        msgspec.structs.replace(settings, robot=shown),
         f"simulated robot in {robot.world}",
         options.steps or (_VIEWED_STEPS if options.view_at else _STEPS),
         is_simulated=True,

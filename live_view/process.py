@@ -95,6 +95,7 @@ def serve_page(
     about = {
         "commands": options.obeys_commands,
         "by_hand": options.by_hand,
+        "radius_m": settings.robot.radius_m,
         "story": options.story,
         "beside": options.beside,
         "robots": names if len(names) > 1 else [],

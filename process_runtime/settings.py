@@ -23,6 +23,9 @@ class RobotSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
             max_length=LONGEST_NAME,
         ),
     ] = "robot"
+    radius_m: Annotated[
+        float, described("radius of the footprint that the page draws; 0: none", "m", ge=0, le=10)
+    ] = 0.0
 
 
 class ZenohSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -54,6 +54,7 @@ async function take(frames) {
 const TAKE = {
   system(frame) {
     system = frame;
+    view.radius = frame.radius_m ?? 0;
     known.most = frame.kept_steps ?? known.most;
     $("robot").textContent = [frame.robot, frame.saved_at].filter(Boolean).join(" · ");
     travel.setEnd(frame.link);

@@ -19,6 +19,7 @@ export class MapView {
     this.rows = []; // of the steps so far, up to that one
     this.clouds = new Map(); // particles by cluster
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
+    this.radius = 0; // of the robot's footprint [m]; 0: not known
     this.others = []; // robots in the same map: { name, pose }
     this.pointed = null; // cluster under the pointer
     this.selected = null; // the cluster whose beams are judged

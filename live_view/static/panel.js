@@ -5,6 +5,7 @@ import { colourOf, isDashed, percent } from "./palette.js";
 const $ = (id) => document.getElementById(id);
 
 const STALE_AFTER_S = 3;
+const PROBABLY = 0.5; // as `clustermcl pose` says it
 
 let pose = null, poseAt = null; // when it came [ms]; null: it is of the past, or recorded
 let before = ""; // how long before now a step that is looked back at was
@@ -26,7 +27,9 @@ export function showStep(frame) {
   hasEnded = frame.last;
   const count = frame.places.length, isOne = frame.state === "localized";
   $("state").textContent = isOne || !count ? frame.state : `${frame.state}, ${count} place${count > 1 ? "s" : ""}`;
-  $("of").hidden = isOne || count < 2;
+  const isOff = frame.off_map > PROBABLY;
+  $("of").hidden = !isOff && (isOne || count < 2);
+  $("of").textContent = isOff ? "probably not on this map" : "most probable of them:";
   $("searching").hidden = !frame.searching || (frame.state === "searching" && !frame.search_progress);
   $("searching").textContent = frame.search_progress > 0
     ? `searching ${Math.round(100 * frame.search_progress)} %` : "searching";
@@ -63,15 +66,16 @@ export function showAge() {
   const isRecorded = ["replaying", "finished"].includes(document.documentElement.dataset.link);
   const freshness = hasEnded ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
   $("now").dataset.freshness = freshness;
-  announce([$("now").dataset.state, freshness === "fresh" ? "" : freshness, before].filter(Boolean).join(", "));
+  const announced = { fresh: "", blind: "dead reckoning" }[freshness] ?? freshness;
+  announce([$("now").dataset.state, announced, before].filter(Boolean).join(", "));
   $("freshness").textContent = before || {
     ended: "the run has ended",
     recorded: "recorded",
     none: "no scan yet",
     fresh: `${seconds(age)} old`,
     stale: `stale, ${seconds(age)} old`,
-    blind: !pose.workers ? "blind: no worker is alive"
-      : pose.scan_age_s < 0 ? "blind: no scan was used yet" : `blind: last scan ${seconds(pose.scan_age_s + since)} ago`,
+    blind: !pose.workers ? "dead reckoning: no worker is alive"
+      : pose.scan_age_s < 0 ? "dead reckoning: no scan was used yet" : `dead reckoning: last scan ${seconds(pose.scan_age_s + since)} ago`,
   }[freshness];
 }
 

@@ -9,6 +9,7 @@ export function drawPlace(view, place) {
   const [x, y] = view.screenOf(place.pose);
   const radius = radiusOf(place);
   if (view.layers.has("ellipses")) drawEllipse(view, place, x, y, colour, usual);
+  if (view.radius) drawFootprint(view, x, y, colour);
   // The arrow: a disc with a nose; its area tells the probability.
   context.save();
   context.translate(x, y);
@@ -29,6 +30,15 @@ export function drawPlace(view, place) {
     context.stroke();
   }
   context.restore();
+}
+
+/** The robot's outline, in its true size. */
+function drawFootprint({ context, radius, view }, x, y, colour) {
+  context.beginPath();
+  context.arc(x, y, radius * view.scale, 0, 2 * Math.PI);
+  context.lineWidth = 1.5;
+  context.strokeStyle = colour;
+  context.stroke();
 }
 
 const radiusOf = (place) => 6 + 8 * Math.sqrt(place.p);

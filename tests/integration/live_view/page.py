@@ -114,8 +114,8 @@ class Page:
         ActionChains(self.driver).key_up(key).perform()
 
     @contextmanager
-    def on_screen(self, screen: str) -> Iterator[None]:
-        """As a phone shows it, one who likes it dark, or a window of ``WIDTHxHEIGHT``.
+    def on_screen(self, screen: str, scheme: str = "") -> Iterator[None]:
+        """On a phone, in a dark window, or in a window of ``WIDTHxHEIGHT``, ``dark`` or not.
 
         ``wide`` changes nothing.
         """
@@ -126,7 +126,7 @@ class Page:
             size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         if screen == "phone" or "x" in screen:
             tell("Emulation.setDeviceMetricsOverride", size)
-        if screen == "dark":
+        if "dark" in (screen, scheme):
             dark = {"name": "prefers-color-scheme", "value": "dark"}
             tell("Emulation.setEmulatedMedia", {"features": [dark]})
         try:

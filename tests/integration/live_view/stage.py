@@ -54,7 +54,7 @@ class Stage:
         cells = np.zeros((rows, cols), np.int8)
         cells[[0, -1]] = cells[:, [0, -1]] = cells[pillar] = 1
         packed = zlib.compress(cells.tobytes(), 1)
-        message = reduced(
+        self.show(
             MapMessage(
                 sender="bridge",
                 digest=f"{rows}x{cols}",
@@ -65,7 +65,10 @@ class Stage:
                 zlib_cells=packed,
             )
         )
-        self.map = message
+
+    def show(self, grid_map: MapMessage) -> None:
+        """A map, reduced as the process does it."""
+        self.map = message = reduced(grid_map)
         self.room.set_map(message.digest, message.zlib_cells)
         self.picture.on_map(message)
 

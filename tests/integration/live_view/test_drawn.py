@@ -377,10 +377,10 @@ def test_every_freshness_is_shown(stage: Stage, drawn: Page) -> None:
         shows(stage, lambda: drawn.text("freshness").startswith(text))
 
     says("no scan yet", freshness="none")
-    says("blind: no worker is alive", freshness="blind", workers=0)
+    says("dead reckoning: no worker is alive", freshness="blind", workers=0)
     assert is_red(drawn, "freshness")
     assert is_red(drawn, "state")
-    says("blind: last scan 4", freshness="blind", scan_age_s=4.0)
+    says("dead reckoning: last scan 4", freshness="blind", scan_age_s=4.0)
     says("stale, 6", freshness="stale", age_s=6.0)
     assert is_red(drawn, "freshness")
     says("0.", freshness="fresh")
@@ -549,6 +549,18 @@ def test_a_click_on_a_place_judges_its_beams(stage: Stage, drawn: Page) -> None:
     shows(stage, lambda: not drawn.is_visible("beams"))
 
 
+def test_the_footprint_is_drawn_in_its_true_size(stage: Stage, drawn: Page) -> None:
+    stage.picture.on_belief(belief(1, 4))  # at (4, 2)
+    shows(stage, lambda: shown_step(drawn) == 1)
+    drawn.run("liveView.view.toggle('ellipses')")
+    assert drawn.snapshot().pixel_at(4.0, 2.8) == (255, 255, 255)
+    drawn.run("liveView.take({system: {robot: 'r', link: 'running', radius_m: 0.8}})")
+    for x, y in ((4.0, 2.8), (4.0, 1.2), (3.2, 2.0)):
+        red, _, blue = drawn.snapshot().pixel_at(x, y)
+        assert red > blue + 60, "an orange line"
+    assert drawn.snapshot().pixel_at(4.0, 2.6) == (255, 255, 255)
+
+
 def test_a_distance_is_measured(stage: Stage, drawn: Page) -> None:
     drawn.click("ruler")
     snapshot = drawn.snapshot()
@@ -641,7 +653,7 @@ def test_every_state_is_announced(stage: Stage, drawn: Page) -> None:
     shows(stage, lambda: drawn.text("announced") == "ambiguous")
     stage.picture.on_belief(msgspec.structs.replace(belief(2, 4), state="lost"))
     stage.picture.on_pose(pose(2, freshness="blind", workers=0))
-    shows(stage, lambda: drawn.text("announced") == "lost, blind")
+    shows(stage, lambda: drawn.text("announced") == "lost, dead reckoning")
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
@@ -664,7 +676,7 @@ def test_axe_finds_nothing_serious(
             case "blind":
                 stage.picture.on_pose(pose(19, freshness="blind", workers=0))
                 stage.picture.on_status(status(workers={}))
-                shows(stage, lambda: drawn.text("freshness").startswith("blind"))
+                shows(stage, lambda: drawn.text("freshness").startswith("dead reckoning"))
             case "waiting":
                 stage.picture.on_link("no system")
                 shows(stage, lambda: drawn.is_visible("banner"))

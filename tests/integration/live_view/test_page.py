@@ -290,7 +290,7 @@ def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
 def test_the_page_says_that_no_worker_is_alive(running: Page, system: System) -> None:
     wait_until(lambda: running.text("freshness").endswith("s old"), 60.0)
     with system.frozen_workers():
-        wait_until(lambda: running.text("freshness") == "blind: no worker is alive", 60.0)
+        wait_until(lambda: running.text("freshness") == "dead reckoning: no worker is alive", 60.0)
         wait_until(lambda: running.text("banner-text").startswith("No worker is alive"), 60.0)
     wait_until(lambda: running.text("worker-count") == "2", 60.0)
     wait_until(lambda: not running.is_visible("banner"), 60.0)
