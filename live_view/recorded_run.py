@@ -17,7 +17,7 @@ from process_runtime.stop import StopFlag
 from protocol.answers import Belief, PoseAnswer
 from protocol.job_events import JobEvents
 from protocol.steps import MapMessage, Scan
-from recordings.foxglove import LaserScan
+from recordings.foxglove import LaserFields
 from recordings.run_log import (
     BELIEF,
     GRID,
@@ -59,7 +59,7 @@ class RecordedRun:
         self._is_map_given, self._map_digest = grid_map is not None, ""
         if grid_map is not None:
             self._show_map(grid_map)
-        self._lasers: list[LaserScan] = []
+        self._lasers: list[LaserFields] = []
         self._pieces = self._read(log_files(path))
 
     def run(self, stop: StopFlag) -> None:
@@ -102,7 +102,7 @@ class RecordedRun:
         elif message.topic == JOB_EVENTS:
             self.picture.on_events(decoded(message, JobEvents, path))
         elif message.topic.startswith(SCAN):
-            self._lasers.append(decoded(message, LaserScan, path))
+            self._lasers.append(decoded(message, LaserFields, path))
         elif message.topic == GRID and not self._is_map_given:
             grid_map = map_in(message, path)
             if grid_map.digest != self._map_digest:
@@ -136,7 +136,7 @@ def serve_recording(
         run.run(stop)
 
 
-def _scan(belief: Belief, lasers: list[LaserScan]) -> Scan:
+def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:
     first, *others = [laser.beams() for laser in lasers]
     return Scan(
         sender=belief.sender,

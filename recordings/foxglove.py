@@ -1,16 +1,15 @@
-"""What a run log draws: messages that Foxglove knows by the names of their schemas.
+"""Messages of a run log that Foxglove draws: its schemas, as JSON.
 
-Fields are those of https://docs.foxglove.dev/docs/sdk/schemas, as JSON. A few fields of our own
-keep what a playback needs; Foxglove ignores them.
+The fields are those of https://docs.foxglove.dev/docs/sdk/schemas. Next to them each message that
+is read again holds the fields of one of the classes below; Foxglove ignores them.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, TypeAlias, cast
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import cells_of
@@ -20,321 +19,159 @@ from protocol.arrays import ArrayBlob
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import LaserBeams, Scan
 
+Json: TypeAlias = dict[str, Any]
+
 MAP, ODOM, BASE = "map", "odom", "base_link"
 """Frames, as ROS calls them (REP 105)."""
 _INT8, _INFO = 2, 2
-_DIGITS = 4
-"""What is only drawn is rounded to 0.1 mm: a third of the bytes."""
 _SIGMAS = 2.0
 """An ellipse of two standard deviations holds 86 % of a Gaussian in the plane."""
 _MIN_SIGMA_M = 0.02
-_ARROW_M, _TEXT_M = 0.6, 0.3
+_ARROW = {"shaft_length": 0.6, "shaft_diameter": 0.08, "head_length": 0.15, "head_diameter": 0.16}
+_TEXT_M = 0.3
 _COLOURS = (
     (0.12, 0.47, 0.71), (1.0, 0.5, 0.05), (0.17, 0.63, 0.17), (0.84, 0.15, 0.16),
     (0.58, 0.4, 0.74), (0.55, 0.34, 0.29), (0.89, 0.47, 0.76), (0.09, 0.75, 0.81),
 )  # fmt: skip
 """Of places, by the number of their cluster."""
 
-Planar: TypeAlias = Annotated[tuple[float, ...], msgspec.Meta(min_length=3, max_length=3)]
-"""x [m], y [m], heading [rad]; Foxglove's parser of schemas refuses the type `PoseTuple`."""
 
+class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
+    """What one laser measured for a step, as `Scan` has it; a range of 0 is no return."""
 
-class Time(msgspec.Struct, frozen=True):
-    """Since the robot's epoch."""
-
-    sec: int
-    nsec: int
-
-    @classmethod
-    def of(cls, stamp_ns: int) -> "Time":
-        return cls(*divmod(stamp_ns, 1_000_000_000))
-
-    @property
-    def ns(self) -> int:
-        return self.sec * 1_000_000_000 + self.nsec
-
-
-class Vector3(msgspec.Struct, frozen=True):
-    """A point or a size [m]."""
-
-    x: float
-    y: float
-    z: float = 0.0
-
-    @classmethod
-    def of(cls, pose: Sequence[float]) -> "Vector3":
-        return cls(round(pose[0], _DIGITS), round(pose[1], _DIGITS))
-
-
-class Quaternion(msgspec.Struct, frozen=True):
-    """A turn about the vertical axis."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-    @classmethod
-    def of(cls, heading_rad: float) -> "Quaternion":
-        half = heading_rad / 2.0
-        return cls(0.0, 0.0, round(math.sin(half), 5), round(math.cos(half), 5))
-
-
-class Pose(msgspec.Struct, frozen=True):
-    """A pose in the plane."""
-
-    position: Vector3
-    orientation: Quaternion
-
-    @classmethod
-    def of(cls, pose: PoseTuple) -> "Pose":
-        return cls(Vector3.of(pose), Quaternion.of(pose[2]))
-
-
-class Color(msgspec.Struct, frozen=True):
-    """Each from 0 to 1."""
-
-    r: float
-    g: float
-    b: float
-    a: float
-
-
-class Drawn(msgspec.Struct, frozen=True, kw_only=True):
-    """A message that Foxglove knows."""
-
-    timestamp: Time
-
-
-class FrameTransform(Drawn, frozen=True, kw_only=True):
-    """Where a frame is in its parent."""
-
-    parent_frame_id: str
-    child_frame_id: str
-    translation: Vector3
-    rotation: Quaternion
-    parent_from_child: Planar
-    """The same, to the last bit."""
-
-    @classmethod
-    def of(cls, stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> "FrameTransform":
-        return cls(
-            timestamp=Time.of(stamp_ns),
-            parent_frame_id=parent,
-            child_frame_id=child,
-            translation=Vector3.of(pose),
-            rotation=Quaternion.of(pose[2]),
-            parent_from_child=pose,
-        )
-
-
-class LaserScan(Drawn, frozen=True, kw_only=True):
-    """What one laser measured for a step; a range of 0 is no return."""
-
-    frame_id: str
-    pose: Pose
-    """Of the laser on the robot."""
-    start_angle: float
-    end_angle: float
-    ranges: list[float]
-    intensities: list[float] = msgspec.field(default_factory=list)
     step: int
+    stamp_ns: int
+    odom_from_robot: PoseTuple
+    robot_from_laser: PoseTuple
+    angle_min_rad: float
     angle_step_rad: float
     range_max_m: float
-    robot_from_laser: Planar
-    odom_from_robot: Planar
+    ranges: list[float]
     map_digest: str
 
-    @classmethod
-    def of(cls, scan: Scan, beams: Scan | LaserBeams) -> "LaserScan":
-        """The beams of one laser of a step."""
-        ranges = beams.ranges.array().astype(np.float64)
-        with np.errstate(invalid="ignore"):
-            ranges[~((ranges > 0.0) & (ranges < beams.range_max_m))] = 0.0
-        return cls(
-            timestamp=Time.of(scan.stamp_ns),
-            frame_id=BASE,
-            pose=Pose.of(beams.robot_from_laser),
-            start_angle=beams.angle_min_rad,
-            end_angle=beams.angle_min_rad + beams.angle_step_rad * (len(ranges) - 1),
-            ranges=_short(ranges).tolist(),
-            step=scan.step,
-            angle_step_rad=beams.angle_step_rad,
-            range_max_m=beams.range_max_m,
-            robot_from_laser=beams.robot_from_laser,
-            odom_from_robot=scan.odom_from_robot,
-            map_digest=scan.map_digest,
-        )
-
     def beams(self) -> LaserBeams:
-        """The measurement again."""
         return LaserBeams(
-            robot_from_laser=cast(PoseTuple, self.robot_from_laser),
-            angle_min_rad=self.start_angle,
+            robot_from_laser=self.robot_from_laser,
+            angle_min_rad=self.angle_min_rad,
             angle_step_rad=self.angle_step_rad,
             range_max_m=self.range_max_m,
             ranges=ArrayBlob.of(np.array(self.ranges), "float32"),
         )
 
 
-def _short(ranges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The shortest decimals that are the same in 32 bits, where 0.1 mm are enough for that."""
-    rounded = np.round(ranges, _DIGITS)
-    return np.where(rounded.astype(np.float32) == ranges, rounded, ranges)
+def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
+    """`foxglove.LaserScan` of one laser of a step, and `LaserFields`."""
+    ranges = beams.ranges.array().astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        ranges[~((ranges > 0.0) & (ranges < beams.range_max_m))] = 0.0
+    short = np.round(ranges, 4)  # the same in 32 bits, unless it was finer than 0.1 mm
+    own = LaserFields(
+        step=scan.step,
+        stamp_ns=scan.stamp_ns,
+        odom_from_robot=scan.odom_from_robot,
+        robot_from_laser=beams.robot_from_laser,
+        angle_min_rad=beams.angle_min_rad,
+        angle_step_rad=beams.angle_step_rad,
+        range_max_m=beams.range_max_m,
+        ranges=np.where(short.astype(np.float32) == ranges, short, ranges).tolist(),
+        map_digest=scan.map_digest,
+    )
+    return msgspec.structs.asdict(own) | {
+        **_header(scan.stamp_ns, BASE),
+        "pose": _pose(beams.robot_from_laser),
+        "start_angle": beams.angle_min_rad,
+        "end_angle": beams.angle_min_rad + beams.angle_step_rad * (len(ranges) - 1),
+        "intensities": [],
+    }
 
 
-class Vector2(msgspec.Struct, frozen=True):
-    """A size [m]."""
+class LinkFields(msgspec.Struct, frozen=True):
+    """Where a frame is in its parent, to the last bit."""
 
-    x: float
-    y: float
-
-
-class PackedField(msgspec.Struct, frozen=True):
-    """What a byte of a cell is."""
-
-    name: str
-    offset: int
-    type: int
+    stamp_ns: int
+    child_frame_id: str
+    parent_from_child: PoseTuple
 
 
-class Grid(Drawn, frozen=True, kw_only=True):
-    """The map, as ROS has it: 0 is free, 100 occupied, -1 unknown."""
+def frame_transform(stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> Json:
+    """`foxglove.FrameTransform`, and `LinkFields`."""
+    drawn = _pose(pose)
+    return msgspec.structs.asdict(LinkFields(stamp_ns, child, pose)) | {
+        "timestamp": _time(stamp_ns),
+        "parent_frame_id": parent,
+        "translation": drawn["position"],
+        "rotation": drawn["orientation"],
+    }
 
-    frame_id: str = MAP
-    pose: Pose
+
+class MapFields(msgspec.Struct, frozen=True):
+    """A map, as ROS has it: 0 is free, 100 occupied, -1 unknown."""
+
+    cell_m: float
+    map_from_grid: PoseTuple
     column_count: int
-    cell_size: Vector2
-    row_stride: int
-    cell_stride: int = 1
-    fields: tuple[PackedField, ...] = (PackedField("occupancy", 0, _INT8),)
     data: bytes
-    map_from_grid: Planar
-
-    @classmethod
-    def of(cls, grid_map: GridMap, stamp_ns: int, max_cells: int) -> "Grid":
-        """A map of at most `max_cells`: of cells that become one, walls win, then free ones."""
-        cells, every = grid_map.cells, math.ceil(math.sqrt(grid_map.cells.size / max_cells))
-        for axis in range(2 if every > 1 else 0):
-            first = np.arange(0, cells.shape[axis], every)
-            cells = np.maximum.reduceat(cells, first, axis=axis)
-        cell_m = grid_map.cell_m * every
-        return cls(
-            timestamp=Time.of(stamp_ns),
-            pose=Pose.of(grid_map.map_from_grid),
-            column_count=cells.shape[1],
-            cell_size=Vector2(cell_m, cell_m),
-            row_stride=cells.shape[1],
-            data=np.where(cells == OCCUPIED, 100, cells).astype(np.int8).tobytes(),
-            map_from_grid=grid_map.map_from_grid,
-        )
 
     def grid_map(self) -> GridMap:
-        """The map again.
+        """The map.
 
         Raises:
             ValueError: the bytes are no map.
         """
         occupancy = np.frombuffer(self.data, np.int8).reshape(-1, max(self.column_count, 1))
-        pose = cast(PoseTuple, self.map_from_grid)
-        return GridMap(cells_of(occupancy), self.cell_size.x, pose)
+        return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid)
 
 
-class PoseInFrame(Drawn, frozen=True, kw_only=True):
-    """The most probable place."""
+def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
+    """`foxglove.Grid`, and `MapFields`, of a map.
 
-    frame_id: str = MAP
-    pose: Pose
-
-    @classmethod
-    def of(cls, map_from_robot: PoseTuple, stamp_ns: int) -> "PoseInFrame":
-        return cls(timestamp=Time.of(stamp_ns), pose=Pose.of(map_from_robot))
-
-
-class Arrow(msgspec.Struct, frozen=True, kw_only=True):
-    """Where a place looks."""
-
-    pose: Pose
-    shaft_length: float = _ARROW_M
-    shaft_diameter: float = 0.08
-    head_length: float = 0.15
-    head_diameter: float = 0.16
-    color: Color
-
-
-class Cylinder(msgspec.Struct, frozen=True, kw_only=True):
-    """A place's ellipse."""
-
-    pose: Pose
-    size: Vector3
-    bottom_scale: float = 1.0
-    top_scale: float = 1.0
-    color: Color
+    A map of more than `max_cells` is made coarser: where cells become one, walls win, then free
+    cells.
+    """
+    cells, every = grid_map.cells, math.ceil(math.sqrt(grid_map.cells.size / max_cells))
+    for axis in range(2 if every > 1 else 0):
+        cells = np.maximum.reduceat(cells, np.arange(0, cells.shape[axis], every), axis=axis)
+    cell_m, cols = grid_map.cell_m * every, cells.shape[1]
+    data = np.where(cells == OCCUPIED, 100, cells).astype(np.int8).tobytes()
+    return msgspec.structs.asdict(MapFields(cell_m, grid_map.map_from_grid, cols, data)) | {
+        **_header(stamp_ns, MAP),
+        "pose": _pose(grid_map.map_from_grid),
+        "cell_size": {"x": cell_m, "y": cell_m},
+        "row_stride": cols,
+        "cell_stride": 1,
+        "fields": [{"name": "occupancy", "offset": 0, "type": _INT8}],
+    }
 
 
-class Text(msgspec.Struct, frozen=True, kw_only=True):
-    """A place's percentage."""
-
-    pose: Pose
-    billboard: bool = True
-    font_size: float = _TEXT_M
-    scale_invariant: bool = False
-    color: Color
-    text: str
+def pose_in_frame(map_from_robot: PoseTuple, stamp_ns: int) -> Json:
+    """`foxglove.PoseInFrame`."""
+    return {**_header(stamp_ns, MAP), "pose": _pose(map_from_robot)}
 
 
-class SceneEntity(msgspec.Struct, frozen=True, kw_only=True):
-    """All places; each belief replaces those of the one before."""
-
-    timestamp: Time
-    frame_id: str = MAP
-    id: str = "places"
-    lifetime: Time = Time(0, 0)
-    frame_locked: bool = False
-    metadata: tuple[float, ...] = ()
-    arrows: list[Arrow]
-    cubes: tuple[float, ...] = ()
-    spheres: tuple[float, ...] = ()
-    cylinders: list[Cylinder]
-    lines: tuple[float, ...] = ()
-    triangles: tuple[float, ...] = ()
-    texts: list[Text]
-    models: tuple[float, ...] = ()
-
-
-class SceneUpdate(msgspec.Struct, frozen=True, kw_only=True):
-    """Of each place an arrow, an ellipse of two standard deviations and its percentage."""
-
-    deletions: tuple[float, ...] = ()
-    entities: list[SceneEntity]
-
-    @classmethod
-    def of(cls, hypotheses: Sequence[Hypothesis], stamp_ns: int) -> "SceneUpdate":
-        arrows, cylinders, texts = list[Arrow](), list[Cylinder](), list[Text]()
-        for place in hypotheses:
-            colour = _COLOURS[place.cluster % len(_COLOURS)]
-            shown = round(0.2 + 0.8 * place.probability, 2)
-            along, long_m, short_m = _ellipse(place.covariance)
-            x, y, _ = place.mean
-            arrows.append(Arrow(pose=Pose.of(place.mean), color=Color(*colour, shown)))
-            cylinders.append(
-                Cylinder(
-                    pose=Pose.of((x, y, along)),
-                    size=msgspec.structs.replace(Vector3.of((long_m, short_m)), z=0.01),
-                    color=Color(*colour, shown / 2.0),
-                )
-            )
-            texts.append(
-                Text(
-                    pose=Pose.of((x, y + _TEXT_M, 0.0)),
-                    color=Color(*colour, 1.0),
-                    text=f"{100.0 * place.probability:.0f} %",
-                )
-            )
-        entity = SceneEntity(
-            timestamp=Time.of(stamp_ns), arrows=arrows, cylinders=cylinders, texts=texts
-        )
-        return cls(entities=[entity])
+def places(hypotheses: Sequence[Hypothesis], stamp_ns: int) -> Json:
+    """`foxglove.SceneUpdate`: of each place an arrow, an ellipse and its percentage."""
+    drawn: dict[str, list[Json]] = {"arrows": [], "cylinders": [], "texts": []}
+    for place in hypotheses:
+        shown = round(0.2 + 0.8 * place.probability, 2)
+        rgb = dict(zip("rgb", _COLOURS[place.cluster % len(_COLOURS)], strict=True))
+        along, long_m, short_m = _ellipse(place.covariance)
+        x, y, _ = place.mean
+        percent = f"{100.0 * place.probability:.0f} %"
+        drawn["arrows"].append({"pose": _pose(place.mean), "color": rgb | {"a": shown}, **_ARROW})
+        drawn["cylinders"].append(
+            {"pose": _pose((x, y, along)), "size": {"x": long_m, "y": short_m, "z": 0.01},
+             "bottom_scale": 1, "top_scale": 1, "color": rgb | {"a": shown / 2.0}}
+        )  # fmt: skip
+        drawn["texts"].append(
+            {"pose": _pose((x, y + _TEXT_M, 0.0)), "text": percent, "color": rgb | {"a": 1},
+             "font_size": _TEXT_M, "billboard": True, "scale_invariant": False}
+        )  # fmt: skip
+    nothing = ("metadata", "cubes", "spheres", "lines", "triangles", "models")
+    entity = {
+        **_header(stamp_ns, MAP), **drawn, **{name: [] for name in nothing},
+        "id": "places", "lifetime": _time(0), "frame_locked": False,
+    }  # fmt: skip
+    return {"deletions": [], "entities": [entity]}
 
 
 def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
@@ -342,21 +179,30 @@ def _ellipse(covariance: Covariance) -> tuple[float, float, float]:
     xx, xy, yy = covariance[0], covariance[1], covariance[4]
     middle, apart = (xx + yy) / 2.0, math.hypot((xx - yy) / 2.0, xy)
     long_m, short_m = (
-        2.0 * _SIGMAS * max(math.sqrt(max(variance, 0.0)), _MIN_SIGMA_M)
+        round(2.0 * _SIGMAS * max(math.sqrt(max(variance, 0.0)), _MIN_SIGMA_M), 4)
         for variance in (middle + apart, middle - apart)
     )
     return 0.5 * math.atan2(2.0 * xy, xx - yy), long_m, short_m
 
 
-class Log(Drawn, frozen=True, kw_only=True):
-    """A line of text."""
+def log_line(text: str, stamp_ns: int) -> Json:
+    """`foxglove.Log`."""
+    line = {"level": _INFO, "message": text, "name": "coordinator", "file": "", "line": 0}
+    return {"timestamp": _time(stamp_ns), **line}
 
-    level: int = _INFO
-    message: str
-    name: str
-    file: str = ""
-    line: int = 0
 
-    @classmethod
-    def of(cls, text: str, stamp_ns: int) -> "Log":
-        return cls(timestamp=Time.of(stamp_ns), message=text, name="coordinator")
+def _header(stamp_ns: int, frame: str) -> Json:
+    return {"timestamp": _time(stamp_ns), "frame_id": frame}
+
+
+def _time(stamp_ns: int) -> Json:
+    sec, nsec = divmod(stamp_ns, 1_000_000_000)
+    return {"sec": sec, "nsec": nsec}
+
+
+def _pose(pose: PoseTuple) -> Json:
+    """A pose as it is drawn: to 0.1 mm, which needs a third of the bytes."""
+    x, y, heading_rad = pose
+    half = heading_rad / 2.0
+    turn = {"x": 0, "y": 0, "z": round(math.sin(half), 5), "w": round(math.cos(half), 5)}
+    return {"position": {"x": round(x, 4), "y": round(y, 4), "z": 0}, "orientation": turn}

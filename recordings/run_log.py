@@ -1,7 +1,6 @@
 """A run on disk: MCAP files that the coordinator and `clustermcl record` write.
 
-Each message is JSON by a schema of Foxglove's, JSON of our own, or MessagePack that only a replay
-reads; docs/recordings.md lists all topics.
+Messages are JSON, those that only a replay reads MessagePack; docs/recordings.md lists all topics.
 """
 
 import os
@@ -9,7 +8,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, cast
+from typing import Literal, NamedTuple, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,9 +21,8 @@ from process_runtime.compressed import os_problem
 from process_runtime.output_files import OutputError, check_output_file
 from protocol.answers import Belief
 from protocol.errors import RecordingError
-from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
-from protocol.steps import LaserBeams, OdometryReading, Scan
+from protocol.steps import OdometryReading, Scan
 from recordings import foxglove
 from recordings.bag_chunks import mcap_records
 from recordings.foxglove import BASE, MAP, ODOM
@@ -32,8 +30,16 @@ from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 
 PROFILE = "clustermcl"
 """In the header of each file: no other MCAP file is read as a run log."""
-SCAN, ODOMETRY, GRID, BELIEF, JOB_EVENTS = "/scan", "/tf", "/map", "/belief", "/events"
-"""Topics; further lasers of a step have `/scan_1`, ..."""
+SCAN, ODOMETRY, GRID, POSE, PLACES = "/scan", "/tf", "/map", "/pose", "/places"
+"""Topics that Foxglove draws; further lasers of a step have `/scan_1`, ..."""
+BELIEF, JOB_EVENTS, LINES = "/belief", "/events", "/log"
+SCHEMAS = {
+    SCAN: "foxglove.LaserScan", ODOMETRY: "foxglove.FrameTransform", GRID: "foxglove.Grid",
+    POSE: "foxglove.PoseInFrame", PLACES: "foxglove.SceneUpdate", LINES: "foxglove.Log",
+}  # fmt: skip
+_BASE64 = {"type": "string", "contentEncoding": "base64"}
+_JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BASE64}})
+"""Foxglove knows its messages by their names, but asks the schema which strings are bytes."""
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
 """As JSON they fill the largest chunk that is read."""
@@ -56,7 +62,6 @@ class RunLog:
     def __init__(self, path: Path, mode: Literal["w", "x"] = "w") -> None:
         self._path, self._map_digest = path, ""
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
         with self._named():
             self._file = open(path, f"{mode}b", opener=_private)  # noqa: SIM115 - no opener
             self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
@@ -81,11 +86,11 @@ class RunLog:
     def on_map(self, grid_map: GridMap, at_ns: int, max_cells: int = MAX_MAP_CELLS) -> None:
         """Write the map of the steps that follow; a larger one is made coarser."""
         self._map_digest = grid_map.digest
-        self.write(GRID, foxglove.Grid.of(grid_map, at_ns, max_cells), at_ns)
+        self.write(GRID, foxglove.grid(grid_map, at_ns, max_cells), at_ns)
 
     def on_odometry(self, reading: OdometryReading) -> None:
         at_ns = reading.stamp_ns
-        link = foxglove.FrameTransform.of(at_ns, ODOM, BASE, reading.odom_from_robot)
+        link = foxglove.frame_transform(at_ns, ODOM, BASE, reading.odom_from_robot)
         self.write(ODOMETRY, link, at_ns)
 
     def on_scan(self, scan: Scan, at_ns: int | None = None) -> None:
@@ -95,34 +100,32 @@ class RunLog:
             scan: the step.
             at_ns: time of the recording; None: the scan's own stamp.
         """
-        at_ns = scan.stamp_ns if at_ns is None else at_ns
-        link = foxglove.FrameTransform.of(scan.stamp_ns, ODOM, BASE, scan.odom_from_robot)
+        stamp_ns = scan.stamp_ns
+        at_ns = stamp_ns if at_ns is None else at_ns
+        link = foxglove.frame_transform(stamp_ns, ODOM, BASE, scan.odom_from_robot)
         self.write(ODOMETRY, link, at_ns)
-        lasers: tuple[Scan | LaserBeams, ...] = (scan, *scan.others)
-        for number, beams in enumerate(lasers):
-            topic = f"{SCAN}_{number}" if number else SCAN
-            self.write(topic, foxglove.LaserScan.of(scan, beams), at_ns)
+        self.write(SCAN, foxglove.laser_scan(scan, scan), at_ns)
+        for number, beams in enumerate(scan.others, start=1):
+            self.write(f"{SCAN}_{number}", foxglove.laser_scan(scan, beams), at_ns)
 
     def on_belief(self, belief: Belief, at_ns: int | None = None) -> None:
         """Write a belief, and what Foxglove draws of it; arguments as for `on_scan`."""
         stamp_ns = belief.stamp_ns
         at_ns = stamp_ns if at_ns is None else at_ns
         self.write(BELIEF, belief, at_ns)
-        self.write("/places", foxglove.SceneUpdate.of(belief.hypotheses, stamp_ns), at_ns)
+        self.write(PLACES, foxglove.places(belief.hypotheses, stamp_ns), at_ns)
         if belief.pose is not None:
-            self.write("/pose", foxglove.PoseInFrame.of(belief.pose, stamp_ns), at_ns)
+            self.write(POSE, foxglove.pose_in_frame(belief.pose, stamp_ns), at_ns)
             there, odometry = np.array(belief.pose), np.array(belief.odom_from_robot)
             odom = pose_tuple(compose(there, inverse(odometry)))
-            self.write(ODOMETRY, foxglove.FrameTransform.of(stamp_ns, MAP, ODOM, odom), at_ns)
+            self.write(ODOMETRY, foxglove.frame_transform(stamp_ns, MAP, ODOM, odom), at_ns)
 
-    def write(
-        self, topic: str, message: msgspec.Struct, at_ns: int, *, packed: bool = False
-    ) -> None:
+    def write(self, topic: str, message: object, at_ns: int, *, packed: bool = False) -> None:
         """Append a message.
 
         Args:
             topic: which has one type of messages.
-            message: as it is.
+            message: what msgspec can encode.
             at_ns: time of the recording.
             packed: as MessagePack, not as JSON.
         """
@@ -130,10 +133,14 @@ class RunLog:
         at_ns, data = max(at_ns, 0), codec.encode(message)
         with self._named():
             if topic not in self._channels:
-                encoding = "msgpack" if packed else "json"
-                schema = self._schema(type(message), encoding)
-                self._channels[topic] = self._writer.register_channel(topic, encoding, schema)
+                self._channels[topic] = self._channel(topic, "msgpack" if packed else "json")
             self._writer.add_message(self._channels[topic], at_ns, data, at_ns)
+
+    def _channel(self, topic: str, encoding: str) -> int:
+        name = SCHEMAS.get(topic.partition("_")[0], f"clustermcl{topic.replace('/', '.')}")
+        form = ("jsonschema", _JSON_SCHEMA) if encoding == "json" else ("", b"")
+        schema = self._writer.register_schema(name, *form)
+        return self._writer.register_channel(topic, encoding, schema)
 
     def flush(self) -> None:
         """End the chunk: of a process that is killed, what was written before stays."""
@@ -158,18 +165,6 @@ class RunLog:
         """Close a file that cannot be written, as it is."""
         with suppress(OSError):
             self._file.close()
-
-    def _schema(self, kind: type[msgspec.Struct], encoding: str) -> int:
-        is_drawn = kind.__module__ == foxglove.__name__
-        name = f"{'foxglove' if is_drawn else 'clustermcl'}.{kind.__name__}"
-        if name not in self._schemas:
-            schema: dict[str, Any] = {"type": "object"}
-            if is_drawn:
-                _, parts = msgspec.json.schema_components((kind,), ref_template="#/$defs/{name}")
-                schema = {**parts.pop(kind.__name__), "$defs": parts}
-            form = ("jsonschema", msgspec.json.encode(schema)) if encoding == "json" else ("", b"")
-            self._schemas[name] = self._writer.register_schema(name, *form)
-        return self._schemas[name]
 
     @contextmanager
     def _named(self) -> Iterator[None]:
@@ -287,26 +282,25 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
             if message.topic.startswith(SCAN):
                 entries.append(_laser_entry(number, message, file))
             elif message.topic == ODOMETRY:
-                link = decoded(message, foxglove.FrameTransform, file)
+                link = decoded(message, foxglove.LinkFields, file)
                 if link.child_frame_id == BASE:
-                    pose = cast(PoseTuple, link.parent_from_child)
-                    entries.append(OdometryEntry(number, link.timestamp.ns, pose))
+                    entries.append(OdometryEntry(number, link.stamp_ns, link.parent_from_child))
         if log.cut:
             skipped.append(SkippedLine(number + 1, f"from here on cut off or damaged: {log.cut}"))
     return entries, skipped
 
 
 def _laser_entry(number: int, message: LogMessage, path: Path) -> LaserEntry:
-    scan = decoded(message, foxglove.LaserScan, path)
+    scan = decoded(message, foxglove.LaserFields, path)
     beams = scan.beams()
     return LaserEntry(
         line_number=number,
-        stamp_ns=scan.timestamp.ns,
+        stamp_ns=scan.stamp_ns,
         ranges=beams.ranges.array(),
         angle_min_rad=beams.angle_min_rad,
         angle_step_rad=beams.angle_step_rad,
         robot_from_laser=beams.robot_from_laser,
-        odom_from_robot=cast(PoseTuple, scan.odom_from_robot),
+        odom_from_robot=scan.odom_from_robot,
         range_limit_m=beams.range_max_m,
         laser=message.topic.removeprefix("/"),
     )
@@ -332,6 +326,6 @@ def map_in(message: LogMessage, path: Path) -> GridMap:
         RecordingError: it is none.
     """
     try:
-        return decoded(message, foxglove.Grid, path).grid_map()
+        return decoded(message, foxglove.MapFields, path).grid_map()
     except ValueError as error:
         raise RecordingError(path, f"{message.topic}: {error}") from None

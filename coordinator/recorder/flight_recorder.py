@@ -24,12 +24,12 @@ from coordinator.recorder.records import (
     happened_to,
     without_bulk,
 )
-from coordinator.recorder.ring import EVENT, LINES, Ring
+from coordinator.recorder.ring import EVENT, Ring
 from coordinator.recorder.snapshot import freeze
 from grid_maps.grid_map import GridMap
 from process_runtime.output_files import OutputError
-from recordings.foxglove import Grid, Log
-from recordings.run_log import GRID, JOB_EVENTS, RunLog
+from recordings.foxglove import Json, grid, log_line
+from recordings.run_log import GRID, JOB_EVENTS, LINES, RunLog
 
 FLUSH_S = 0.5
 """A kill -9 loses at most this much."""
@@ -41,7 +41,7 @@ MAX_MAP_CELLS = 4_000_000
 """A larger map is recorded coarser: each file of the ring begins with it."""
 LOST = "event not recorded"
 
-_Entry: TypeAlias = Head | EventTold | Grid | list[PublishBelief | PublishEvents]
+_Entry: TypeAlias = Head | EventTold | Json | list[PublishBelief | PublishEvents]
 
 _log = logging.getLogger(__name__)
 
@@ -70,7 +70,7 @@ class FlightRecorder:
         self._unflushed, self._unwritten, self._retry_s = 0, 0, 0.0
         self._asked, self._failed = True, False
         self._wall_from_now_ns, self._at_ns = 0, 0
-        self._map: Grid | None = None
+        self._map: Json | None = None
 
     @property
     def lost(self) -> dict[str, int]:
@@ -92,7 +92,7 @@ class FlightRecorder:
     def on_map(self, grid_map: GridMap) -> None:
         """Record the map, which each file begins with; from any thread."""
         if self._ring is not None:
-            self._queue.append(Grid.of(grid_map, time.time_ns(), MAX_MAP_CELLS))
+            self._queue.append(grid(grid_map, time.time_ns(), MAX_MAP_CELLS))
 
     @contextmanager
     def running(self) -> Iterator[None]:
@@ -179,7 +179,7 @@ class FlightRecorder:
         match entry:
             case Head():
                 self._begin(ring, entry)
-            case Grid():
+            case dict():
                 self._map = entry
                 if ring.log is not None:
                     ring.log.write(GRID, entry, self._at_ns)
@@ -218,5 +218,4 @@ class FlightRecorder:
 
     def _write_lines(self, log: RunLog, lines: Iterable[Happened]) -> None:
         for line in lines:
-            text = f"{line.kind}: {line.about}"
-            log.write(LINES, Log.of(text, self._at_ns), self._at_ns)
+            log.write(LINES, log_line(f"{line.kind}: {line.about}", self._at_ns), self._at_ns)

@@ -109,7 +109,7 @@ def test_messages_with_other_contents_are_shown_or_refused(
     with RunLog(folder / NAME) as log:
         for number, message in enumerate(messages):
             content = msgspec.Raw(other if number == at else message.data)
-            log.write(message.topic, content, message.at_ns)  # type: ignore[arg-type] # encoded
+            log.write(message.topic, content, message.at_ns)
     with contextlib.suppress(RecordingError):
         run = RecordedRun(folder, None)
         while run.read_for(1.0):

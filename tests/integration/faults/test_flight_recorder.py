@@ -136,7 +136,7 @@ def test_a_recording_that_is_an_attack_starts_no_process(tmp_path: Path) -> None
     assert not marker.exists()
     assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
     with RunLog(path) as log:
-        log.write("/belief", msgspec.Raw(pickled_attack(marker)), 0)  # type: ignore[arg-type] # no JSON
+        log.write("/belief", msgspec.Raw(pickled_attack(marker)), 0)
     looked = subprocess.run(
         [*COMMAND, "view", str(folder), "--listen", "127.0.0.1:0"],
         capture_output=True, text=True, timeout=60.0, check=False,

@@ -47,9 +47,9 @@ def events_in(folder: Path) -> list[Event]:
 def write_file(path: Path, head: Head | msgspec.Raw, *events: EventTold | msgspec.Raw) -> None:
     """A file as the recorder writes it."""
     with RunLog(path) as log:
-        log.write(HEAD, head, 0, packed=True)  # type: ignore[arg-type] # encoded already
+        log.write(HEAD, head, 0, packed=True)
         for event in events:
-            log.write(EVENT, event, 1, packed=True)  # type: ignore[arg-type] # see above
+            log.write(EVENT, event, 1, packed=True)
 
 
 class RecordedCoordinator:
