@@ -24,11 +24,11 @@ MOST_OVERLAPPING_BYTES = 2**27
 MOST_FILE_BYTES = 2**33
 """Of a whole bag that is packed or damaged; it is unpacked to the disk."""
 _MOST_RECORD_BYTES = 2**30
-"""A record of an MCAP file that says it is longer is damaged, and would be allocated."""
+"""An MCAP record with a larger length is damaged; the library would allocate it."""
 
 
 def unpacked(compression: str, packed: bytes, most: int = MOST_BYTES) -> bytes:
-    """What was packed.
+    """Unpack a chunk.
 
     Args:
         compression: as ROS 1 and MCAP name it.
@@ -67,7 +67,7 @@ def check_unpacked(count: int) -> None:
 
 @cache
 def bound_library() -> None:
-    """Let `rosbags` unpack by `unpacked`; by itself it unpacks whatever a chunk stands for."""
+    """Make `rosbags` unpack by `unpacked`: its own functions have no bound."""
     from backports import zstd  # noqa: PLC0415 - comes with rosbags
     from rosbags.rosbag1 import reader as ros1  # noqa: PLC0415 - an extra
     from rosbags.rosbag2 import reader as ros2  # noqa: PLC0415 - see above

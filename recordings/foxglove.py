@@ -37,7 +37,7 @@ _COLOURS = (
 
 
 class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
-    """What one laser measured for a step, as `Scan` has it; a range of 0 is no return."""
+    """The measurement of one laser for a step, as in `Scan`; a range of 0 is no return."""
 
     step: int
     stamp_ns: int

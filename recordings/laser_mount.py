@@ -13,7 +13,7 @@ from protocol.message import PoseTuple
 MAX_MOUNT_M = 10.0
 """A laser farther away sits on another robot."""
 MAX_TILT_RAD = 0.1
-"""A laser may look so far above or below the horizon; at 10 m that is an error of 5 cm."""
+"""Largest angle of a laser above or below the horizon: at 10 m an error of 5 cm."""
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 0.01, 0.01
 

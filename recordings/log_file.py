@@ -72,7 +72,7 @@ class LogParser(Protocol):
         """
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """The entries, after what only all lines together tell."""
+        """The entries, corrected by what only all lines together show."""
 
 
 class LogFile:

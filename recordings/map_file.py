@@ -22,7 +22,7 @@ def load_map(path: Path | str) -> GridMap:
     """Read a map. The format shows in the content; gzip and xz are unpacked on the way.
 
     Args:
-        path: a map_server YAML file (its image is looked for beside it), a wean.dat file, a run
+        path: a map_server YAML file (its image is searched for next to it), a wean.dat file, a run
             log, or a ROS bag that holds its map; ``BAG#TOPIC`` names one of several.
 
     Raises:
@@ -45,7 +45,7 @@ def load_map(path: Path | str) -> GridMap:
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:
-    """Read a map that somebody wants to localize in.
+    """Read a map for localizing.
 
     Raises:
         MapFileError: as `load_map`, and if no cell is occupied.

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from particle_filter.extensions import extension, names
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
@@ -12,7 +15,6 @@ from protocol.errors import RecordingError
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Reading
 from recordings.bag_file import is_bag
-from recordings.carmen_log import CarmenParser, is_carmen_line
 from recordings.log_file import (
     Entry,
     LaserEntry,
@@ -21,11 +23,20 @@ from recordings.log_file import (
     OdometryEntry,
     SkippedLine,
 )
-from recordings.no_return import range_limit_m
-from recordings.recording_time import merged, plausible
+from recordings.log_formats import CarmenParser, WeanParser, is_carmen_line, is_wean_line
 from recordings.run_log import is_run_log, playback
-from recordings.wean_log import WeanParser, is_wean_line
 
+SHORTEST_MARKER_M = 8.0
+"""Lasers that mark a lost beam by a long range write 8.18 m or more."""
+
+_BAND = 0.99  # 81.83 and 81.91 m, or 51.10 to 51.16 m, are the same marker
+_NEAR_BAND = 0.8
+_MIN_SHARE = 0.001
+_MIN_CONTRAST = 10.0
+_MIN_MODE = 0.5
+_MIN_REACH = 2.0
+MAX_DISORDER_NS = 10_000_000_000
+"""Largest error of a stamp that is still of the same recording [ns]."""
 SENDER = "recording"
 """Sender of the readings of a recording."""
 
@@ -186,4 +197,121 @@ def _reading(entry: Entry, time_ns: int, limit_m: float, mount: PoseTuple) -> Re
         robot_from_laser=entry.robot_from_laser or mount,
         odom_from_robot=entry.odom_from_robot,
         laser=entry.laser,
+    )
+
+
+def plausible(entries: Sequence[Entry]) -> tuple[list[Entry], list[SkippedLine]]:
+    """Leave out lines whose time cannot be, and all that follows a second start of the clock.
+
+    A stamp that is out of order with a neighbour is compared with the middle one of the five
+    stamps around it. Stamps in their order are never refused, however long the gaps.
+    """
+    stamps = np.array([entry.stamp_ns for entry in entries], np.int64)
+    lost = _out_of_order(stamps) & (np.abs(stamps - _middle_of_five(stamps)) > MAX_DISORDER_NS)
+    kept: list[Entry] = []
+    skipped: list[SkippedLine] = []
+    latest = None
+    for entry, is_lost in zip(entries, lost, strict=True):
+        if is_lost:
+            problem = f"its time {entry.stamp_ns / 1e9:.6f} s is far from that of its neighbours"
+            skipped.append(SkippedLine(entry.line_number, problem))
+            continue
+        if latest is not None and entry.stamp_ns < latest - MAX_DISORDER_NS:
+            back_s = (latest - entry.stamp_ns) / 1e9
+            problem = f"time steps back by {back_s:.0f} s; from here on the recording is left out"
+            skipped.append(SkippedLine(entry.line_number, problem))
+            break
+        latest = entry.stamp_ns if latest is None else max(latest, entry.stamp_ns)
+        kept.append(entry)
+    return kept, skipped
+
+
+def merged(entries: Sequence[Entry]) -> tuple[list[Entry], list[int]]:
+    """Entries in the order in which they happened, and the time of each.
+
+    A logger writes the messages of one sensor in the order of their arrival. Where stamps of one
+    sensor step back, they err, not the order: on the Intel Research Lab log, sorting odometry by
+    its stamps makes 660 m of a path of 508 m. So each sensor keeps its order, and only the two
+    sensors are merged by time.
+
+    Returns:
+        the entries, and times that never decrease within one sensor [ns]: the stamps, mended
+        where they step back.
+    """
+    is_laser = np.array([isinstance(entry, LaserEntry) for entry in entries], bool)
+    times = np.array([entry.stamp_ns for entry in entries], np.int64)
+    for sensor in (is_laser, ~is_laser):
+        times[sensor] = mended(times[sensor])
+    order = np.argsort(times, kind="stable")
+    return [entries[i] for i in order], [int(times[i]) for i in order]
+
+
+def mended(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) times that never decrease; stamps that already do not come back unchanged.
+
+    Each is half way between the latest of the stamps before and the earliest of those after.
+    """
+    if len(stamps) == 0:
+        return stamps
+    latest_before = np.maximum.accumulate(stamps)
+    earliest_after = np.minimum.accumulate(stamps[::-1])[::-1]
+    return np.asarray(earliest_after + (latest_before - earliest_after) // 2, np.int64)
+
+
+def _out_of_order(stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(n,) whether a stamp is above the one after it or below the one before it."""
+    steps_back = np.diff(stamps) < 0
+    return np.asarray(np.append(steps_back, False) | np.insert(steps_back, 0, False), np.bool_)
+
+
+def _middle_of_five(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(n,) medians over the stamp and its two neighbours on both sides; the ends share theirs."""
+    if len(stamps) < 5:
+        return np.full(len(stamps), np.median(stamps) if len(stamps) else 0, np.int64)
+    windows = np.lib.stride_tricks.sliding_window_view(stamps, 5)
+    middles = np.sort(windows, axis=1)[:, 2]
+    return np.pad(middles, 2, mode="edge")
+
+
+def range_limit_m(scans: Iterable[NDArray[np.float32]]) -> float:
+    """From which range on a reading is no return, found in the recording itself.
+
+    Recordings mark a lost beam by the longest range of their laser: 81.91, 81.83, 51.1 or 50 m.
+    No format has a field for it. The longest ranges, the uppermost hundredth, are taken for a
+    marker if
+
+    * they are a thousandth of all ranges or more, and ten times as frequent as ranges a little
+      shorter (from 0.8 of the longest on),
+    * half of them or more are one and the same number, which measured walls are not,
+    * the longest is 8 m or more and twice the median of the others.
+
+    Else every range is a measured one. A mistake costs the farthest hundredth of the beams.
+
+    Args:
+        scans: (B,) ranges of each scan [m].
+
+    Returns:
+        the limit [m]: a little more than the longest range where there is no marker.
+    """
+    ranges = np.concatenate([np.empty(0, np.float32), *scans])
+    ranges = ranges[np.isfinite(ranges) & (ranges > 0.0)]
+    if len(ranges) == 0:
+        return SHORTEST_MARKER_M
+    longest = float(ranges.max())
+    limit = _BAND * longest
+    return limit if _is_marked(ranges, longest, limit) else longest * (2.0 - _BAND)
+
+
+def _is_marked(ranges: NDArray[np.float32], longest: float, limit: float) -> bool:
+    band, others = ranges[ranges >= limit], ranges[ranges < limit]
+    if longest < SHORTEST_MARKER_M or len(others) == 0:
+        return False
+    near = np.count_nonzero(others >= _NEAR_BAND * longest)
+    usual = near * (1.0 - _BAND) / (_BAND - _NEAR_BAND)
+    most_frequent = int(np.unique(band, return_counts=True)[1].max())
+    return bool(
+        len(band) >= _MIN_SHARE * len(ranges)
+        and len(band) >= _MIN_CONTRAST * usual
+        and most_frequent >= _MIN_MODE * len(band)
+        and longest >= _MIN_REACH * float(np.median(others))
     )

@@ -48,8 +48,8 @@ MAX_MAP_CELLS = 40_000_000
 class RunLog:
     """Writes one file; use it in a ``with`` block.
 
-    What is written reaches the disk with `flush`, or where a chunk of `CHUNK_BYTES` is full. Only
-    the owner may read the file: it shows where the robot was.
+    Messages reach the disk in chunks: with `flush`, or at `CHUNK_BYTES`. Only the owner may read
+    the file: it shows where the robot was.
 
     Args:
         path: of the file.

@@ -1,7 +1,6 @@
 """ROS's tree of frames, from `/tf` and `/tf_static`: where one frame is in another.
 
-It looks into no future: what has not been told yet has to be waited for, and the answer says for
-which link.
+It does not extrapolate: the error of a lookup says which link has no transform at that time yet.
 """
 
 from bisect import bisect_left
@@ -11,11 +10,11 @@ from operator import itemgetter
 from recordings.rigid import IDENTITY, Rigid
 
 CACHE_NS = 10_000_000_000
-"""So far back a link that moves is remembered, as in tf2 [ns]."""
+"""Duration for which a moving link is remembered, as in tf2 [ns]."""
 LATE_NS = 1_000_000_000
-"""A transform so much older than its link's newest is not kept [ns]."""
+"""A transform that is older than its link's newest by this much is dropped [ns]."""
 RESTART_AFTER = 20
-"""So many late ones of a link in a row: the clock was set back."""
+"""After this many late transforms of a link in a row, the clock was set back."""
 _MAX_NAMED = 8
 _MOST_FRAMES = 1000
 
@@ -81,7 +80,7 @@ class TransformTree:
         self._links = {child: link for child, link in self._links.items() if link.fixed}
 
     def keep_newest(self) -> None:
-        """Forget how links moved so far: between then and now is nothing."""
+        """Forget all but the newest transform of each link: there is a gap in time."""
         for link in self._links.values():
             link.keep_newest()
 

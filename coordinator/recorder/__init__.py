@@ -1,1 +1,1 @@
-"""The flight recorder: what a coordinator was told, kept so that it can be replayed at a desk."""
+"""The flight recorder: a coordinator's events on disk, for a replay at a desk."""

@@ -63,7 +63,7 @@ class FlightRecorder:
         self._started = without_bulk(started)
         self._queue: deque[_Entry] = deque()
         self._events = self._dropped = 0
-        # The thread asks for a file too.
+        # The thread sets the second one too, when a file is full.
         self._recording, self._begin_file = False, ring is not None
         self._closed = threading.Event()
         # Of the thread:
@@ -144,7 +144,7 @@ class FlightRecorder:
         ring.close()
 
     def flush(self) -> None:
-        """Write what waits, and ask for a new file where it is time; the thread calls it."""
+        """Write all waiting entries, and request a new file when one is due."""
         ring = self._ring
         assert ring is not None  # else there is no thread
         for entry in [self._queue.popleft() for _ in range(len(self._queue))]:

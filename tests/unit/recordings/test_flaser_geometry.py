@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from recordings.flaser_geometry import flaser_angles
+from recordings.log_formats import flaser_angles
 
 
 @pytest.mark.parametrize(

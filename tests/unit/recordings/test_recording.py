@@ -186,8 +186,8 @@ def test_a_bad_line_in_the_middle_is_named_and_the_rest_is_used(
 @pytest.mark.parametrize(
     ("bad", "problem"),
     [
-        (wean_scan(1)[:300], "a L line has 187"),
-        ("O 1 2 3", "3 numbers, a O line has 4"),
+        (wean_scan(1)[:300], "this L line needs 188"),
+        ("O 1 2 3", "4 words, this O line needs 5"),
         (wean_scan(1).replace("L 0", "L x"), "'x' is not a number"),
         ("FLASER 3", "unknown kind of line 'FLASER'"),
     ],

@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from recordings.recording_time import mended
+from recordings.recording import mended
 
 STAMPS = st.lists(st.integers(-(10**18), 10**18), max_size=30)
 

@@ -1,15 +1,5 @@
-"""Recordings of CARMEN, the Carnegie Mellon Robot Navigation Toolkit, and of many public data sets.
-
-    PARAM name value ...
-    ODOM x y theta tv rv accel ts host logger_ts
-    FLASER n r1 .. rn x y theta odom_x odom_y odom_theta ts host logger_ts
-    RAWLASER1 type start fov step max accuracy remission n r1 .. rn m q1 .. qm ts host logger_ts
-    ROBOTLASER1 (as RAWLASER1 up to qm) laser's x y theta, robot's x y theta,
-                tv rv forward_safety side_safety turn_axis ts host logger_ts
-
-Metres, radians, seconds; beams run counter-clockwise. `ROBOTLASER1` is the successor of `FLASER`;
-a recording may hold `RAWLASER1` beside either for the same scans, and then those are left out.
-Other messages (rear lasers, GPS, remarks) are passed over.
+"""Text formats of recordings: CARMEN (the Carnegie Mellon toolkit, many public data sets), and
+CMU's Wean Hall (robotics courses).
 """
 
 import math
@@ -17,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from protocol.message import PoseTuple
-from recordings.flaser_geometry import flaser_angles
 from recordings.laser_mount import fixed_mounting, mounting
 from recordings.log_file import (
     Entry,
@@ -44,6 +33,13 @@ _OFFSET, _SIDE_OFFSET, _ANGULAR_OFFSET = (
 )
 _RESOLUTION_DEG = "laser_front_laser_resolution"
 _PARAMETERS = (_OFFSET, _SIDE_OFFSET, _ANGULAR_OFFSET, _RESOLUTION_DEG)
+_SICK = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25, 200: 0.5, 201: 0.5}
+"""Beams to step [degrees], of the fields of 180 and 100 degrees that SICK's lasers have."""
+_COMMON_STEPS_DEG = (1.0, 0.5, 0.25)
+WEAN_BEAMS = 180
+
+_M_PER_CM = 0.01
+_WEAN_ODOMETRY_WORDS, _WEAN_LASER_WORDS = 5, 7 + WEAN_BEAMS + 1
 _TAIL = 3  # ts host logger_ts
 _CONFIG = 8  # kind type start fov step max accuracy remission
 
@@ -54,7 +50,19 @@ def is_carmen_line(words: Sequence[str]) -> bool:
 
 
 class CarmenParser:
-    """Reads line after line: parameters hold for the lines below them."""
+    """Reads lines of a CARMEN log; parameters apply to the lines below them:
+
+        PARAM name value ...
+        ODOM x y theta tv rv accel ts host logger_ts
+        FLASER n r1 .. rn x y theta odom_x odom_y odom_theta ts host logger_ts
+        RAWLASER1 type start fov step max accuracy remission n r1 .. rn m q1 .. qm ts host logger_ts
+        ROBOTLASER1 (as RAWLASER1 up to qm) laser's x y theta, robot's x y theta,
+                    tv rv forward_safety side_safety turn_axis ts host logger_ts
+
+    Metres, radians, seconds; beams run counter-clockwise. `ROBOTLASER1` is the successor of
+    `FLASER`. A recording may hold `RAWLASER1` next to either for the same scans: those are left
+    out then. Other messages (rear lasers, GPS, remarks) are skipped.
+    """
 
     def __init__(self) -> None:
         self._parameters: dict[str, float] = {}
@@ -85,7 +93,7 @@ class CarmenParser:
         return entry
 
     def finished(self, entries: Sequence[Entry]) -> list[Entry]:
-        """What all lines together tell: doubled scans, the laser's place, the better clock."""
+        """Leave out doubled scans, fill in the laser's place, choose the better clock."""
         lasers = [entry for entry in entries if isinstance(entry, LaserEntry)]
         if any(entry.line_number not in self._raw_lines for entry in lasers):
             entries = [entry for entry in entries if entry.line_number not in self._raw_lines]
@@ -129,7 +137,7 @@ class CarmenParser:
         mount = self._mount()
         if mount is None:
             # CARMEN writes the laser's pose first. Many public logs have a corrected pose of the
-            # robot there, which wanders off against odometry and tells nothing of the laser.
+            # robot there. It drifts from odometry, and says nothing about the laser.
             self._pose_pairs.append((odom_from_robot, pose_of(words[beams + 2 : beams + 5])))
         return LaserEntry(
             line_number=line_number,
@@ -183,3 +191,82 @@ def _beam_count(words: Sequence[str], at: int, least: int = 1) -> int:
 def _check_count(words: Sequence[str], *expected: int) -> None:
     if len(words) not in expected:
         raise ValueError(f"{len(words)} words, this {words[0]} line needs {expected[0]}")
+
+
+def flaser_angles(beams: int, step_deg: float | None = None) -> tuple[float, float]:
+    """Direction of the first beam and step between beams.
+
+    The field of view is centred straight ahead. Of an even number of beams the last one is left
+    out, as SICK's lasers and CARMEN do: 181 beams reach from -90 to +90 degrees, 180 beams from
+    -90 to +89.
+
+    1. The numbers that SICK's lasers give have their steps (CARMEN's own table).
+    2. Else the log's parameter `laser_front_laser_resolution` counts, where there is one.
+    3. Else the largest of 1, 0.5 and 0.25 degrees with which the field is 180 to 270 degrees:
+       541 beams are 270 degrees, 761 are 190.
+    4. Else the beams are spread over 180 degrees, as CARMEN does.
+
+    Args:
+        beams: number of beams, at least 1.
+        step_deg: the parameter of the log [degrees].
+
+    Returns:
+        angle of beam 0 and step between beams [rad], counter-clockwise.
+    """
+    steps = beams if beams % 2 == 0 else max(beams - 1, 1)
+    step_deg = _SICK.get(beams) or _plausible(step_deg, steps) or _common(steps) or 180.0 / steps
+    return -math.radians(step_deg * steps / 2.0), math.radians(step_deg)
+
+
+def _plausible(step_deg: float | None, steps: int) -> float | None:
+    return step_deg if step_deg is not None and 0.0 < step_deg * steps <= 360.0 else None
+
+
+def _common(steps: int) -> float | None:
+    fitting = (step for step in _COMMON_STEPS_DEG if 180.0 <= step * steps <= 270.0)
+    return next(fitting, None)
+
+
+def is_wean_line(words: Sequence[str]) -> bool:
+    """Whether a line begins as those of this format do."""
+    return words[0] in ("O", "L") and len(words) > 1
+
+
+class WeanParser:
+    """Reads lines of a Wean Hall log:
+
+        O x y theta ts                            odometry
+        L x y theta xl yl thetal r1 .. r180 ts    pose of the robot, of the laser, 180 ranges
+
+    Centimetres, radians, seconds. Beams run counter-clockwise from -90 degrees, one per degree, to
+    +89. The poses of an `L` line are the odometry at the time of the scan.
+    """
+
+    def parse(self, line_number: int, words: Sequence[str]) -> Entry | None:
+        """Read one line; see `LogParser`."""
+        match words[0]:
+            case "O":
+                _check_count(words, _WEAN_ODOMETRY_WORDS)
+                odom_from_robot = pose_of(words[1:4], _M_PER_CM)
+                return OdometryEntry(line_number, stamp_ns_of(words[4]), odom_from_robot)
+            case "L":
+                _check_count(words, _WEAN_LASER_WORDS)
+                return _wean_laser(line_number, words)
+        raise ValueError(f"unknown kind of line {words[0]!r:.20}")
+
+    def finished(self, entries: Sequence[Entry]) -> list[Entry]:
+        """The entries as they are."""
+        return list(entries)
+
+
+def _wean_laser(line_number: int, words: Sequence[str]) -> LaserEntry:
+    odom_from_robot = pose_of(words[1:4], _M_PER_CM)
+    return LaserEntry(
+        line_number=line_number,
+        stamp_ns=stamp_ns_of(words[-1]),
+        ranges=ranges_of(words[7:-1], _M_PER_CM),
+        angle_min_rad=-math.pi / 2,
+        angle_step_rad=math.radians(1.0),
+        robot_from_laser=mounting(odom_from_robot, pose_of(words[4:7], _M_PER_CM)),
+        odom_from_robot=odom_from_robot,
+    )
