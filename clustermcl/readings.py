@@ -112,9 +112,12 @@ def read_recording(
     robot_from_laser: PoseTuple = (0.0, 0.0, 0.0),
     scan_topic: str = "",
     odom_topic: str = "",
+    odom_frame: str = "",
+    base_frame: str = "",
 ) -> Iterator[Reading]:
     """All readings of a ROS bag, a CARMEN log or a Wean Hall log, in the order of time.
 
+    Also what an installed or registered reader can read (`register`).
     Bad lines are left out, and named in a warning of the log.
 
     Args:
@@ -123,6 +126,8 @@ def read_recording(
             [rad].
         scan_topic: of a bag with several lasers.
         odom_topic: of a bag whose odometry is not to be taken from tf.
+        odom_frame: of a bag, where it is not ``odom``.
+        base_frame: the robot's, of a bag, where it is not ``base_footprint`` or ``base_link``.
 
     Raises:
         RecordingError: it cannot be used.
@@ -135,5 +140,7 @@ def read_recording(
         laser_heading_rad=heading_rad,
         scan_topic=scan_topic,
         odom_topic=odom_topic,
+        odom_frame=odom_frame,
+        base_frame=base_frame,
     )
     return map(Reading.of, opened(str(path), settings).readings)

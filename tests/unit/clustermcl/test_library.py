@@ -1,5 +1,6 @@
 """The library: the beliefs of `evaluate`, from plain numpy arrays."""
 
+import gzip
 import subprocess
 import sys
 import warnings
@@ -32,6 +33,7 @@ from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
 from sensor_bridge.recorded import steps_of
 from tests.integration.system.conftest import SMALL
+from tests.unit.recordings import bags, logs
 from worker.map_model import sensor_model
 
 STEPS = 30
@@ -94,6 +96,36 @@ def test_a_recording_is_read_as_evaluate_reads_it(tmp_path: Path) -> None:
     beliefs = [*believed(mcl, list(read_recording(log))), *mcl.finish()]
     assert len(expected) > 5
     assert [belief.hypotheses for belief in beliefs] == expected
+
+
+def files(folder: Path) -> dict[str, Path]:
+    """A recording of each kind that `evaluate` reads."""
+    made = {
+        "wean": [logs.wean_odometry(0.0), logs.wean_scan(0.1), logs.wean_odometry(0.2)],
+        "carmen": [logs.odom(1.0), logs.flaser(1.1, (0.5, 0, 0)), logs.odom(1.2)],
+        "robot laser": [logs.robot_laser(1.0, (1.0, 2.0, 3.0), (0.1, 0, 0), (0, 0, 0))],
+    }
+    paths = {}
+    for name, lines in made.items():
+        paths[name] = folder / f"{name}.log"
+        paths[name].write_text("\n".join(lines) + "\n")
+    paths["packed"] = folder / "packed.log.gz"
+    paths["packed"].write_bytes(gzip.compress(paths["carmen"].read_bytes()))
+    mount = bags.fixed_tf("base_link", "laser", (0.2, 0.0, 0.1))
+    for form in ("sqlite3", "mcap", "ros1"):
+        moves = [bags.tf(at, "odom", "base_link", (1.0, 2.0, 0.0)) for at in (10, 20)]
+        sent = [mount, moves[0], bags.scan(10), moves[1]]
+        paths[form] = bags.written(folder, form, sent)
+    return paths
+
+
+def test_every_format_is_read_whole(tmp_path: Path) -> None:
+    """No field of a reading is lost on the way through the library's class."""
+    for name, path in files(tmp_path).items():
+        expected = open_recording(path, BridgeSettings()).readings
+        assert expected, name
+        read = [reading.as_message(0, (9.0, 9.0, 9.0)) for reading in read_recording(path)]
+        assert read == [msgspec.structs.replace(one, sender="library") for one in expected], name
 
 
 def test_arrays_make_beliefs_and_a_robot_that_stands_makes_none() -> None:
