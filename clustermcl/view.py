@@ -10,6 +10,7 @@ from live_view.admission import parsed_address
 from live_view.process import serve_page
 from live_view.recorded_run import RecordedRun, serve_recording
 from live_view.serving import PageOptions
+from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
 from protocol.errors import RecordingError
@@ -32,6 +33,8 @@ class ViewOptions:
     """A run log, or a folder of them; None: show a running system."""
     map_file: Path | None = None
     """Map of the recording; None: the one in it."""
+    save_file: Path | None = None
+    """Write the recording as a page instead of serving it; None: serve it."""
 
 
 def run_view(settings: Settings, options: ViewOptions) -> None:
@@ -41,6 +44,7 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
         SettingsError: the address, a certificate or a name is invalid.
         InputFileError: there is no recording, or it cannot be read.
         MapFileError: the map of the recording cannot be read.
+        OutputError: the page cannot be written.
     """
     page = PageOptions(
         address=parsed_address(options.listen),
@@ -58,7 +62,12 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
         remedy = f"localize in it by: clustermcl demo --view --recording {path}"
         raise RecordingError(path, f"{problem}; {remedy}")
     named = to_message(load_map(options.map_file), "recording") if options.map_file else None
-    serve_recording(RecordedRun(path, named), stop_on_signals(), page, say_link)
+    run = RecordedRun(path, named)
+    if options.save_file is None:
+        serve_recording(run, stop_on_signals(), page, say_link)
+        return
+    check_output_file(options.save_file)
+    write_output_file(options.save_file, run.saved())
 
 
 def say_link(link: str) -> None:

@@ -1,6 +1,7 @@
 """A finished run on the page, read from its log while browsers look."""
 
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
+from live_view.saved_page import saved_run
 from live_view.serving import PageOptions, opened_page
 from live_view.step_archive import StepArchive
 from process_runtime.stop import StopFlag
@@ -57,6 +59,7 @@ class RecordedRun:
         self.picture = Picture(about, StepArchive(KEPT_STEPS, KEPT_BYTES))
         self.picture.on_link("replaying")
         self._is_map_given, self._map_digest = grid_map is not None, ""
+        self._map: MapMessage | None = None
         if grid_map is not None:
             self._show_map(grid_map)
         self._lasers: list[LaserFields] = []
@@ -77,6 +80,15 @@ class RecordedRun:
                 event = self._inbox.get(0.0)
             if changes := self.picture.changes():
                 self.room.publish(changes)
+
+    def saved(self) -> str:
+        """Read all of it, and return the page that plays it.
+
+        Raises:
+            RecordingError: the recording cannot be read.
+        """
+        self.read_for(math.inf)
+        return saved_run(self.picture, self._map)
 
     def read_for(self, seconds: float) -> bool:
         """Continue for a time; False: that was all."""
@@ -118,7 +130,7 @@ class RecordedRun:
         self.picture.on_pose(best_pose(belief))
 
     def _show_map(self, grid_map: MapMessage) -> None:
-        shown = reduced(grid_map)
+        self._map = shown = reduced(grid_map)
         self.room.set_map(shown.digest, shown.zlib_cells)
         self.picture.on_map(shown)
 

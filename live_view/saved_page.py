@@ -27,7 +27,7 @@ def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at:
     return _page({**frames, "system": system}, grid_map)
 
 
-def saved_run(picture: Picture, grid_map: MapMessage) -> str:
+def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
     """A page of HTML that plays all steps that a picture holds; its run has ended."""
     packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
     past = base64.b64encode(packed).decode()

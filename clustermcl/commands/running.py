@@ -189,6 +189,10 @@ def serve_view(
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Map of the recording.")
     ] = None,
+    save_file: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE.html", help="Write the recording as one page."),
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open", help="Open the page in this machine's browser.")
     ] = False,
@@ -214,7 +218,7 @@ def serve_view(
     assignments: Assignments = None,
 ) -> None:
     """Show a running system or a recorded run in the browser."""
-    refuse_without("a recording", recording, map=map_file)
+    refuse_without("a recording", recording, map=map_file, save=save_file)
     if recording is not None and robots:
         problem = "--robot: a recording is of one robot; leave it out"
         raise SettingsError(key="--robot", problem=problem)
@@ -229,6 +233,7 @@ def serve_view(
         robots=robots or (),
         recording=recording,
         map_file=map_file,
+        save_file=save_file,
     )
     given = [*meant(None, router), *(assignments or ())]
     run_view(load_settings(settings_file, given), options)

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 from evaluation.experiments.symmetry import Point
-from evaluation.pose_error import CONFIDENT_PROBABILITY
 from protocol.answers import Hypothesis
 from protocol.message import PoseTuple
 
@@ -31,12 +30,6 @@ class TraceStep:
     places: tuple[TracePlace, ...]
     """The most probable ones, best first."""
 
-    @property
-    def confidently_wrong(self) -> bool:
-        """The estimate is wrong and has a probability of 0.9 or more."""
-        sure = bool(self.places) and self.places[0].probability >= CONFIDENT_PROBABILITY
-        return sure and not self.right
-
 
 @dataclass
 class Trace:
@@ -44,14 +37,6 @@ class Trace:
 
     seed: int
     steps: list[TraceStep] = field(default_factory=list)
-
-    @property
-    def finding(self) -> str:
-        """One line on the result of a run that has steps."""
-        held = sum(step.truth_probability for step in self.steps) / len(self.steps)
-        wrong = sum(step.confidently_wrong for step in self.steps) / len(self.steps)
-        given = f"the right place was given {held:.0%}"
-        return f"{given}, sure of a wrong one on {wrong:.0%} of all updates"
 
 
 def places_of(hypotheses: tuple[Hypothesis, ...]) -> tuple[TracePlace, ...]:

@@ -1,7 +1,9 @@
 """`clustermcl view FILE.mcap`: a recorded run on the page, without any system."""
 
+import base64
 import json
 import os
+import re
 import signal
 import urllib.request
 import zlib
@@ -34,12 +36,27 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
         with urllib.request.urlopen(f"{link}/map/{shown['map']['digest']}", timeout=10) as answer:
             cells = zlib.decompress(answer.read())
         assert viewer.end(signal.SIGINT) == 0, viewer.err
+    page = tmp_path / "run.html"
+    with typed(
+        "view", str(file), "--save", str(page), folder=tmp_path, environment=dict(os.environ)
+    ) as saving:
+        assert saving.popen.wait(60.0) == 0, saving.err
+    assert steps_in(page.read_text()) == list(range(STEPS))
     assert cells == ground.cells.tobytes()
     assert shown["step"]["step"] == STEPS - 1
     assert not shown["system"]["commands"]
     assert past["step"]["step"] == 10
     assert past["step"]["places"]
     assert len(past["step"]["scan"]) > 20
+
+
+def steps_in(page: str) -> list[int]:
+    """The steps that a saved page can play; test_drawn.py plays one in a browser."""
+    (data,) = re.findall(r'id="saved">(.*?)</script>', page)
+    saved = json.loads(data)
+    past = json.loads(zlib.decompress(base64.b64decode(saved["past"])))
+    assert saved["map"]["packed"]
+    return [step for step, topic, _ in past if topic == "step"]
 
 
 def told(page: ClientConnection) -> dict[str, Any]:
