@@ -16,10 +16,9 @@ from ros2_bridge import topics
 from ros2_bridge.headers import frame_name, nanoseconds, stamp_of, time_problem
 from ros2_bridge.initial_pose import given_pose, initial_pose
 from ros2_bridge.laser_scans import LaserScans
-from ros2_bridge.map_from_odom import MapFromOdom
-from ros2_bridge.markers import markers
 from ros2_bridge.messages_out import (
     detection,
+    markers,
     number,
     particle_cloud,
     pose_array,
@@ -29,7 +28,7 @@ from ros2_bridge.messages_out import (
 )
 from ros2_bridge.outputs import GiveMap, Output, Publish, Refused, SearchEverywhere
 from ros2_bridge.particles import ClusterParticles
-from ros2_bridge.pose_choice import PoseChoice
+from ros2_bridge.pose_choice import MapFromOdom, PoseChoice
 from ros2_bridge.topics import Topics
 
 
@@ -201,14 +200,14 @@ class Amcl:
         if chosen is None:
             self._place.forget_place()
         else:
-            self._place.on_place(belief.stamp_ns, chosen.map_from_robot)
+            self._place.on_place(belief.stamp_ns, chosen.mean)
         if not self.is_active:
             return
         stamp_ns, frame = belief.stamp_ns, self.settings.global_frame
         if chosen is not None:
-            message = pose_stamped(chosen.map_from_robot, chosen.covariance, stamp_ns, frame)
+            message = pose_stamped(chosen.mean, chosen.covariance, stamp_ns, frame)
             yield Publish(topics.AMCL_POSE, message)
-            self.last_pose = chosen.map_from_robot
+            self.last_pose = chosen.mean
         yield Publish(topics.STATE, text(belief.state))
         probable = belief.hypotheses[0].probability if belief.hypotheses else 0.0
         yield Publish(topics.PROBABILITY, number(probable))

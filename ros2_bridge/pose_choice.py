@@ -1,43 +1,30 @@
-"""Which of several places is published as the robot's pose.
+"""Which of several places is published as the robot's pose, and map -> odom from it.
 
 * `best`: the most probable place. It changes from step to step while places are equally probable,
   so that the pose jumps by metres.
 * `localized`: the place in state `localized`; none in other states.
 * `held`: the last localized place, even if others become possible, until another one is localized
   or its cluster ends. Meanwhile its covariance includes the others.
+
+The robot's odometry may jump when its base controller restarts; beliefs refer to odometry without
+jumps. So each belief is combined with the odometry of its scan, corrected for later jumps.
 """
 
 import math
-from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
+from msgspec.structs import replace
 
-from particle_filter.poses import wrap_angle
+from particle_filter.poses import compose, inverse, wrap_angle
 from process_runtime.ros2_settings import Publish
 from protocol.answers import Belief, Hypothesis
 from protocol.message import Covariance, PoseTuple
-from protocol.pose_arrays import covariance_matrix, covariance_tuple
+from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
+from sensor_bridge.stages import OdometryContinuity
 
 _SAME_PLACE_M, _SAME_HEADING_RAD = 1.0, 0.5
 """A held cluster that ends was merged into another one, if that is nearer than this."""
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """The place to publish.
-
-    Args:
-        cluster: its number.
-        map_from_robot: its mean, at the belief's stamp.
-        covariance: of the place; while the robot is not localized, of all places.
-        probability: of the place.
-    """
-
-    cluster: int
-    map_from_robot: PoseTuple
-    covariance: Covariance
-    probability: float
 
 
 class PoseChoice:
@@ -52,8 +39,10 @@ class PoseChoice:
         self.held: int | None = None
         """The cluster of the place published last."""
 
-    def choose(self, belief: Belief, expected: PoseTuple | None) -> Chosen | None:
-        """The place to publish after a step; None: there is none.
+    def choose(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
+        """Return the place to publish after a step; None: there is none.
+
+        While the robot is not localized, its covariance is that of all places.
 
         Args:
             belief: after the step.
@@ -63,10 +52,10 @@ class PoseChoice:
         self.held = hypothesis.cluster if hypothesis else None
         if hypothesis is None:
             return None
-        covariance = hypothesis.covariance
-        if belief.state != "localized":
-            covariance = mixture_covariance(belief.hypotheses, hypothesis.mean)
-        return Chosen(hypothesis.cluster, hypothesis.mean, covariance, hypothesis.probability)
+        if belief.state == "localized":
+            return hypothesis
+        covariance = mixture_covariance(belief.hypotheses, hypothesis.mean)
+        return replace(hypothesis, covariance=covariance)
 
     def _chosen(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
         if not belief.hypotheses:
@@ -108,3 +97,62 @@ def _same(one: PoseTuple, other: PoseTuple) -> bool:
         math.dist(one[:2], other[:2]) < _SAME_PLACE_M
         and abs(wrap_angle(one[2] - other[2])) < _SAME_HEADING_RAD
     )
+
+
+KEPT_SCANS = 2_000
+"""Beliefs arrive one step after their scans, or some seconds late after a pause."""
+
+
+class MapFromOdom:
+    """Follows the odometry and computes map -> odom from the newest belief."""
+
+    def __init__(self) -> None:
+        self._continuity = OdometryContinuity()
+        self._scans: dict[int, PoseTuple] = {}
+        self._map_from_ours: PoseTuple | None = None
+
+    def on_odometry(self, stamp_ns: int, odom_from_robot: PoseTuple) -> bool:
+        """Handle the robot's odometry; return whether it jumped."""
+        return self._continuity.jumped(stamp_ns, odom_from_robot)
+
+    def on_scan(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
+        """Keep the odometry of a scan until its belief arrives."""
+        self._scans[stamp_ns] = self._continuity.continuous(odom_from_robot)
+        if len(self._scans) > KEPT_SCANS:
+            del self._scans[next(iter(self._scans))]
+
+    def forget_scans(self) -> None:
+        """Drop all scans, after the clock was set back."""
+        self._scans.clear()
+
+    def expected(self, stamp_ns: int) -> PoseTuple | None:
+        """The last pose, predicted by odometry to a scan; None: unknown."""
+        ours = self._scans.get(stamp_ns)
+        if ours is None or self._map_from_ours is None:
+            return None
+        return pose_tuple(compose(np.array(self._map_from_ours), np.array(ours)))
+
+    def on_place(self, stamp_ns: int, map_from_robot: PoseTuple) -> bool:
+        """Handle the robot's pose at a scan; return whether the scan is known."""
+        ours = self._scans.get(stamp_ns)
+        if ours is None:
+            return False
+        self._map_from_ours = pose_tuple(compose(np.array(map_from_robot), inverse(np.array(ours))))
+        return True
+
+    def forget_place(self) -> None:
+        """The robot's pose is unknown from now on."""
+        self._map_from_ours = None
+
+    def place(self, odom_from_robot: PoseTuple) -> PoseTuple | None:
+        """The current pose of the odom frame in the map; None: unknown.
+
+        Args:
+            odom_from_robot: the robot's newest odometry.
+        """
+        if self._map_from_ours is None:
+            return None
+        theirs = np.array(odom_from_robot)
+        ours = np.array(self._continuity.continuous(odom_from_robot))
+        map_from_robot = compose(np.array(self._map_from_ours), ours)
+        return pose_tuple(compose(map_from_robot, inverse(theirs)))

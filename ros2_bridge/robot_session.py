@@ -21,8 +21,7 @@ from ros2_bridge.wire import (
     is_namespace,
     node_in_token,
 )
-from zenoh_link.session import open_session
-from zenoh_link.threads import MANY_LINKS, receiving_threads
+from zenoh_link.session import MANY_LINKS, open_session, receiving_threads
 from zenoh_link.wire import alive
 
 _ASK_S = 1.0

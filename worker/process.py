@@ -16,9 +16,8 @@ from particle_filter.grid_search import free_leaves
 from particle_filter.settings import FilterSettings
 from process_runtime.latency_trace import mark, start_trace
 from process_runtime.main import Invocation, process_main
-from process_runtime.scheduling import work_without_preempting
 from process_runtime.stop import StopFlag
-from process_runtime.supervisor import run_forked
+from process_runtime.supervisor import run_forked, work_without_preempting
 from protocol import keys
 from protocol.codec import decode
 from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableError

@@ -16,7 +16,7 @@ import zenoh
 
 from process_runtime.settings_file import load_settings
 from tests.integration.security.certificates import make_certificates, require_openssl
-from zenoh_link.threads import MANY_LINKS, VARIABLE
+from zenoh_link.session import MANY_LINKS, VARIABLE
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 PLAIN, SECURE = DEPLOY / "compose.yaml", DEPLOY / "compose.secure.yaml"

@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from process_runtime.settings_file import load_settings
-from zenoh_link.threads import MANY_LINKS, VARIABLE
+from zenoh_link.session import MANY_LINKS, VARIABLE
 
 FOLDER = Path(__file__).parents[2] / "deploy" / "kubernetes"
 KUSTOMIZATION = yaml.safe_load((FOLDER / "kustomization.yaml").read_text())

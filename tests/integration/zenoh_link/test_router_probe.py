@@ -14,7 +14,7 @@ from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
 from zenoh_link.configuration import as_json5, as_zenoh, router_configuration
-from zenoh_link.router_probe import MIN_PROBES, RouterProbe, client_of
+from zenoh_link.router import MIN_PROBES, RouterProbe, client_of
 
 EVERY_S = 0.5
 

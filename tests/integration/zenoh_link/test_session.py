@@ -19,8 +19,7 @@ from tests.integration.processes import RunningProcess, python_script
 from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
 from zenoh_link.inbox import Inbox
-from zenoh_link.session import open_session
-from zenoh_link.threads import VARIABLE
+from zenoh_link.session import VARIABLE, open_session
 from zenoh_link.wire import Asked, Event, Events, Link, Unread, ask, serve, watch_link
 
 CLIENT = Path(__file__).parent / "programs" / "client.py"

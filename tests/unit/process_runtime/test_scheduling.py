@@ -3,7 +3,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from process_runtime.scheduling import work_without_preempting
+from process_runtime.supervisor import work_without_preempting
 
 if not hasattr(os, "SCHED_BATCH"):
     pytest.skip("only Linux has such a policy", allow_module_level=True)

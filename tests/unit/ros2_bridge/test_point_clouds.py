@@ -14,9 +14,9 @@ from protocol.reading_checks import laser_problem
 from protocol.steps import LaserReading
 from recordings.rigid import IDENTITY, Rigid
 from ros2_bridge import message_types as types
+from ros2_bridge.laser_scans import BEAMS, RANGE_MAX_M, cloud_reading
 from ros2_bridge.message_types import decode, encode, new
 from ros2_bridge.messages_out import header
-from ros2_bridge.point_clouds import BEAMS, RANGE_MAX_M, cloud_reading
 
 SETTINGS = Ros2Settings(min_height_m=0.1, max_height_m=1.0)
 STEP_RAD = 2.0 * math.pi / BEAMS

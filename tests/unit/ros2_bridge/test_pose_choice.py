@@ -51,7 +51,7 @@ def test_the_covariance_includes_the_other_places_until_the_robot_is_localized()
     assert sure
     assert held
     assert (sure.covariance, sure.probability) == (COVARIANCE, 0.95)
-    assert (held.map_from_robot, held.probability) == (A, 0.4)
+    assert (held.mean, held.probability) == (A, 0.4)
     assert held.covariance == mixture_covariance(RATHER_2.hypotheses, A)
     assert held.covariance[0] == pytest.approx(0.04 + 0.6 * 64.0)
 

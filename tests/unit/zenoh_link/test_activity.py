@@ -1,6 +1,6 @@
 import pytest
 
-from zenoh_link.activity import RATE_OVER_S, Activity
+from zenoh_link.health import RATE_OVER_S, Activity
 
 
 def test_rates_are_averages_over_the_last_seconds() -> None:

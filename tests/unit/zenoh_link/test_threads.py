@@ -2,13 +2,13 @@ import os
 
 import pytest
 
-from zenoh_link import threads
-from zenoh_link.threads import MANY_LINKS, ONE_LINK, VARIABLE, receiving_threads
+from zenoh_link import session
+from zenoh_link.session import MANY_LINKS, ONE_LINK, VARIABLE, receiving_threads
 
 
 @pytest.fixture(autouse=True)
 def new_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, "_read", False)
+    monkeypatch.setattr(session, "_read", False)
     monkeypatch.delenv(VARIABLE, raising=False)
 
 
