@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from particle_filter import cluster_filter
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.poses import between
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
@@ -58,14 +58,14 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
     model = sensor_model(place.map, settings.sensor, cache_folder=None)
     middle = np.array([*place.map.size_m, 0.0]) / 2.0 + place.map.map_from_grid
     rngs = [np.random.default_rng([1, index]) for index in range(count)]
-    clouds: list[Cloud] = []
+    clouds: list[ParticleSet] = []
     before = np.zeros(3)
     evidence = []
     for scan, truth in simulated(Simulation(place, seed=1)):
         after = np.array(scan.odom_from_robot)
         if not clouds:
             clouds = [
-                Cloud.even(
+                ParticleSet.even(
                     turned(np.array(truth), middle, 2.0 * math.pi * index / count)
                     + rng.standard_normal((settings.cluster.particles, 3)) * [0.1, 0.1, 0.05]
                 )
@@ -74,12 +74,12 @@ def noise(name: str, changes: dict[str, dict[str, object]], steps: int) -> tuple
         else:
             beams, motion = scan_beams(scan, model), between(before, after)
             weighed = [
-                cluster_filter.advanced(
+                cluster_filter.mcl_step(
                     cloud, motion, beams, model, settings.motion, settings.cluster, rng
                 )
                 for cloud, rng in zip(clouds, rngs, strict=True)
             ]
-            clouds = [result.cloud for result in weighed]
+            clouds = [result.particles for result in weighed]
             evidence.append([result.log_weight_sum for result in weighed])
         before = after
         if len(evidence) == steps:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from particle_filter.arrays import FREE, Pose, Poses
-from particle_filter.cluster_filter import Cloud, Weighed, weighed
+from particle_filter.cluster_filter import MeasurementUpdate, ParticleSet, measurement_update
 from particle_filter.motion import move
 from particle_filter.poses import between, compose
 from particle_filter.resampling import resample
@@ -70,7 +70,7 @@ class OneCloud:
     ) -> None:
         self._model, self._settings = model, settings
         self._start_count, self._kept = len(start), min(kept, len(start))
-        self.cloud = Cloud.even(start)
+        self.particles = ParticleSet.even(start)
         self.steps = 0
 
     @property
@@ -84,17 +84,17 @@ class OneCloud:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
-    ) -> Weighed:
+    ) -> MeasurementUpdate:
         """Apply one step; the first one has no motion."""
         if odom_from_before is not None:
             self._redraw(rng)
             before_from_after = between(odom_from_before, odom_from_after)
-            poses, motion = self.cloud.map_from_robot, self._settings.motion
+            poses, motion = self.particles.map_from_robot, self._settings.motion
             moved = move(poses, before_from_after, motion, rng)
-            self.cloud = Cloud(moved, self.cloud.log_weights)
+            self.particles = ParticleSet(moved, self.particles.log_weights)
         exponent = self._model.settings.scan_likelihood_exponent
-        result = weighed(self.cloud, beams, self._model, exponent)
-        self.cloud = result.cloud
+        result = measurement_update(self.particles, beams, self._model, exponent)
+        self.particles = result.particles
         self.steps += 1
         return result
 
@@ -102,8 +102,8 @@ class OneCloud:
         """Resample to shrink, or if the effective sample size is too small."""
         progress = min(self.steps / SHRINKING_STEPS, 1.0)
         count = round(self._start_count * (self._kept / self._start_count) ** progress)
-        held = len(self.cloud.log_weights)
-        if count >= held and self.cloud.effective_sample_size >= RESAMPLE_BELOW_ESS * held:
+        held = len(self.particles.log_weights)
+        if count >= held and self.particles.effective_sample_size >= RESAMPLE_BELOW_ESS * held:
             return
-        chosen = resample(self.cloud.log_weights, count, rng)
-        self.cloud = Cloud.even(self.cloud.map_from_robot[chosen])
+        chosen = resample(self.particles.log_weights, count, rng)
+        self.particles = ParticleSet.even(self.particles.map_from_robot[chosen])

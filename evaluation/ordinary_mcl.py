@@ -22,7 +22,7 @@ from evaluation.one_cloud import (
 from evaluation.recovery import Recovery, RecoveryGains
 from evaluation.visible_field_model import VisibleFieldModel
 from particle_filter.arrays import Poses
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.places import FoundPlace, places_of
 from particle_filter.random_streams import Purpose, generator
@@ -80,17 +80,17 @@ def outcomes(
         else:
             random_share = recovery.random_share if recovery else 0.0
             kld = variant.kld and one.shrunk
-            one.cloud = redrawn(one.cloud, random_share, model, settings, rng, kld=kld)
+            one.particles = redrawn(one.particles, random_share, model, settings, rng, kld=kld)
         after = np.array(scan.odom_from_robot)
         result = one.advance(before, after, scan_beams(scan, model), rng)
         before = after
         if recovery:
-            log_count = math.log(len(result.cloud.log_weights))
+            log_count = math.log(len(result.particles.log_weights))
             recovery.on_likelihood(result.log_weight_sum - log_count)
         rules = settings.search
         yield (
             scan,
-            _outcome(scan, places_of(one.cloud, rules, rules.min_place_share, rng), settings),
+            _outcome(scan, places_of(one.particles, rules, rules.min_place_share, rng), settings),
         )
 
 
@@ -112,32 +112,32 @@ def _with_visibility(model: SensorModel, settings: FilterSettings) -> SensorMode
 
 
 def redrawn(
-    cloud: Cloud,
+    particles: ParticleSet,
     random_share: float,
     model: SensorModel,
     settings: FilterSettings,
     rng: np.random.Generator,
     *,
     kld: bool,
-) -> Cloud:
+) -> ParticleSet:
     """Return the particles resampled with random particles or by KLD-sampling.
 
     Without either they are unchanged: `OneCloud` resamples by itself.
     """
-    count = len(cloud.log_weights)
-    crowded = cloud.effective_sample_size < RESAMPLE_BELOW_ESS * count
+    count = len(particles.log_weights)
+    crowded = particles.effective_sample_size < RESAMPLE_BELOW_ESS * count
     if random_share == 0.0 and not (kld and crowded):
-        return cloud
+        return particles
     if kld:
         most = kept_particles(settings)
-        poses = cloud.map_from_robot
+        poses = particles.map_from_robot
         count = sufficient_particles(poses, KLD_ERROR, min(KLD_LEAST_PARTICLES, most), most)
-    chosen = resample(cloud.log_weights, count, rng)
-    poses = cloud.map_from_robot[chosen]
+    chosen = resample(particles.log_weights, count, rng)
+    poses = particles.map_from_robot[chosen]
     random = np.flatnonzero(rng.random(count) < random_share)
     if len(random):
         poses[random] = uniform_over_free_space(model.grid, len(random), rng)
-    return Cloud.even(poses)
+    return ParticleSet.even(poses)
 
 
 def sufficient_particles(map_from_robot: Poses, error: float, least: int, most: int) -> int:

@@ -27,6 +27,6 @@ class VisibleFieldModel(LikelihoodFieldModel):
         field = super().log_likelihood(map_from_robot, beams)
         if len(map_from_robot) > self.most_poses:
             return field
-        tolerated = self.settings.hidden_tolerance * beams.count
-        hidden = np.maximum(self.hidden(map_from_robot, beams) - tolerated, 0.0)
-        return np.asarray(field - self.settings.hidden_weight * hidden)
+        tolerated = self.settings.occlusion_tolerance * beams.count
+        occluded = np.maximum(self.occluded(map_from_robot, beams) - tolerated, 0.0)
+        return np.asarray(field - self.settings.occlusion_weight * occluded)

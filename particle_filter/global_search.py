@@ -1,10 +1,11 @@
-"""Global MCL: where in the whole map the robot may be, from the first scan on (section 4).
+"""Global localization: all poses where the robot may be, from the first scan on (section 4).
 
-Used for the first clusters and for every restart. The first scan is scored everywhere
-(`grid_search.py`); the poses that come near the best are kept with their weights, move by odometry
-and are weighed by each further scan. The heavier a pose, the finer the part of the map that it
-stands for is looked at: it is split into several, spread over that part. While more is possible
-than can be kept, all is searched again after some scans, by all of them joined by odometry.
+It finds the first clusters, and new ones at each periodic restart. Branch and bound scores the
+first scan for the whole map (`branch_and_bound.py`). The poses near the best score are kept with
+their weights, move by odometry, and are weighed by each further scan. A heavy pose is split into
+several, spread over the part of the map that it stands for, so resolution follows weight. While
+more poses are possible than can be kept, everything is searched again after some scans, by all of
+them joined by odometry.
 """
 
 import math
@@ -16,19 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
-from particle_filter.cluster_filter import Cloud
+from particle_filter.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.evidence_model import misfit, share_that_counts
-from particle_filter.grid_search import Circle, GridSearch, SearchSpace
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
 from particle_filter.places import FoundPlace, Labels, Parts, clustered, found_places
 from particle_filter.poses import between, compose
 from particle_filter.regions import Corners
-from particle_filter.resampling import thinning
+from particle_filter.resampling import optimal_resampling
 from particle_filter.sensor_model import Beams, SensorModel, ground_log_penalty
 from particle_filter.settings import FilterSettings, SearchSettings
-from particle_filter.slices import SLICE_WORK, Slices, WorkMeter, finished
+from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 from particle_filter.view_memory import ViewMemory
 
 _REFINEMENTS = 2
@@ -146,22 +147,18 @@ class GlobalSearch:
         odom_from_after: Pose,
         beams: Beams,
         rng: np.random.Generator,
-    ) -> float:
-        """One step; the first one does not move, for nothing is known from before.
+    ) -> Slices[float]:
+        """Apply one step, in slices.
+
+        Args:
+            odom_from_before: (3,) odometry at the step before; None: this is the first step.
+            odom_from_after: (3,) odometry now.
+            beams: of the scan.
+            rng: for all random numbers of this step.
 
         Returns:
-            The best pose's log-likelihood a beam, without the exponent; NaN of an empty scan.
+            The best pose's log-likelihood per beam, without the exponent; NaN of an empty scan.
         """
-        return finished(self.slices(odom_from_before, odom_from_after, beams, rng))
-
-    def slices(
-        self,
-        odom_from_before: Pose | None,
-        odom_from_after: Pose,
-        beams: Beams,
-        rng: np.random.Generator,
-    ) -> Slices[float]:
-        """As `advance`, in slices."""
         rules, motion = self._settings, np.zeros(3)
         if odom_from_before is not None:
             motion = between(odom_from_before, odom_from_after)
@@ -183,23 +180,19 @@ class GlobalSearch:
         yield
         return (yield from self._weigh(self._kept, beams, seen, rng))
 
-    def places(self, rng: np.random.Generator) -> list[FoundPlace]:
-        """The clusters by source point, most probable first (section 4)."""
-        return finished(self.place_slices(rng))
-
-    def place_slices(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
-        """As `places`, in slices."""
+    def places(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
+        """Find the clusters by source point, in slices; the most probable one is first."""
         if self._kept is None:
             return []
-        cloud = Cloud(self._kept.poses, self._kept.log_weights)
+        particles = ParticleSet(self._kept.poses, self._kept.log_weights)
         least = self._rules.min_place_share
-        return (yield from found_places(cloud, self._labels, self._rules, least, rng))
+        return (yield from found_places(particles, self._labels, self._rules, least, rng))
 
     def _search(self, rng: np.random.Generator) -> Slices[float]:
         """Search everything, by all scans so far."""
         now = self._seen[-1]
         hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
-        grid = GridSearch(self._model, self._space, hits, self._shard, self._rules, rng)
+        grid = BranchAndBoundSearch(self._model, self._space, hits, self._shard, self._rules, rng)
         yield from grid.slices()
         leaves = grid.leaves()
         self._sampled, scores = leaves.sampled, leaves.scores
@@ -300,7 +293,7 @@ class GlobalSearch:
         self, kept: _Kept, rng: np.random.Generator
     ) -> Slices[tuple[_Kept, NDArray[np.int64]]]:
         """As many as are wanted: room to split them."""
-        chosen, log_weights = yield from thinning(kept.log_weights, self._wanted, rng)
+        chosen, log_weights = yield from optimal_resampling(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
     def _settle(self, kept: _Kept, beams: Beams, seen: float = 1.0) -> Slices[None]:

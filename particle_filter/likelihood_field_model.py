@@ -14,11 +14,11 @@ from particle_filter.ray_casting import JumpField, checked_jumps, jump_field
 from particle_filter.resampling import systematic
 from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
-from particle_filter.visibility import hidden_log_likelihood
+from particle_filter.visibility import occluded_log_likelihood
 
-HIDDEN_MARGIN_M = 0.45
+OCCLUSION_MARGIN_M = 0.45
 """A beam may end this far behind the first obstacle on its ray [m]."""
-HIDDEN_SLACK_RAD = 0.05
+OCCLUSION_SLACK_RAD = 0.05
 """An end is occluded only if rays turned by this to either side are cut off too [rad]."""
 
 
@@ -68,10 +68,10 @@ class LikelihoodFieldModel:
     ) -> float:
         """A share of what the field gave for beams through walls."""
         settings = self.settings
-        taken_back = settings.scan_likelihood_exponent * settings.hidden_weight
-        return taken_back * self.mean_hidden(map_from_robot, weights, beams, sharers)
+        taken_back = settings.scan_likelihood_exponent * settings.occlusion_weight
+        return taken_back * self.mean_occluded(map_from_robot, weights, beams, sharers)
 
-    def mean_hidden(
+    def mean_occluded(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
         """What a cloud was given for beams that would have to pass through walls, on average.
@@ -80,36 +80,36 @@ class LikelihoodFieldModel:
         not: it cannot tell a corner without a cabinet from one with. Estimated from a systematic
         sample of the cloud; a little is forgiven, for no pose and no map is exact.
         """
-        count, tolerance = self._looked_from(sharers), self.settings.hidden_tolerance
+        count, tolerance = self._looked_from(sharers), self.settings.occlusion_tolerance
         if count == 0 or beams.count == 0:
             return 0.0
         chosen = systematic(weights, count)
-        hidden = self.hidden(map_from_robot.take(chosen, axis=0), beams)
-        return max(float(np.add.reduce(hidden)) / count - tolerance * beams.count, 0.0)
+        occluded = self.occluded(map_from_robot.take(chosen, axis=0), beams)
+        return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 
     def _looked_from(self, sharers: int) -> int:
         """Particles of each that shares them; all beams are looked at by as many of them."""
         whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
         return min(stride * ceil(whole / (stride * sharers)), whole)
 
-    def hidden(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
+    def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
         """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.
 
         Costs some hundred times as much as the field.
         """
-        hidden = self._hidden_of_laser(map_from_robot, beams)
+        occluded = self._occluded_of_laser(map_from_robot, beams)
         for other in beams.others:
-            hidden += self._hidden_of_laser(map_from_robot, other)
-        return hidden
+            occluded += self._occluded_of_laser(map_from_robot, other)
+        return occluded
 
-    def _hidden_of_laser(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
-        return hidden_log_likelihood(
+    def _occluded_of_laser(self, map_from_robot: Poses, laser: Beams) -> LogWeights:
+        return occluded_log_likelihood(
             map_from_robot,
             laser.robot_from_laser[:2],
             laser.own_hits_in_robot,
             self.field,
             self.jumps,
-            HIDDEN_MARGIN_M,
-            HIDDEN_SLACK_RAD,
+            OCCLUSION_MARGIN_M,
+            OCCLUSION_SLACK_RAD,
             self.settings.visibility_beam_stride,
         )

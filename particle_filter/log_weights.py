@@ -16,11 +16,11 @@ from particle_filter.kernels import kernel, plain
 
 
 def normalised_weights(log_weights: LogWeights) -> NDArray[np.float64]:
-    """The weights themselves, summing to one; arguments and errors as `shares`."""
-    return shares(log_weights)[0]
+    """The weights themselves, summing to one; arguments and errors as `weights_and_ess`."""
+    return weights_and_ess(log_weights)[0]
 
 
-def shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
+def weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
     """The weights themselves, and how many even ones would tell as much.
 
     Args:
@@ -37,7 +37,7 @@ def shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
     References:
         Kong, Liu and Wong, "Sequential imputations and Bayesian missing data problems" (1994).
     """
-    weights, largest, effective = _shares(plain(log_weights))
+    weights, largest, effective = _weights_and_ess(plain(log_weights))
     _check(largest, effective)
     return weights, effective
 
@@ -62,7 +62,7 @@ def multiplied(
         (N,) log-weights, and the logarithm of the sum of the products before they were scaled.
 
     Raises:
-        ValueError: as `shares`.
+        ValueError: as `weights_and_ess`.
     """
     after, total = _multiplied(plain(log_weights), plain(log_likelihood), exponent, plain(penalty))
     _check(total, total)
@@ -77,7 +77,7 @@ def _check(largest: float, total: float) -> None:
 
 
 @kernel
-def _shares(log_weights: LogWeights) -> tuple[NDArray[np.float64], float, float]:
+def _weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float, float]:
     weights, largest = np.empty(len(log_weights)), _largest(log_weights)
     total = squares = 0.0
     exponentials(log_weights, largest, weights)

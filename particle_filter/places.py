@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights, Pose, Poses
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.gaussian import fit_gaussians
 from particle_filter.kernels import kernel, plain
 from particle_filter.log_weights import normalised_weights
@@ -166,12 +166,12 @@ class Parts:
 
 
 def places_of(
-    cloud: Cloud, rules: SearchSettings, min_share: float, rng: np.random.Generator
+    particles: ParticleSet, rules: SearchSettings, min_share: float, rng: np.random.Generator
 ) -> list[FoundPlace]:
-    """Cluster a cloud by source points (section 4).
+    """Cluster particles by source points (section 4).
 
     Args:
-        cloud: N particles.
+        particles: N particles.
         rules: how near a point must be to its cluster's source, and how large samples are.
         min_share: places with less of the weight are left out.
         rng: draws the samples.
@@ -179,8 +179,8 @@ def places_of(
     Returns:
         Most probable first.
     """
-    labels, _ = clustered(cloud.map_from_robot, cloud.log_weights, rules)
-    return finished(found_places(cloud, labels, rules, min_share, rng))
+    labels, _ = clustered(particles.map_from_robot, particles.log_weights, rules)
+    return finished(found_places(particles, labels, rules, min_share, rng))
 
 
 def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
@@ -191,15 +191,15 @@ def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> t
 
 
 def found_places(
-    cloud: Cloud,
+    particles: ParticleSet,
     labels: Labels,
     rules: SearchSettings,
     min_share: float,
     rng: np.random.Generator,
 ) -> Slices[list[FoundPlace]]:
-    """As `places_of`, in slices, of a cloud whose places are known."""
-    weights = normalised_weights(cloud.log_weights)
-    parts = Parts.of(cloud.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
+    """As `places_of`, in slices, of particles whose places are known."""
+    weights = normalised_weights(particles.log_weights)
+    parts = Parts.of(particles.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
     means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
     yield
     by_share = np.argsort(-parts.shares, kind="stable")

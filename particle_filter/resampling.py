@@ -1,4 +1,4 @@
-"""Systematic resampling, and thinning of weighted particles, both in O(N).
+"""Systematic resampling, and optimal_resampling of weighted particles, both in O(N).
 
 References:
     Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005).
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import normalised_weights
-from particle_filter.slices import Slices, finished
+from particle_filter.slices import Slices
 
 Weights = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -60,33 +60,26 @@ def systematic(weights: Weights, count: int, offset: float = 0.5) -> Indices:
     return drawn
 
 
-def thinned(
+def optimal_resampling(
     log_weights: LogWeights, count: int, rng: np.random.Generator
-) -> tuple[Indices, LogWeights]:
-    """Leave `count` of more particles: all heavy ones, and of the light ones some by chance.
+) -> Slices[tuple[Indices, LogWeights]]:
+    """Keep `count` particles, in slices: the heavy ones as they are, a sample of the light ones.
 
-    Each particle is expected to weigh afterwards what it weighed before, and the heavy ones do: no
-    other scheme that does not repeat particles errs less.
+    The expected weight of each particle stays. No other scheme without repeated particles has a
+    smaller variance.
 
     Args:
         log_weights: (N,) of any common scale, which stays.
-        count: how many to leave, positive; all are left where there are no more.
+        count: number of particles to keep, positive; all are kept if there are no more.
         rng: gives one number.
 
     Returns:
-        Increasing indices of those that are left, and their log-weights.
+        Increasing indices of the kept particles, and their log-weights.
 
     References:
         Fearnhead and Clifford, "On-line inference for hidden Markov models via particle filters"
-        (2003), optimal resampling.
+        (2003).
     """
-    return finished(thinning(log_weights, count, rng))
-
-
-def thinning(
-    log_weights: LogWeights, count: int, rng: np.random.Generator
-) -> Slices[tuple[Indices, LogWeights]]:
-    """As `thinned`, in slices."""
     if len(log_weights) <= count:
         return np.arange(len(log_weights)), log_weights
     weights = normalised_weights(log_weights)
@@ -107,9 +100,9 @@ def thinning(
 
 @kernel
 def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
-    """Which weigh more than each of the others will, when `count` are left; fewer than `count`."""
+    """(N,) whether a particle keeps its weight: it exceeds the equal weight of the light ones."""
     is_heavy, known, even = np.zeros(len(weights), np.bool_), 0, 1.0 / count
-    while True:  # without the heavy ones the others' even share is less, and more are heavy
+    while True:  # each heavy particle lowers the equal weight of the others
         found, rest = _heavier(weights, even)
         if found in (known, count) or rest == 0.0:
             return is_heavy
@@ -120,7 +113,10 @@ def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
 
 @kernel
 def _heavier(weights: Weights, even: float) -> tuple[int, float]:
-    """How many weigh more, and what the others weigh: four sums, which need not wait in line."""
+    """Number of weights above `even`, and the sum of the others.
+
+    Four partial sums, because a single one would wait for each addition.
+    """
     found, whole = 0, len(weights) - len(weights) % 4
     a = b = c = d = 0.0
     for i in range(0, whole, 4):

@@ -120,10 +120,10 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     visibility_beam_stride: Annotated[
         int, described("each follows one beam of so many, the next particle the next one", gt=0)
     ] = 5
-    hidden_weight: Annotated[
+    occlusion_weight: Annotated[
         float, described("share of it that is taken back; the map may be wrong", ge=0, le=1)
     ] = 0.1
-    hidden_tolerance: Annotated[
+    occlusion_tolerance: Annotated[
         float, described("what hidden ends may have been given before it counts", "nat/beam", ge=0)
     ] = 0.1
     not_free_log_penalty: Annotated[

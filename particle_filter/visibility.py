@@ -16,7 +16,7 @@ from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.ray_casting import FlatJumps, JumpField, cast_ray, flat
 
 
-def hidden_log_likelihood(
+def occluded_log_likelihood(
     map_from_robot: Poses,
     laser_in_robot: Points,
     hits_in_robot: Points,

@@ -13,7 +13,9 @@ Value: TypeAlias = bool | int | float | str
 _OWN_PARTICLES = "the number of particles is per cluster: cluster.particles"
 _OWN_RECOVERY = "clusters that do not fit are replaced, and searches start, without it"
 _OWN_RESAMPLING = "a cluster is resampled below cluster.resample_below_ess"
-_OWN_BEAM_SKIP = "the sensor model handles obstacles that are not in the map: sensor.hidden_weight"
+_OWN_BEAM_SKIP = (
+    "the sensor model handles obstacles that are not in the map: sensor.occlusion_weight"
+)
 _OWN_MEMORY = "the coordinator keeps its state: coordinator.state_folder"
 _PLANE = "the robot drives in a plane"
 _ROS_ONLY = "it configures ROS's own middleware"
@@ -105,7 +107,7 @@ _SENSOR_MODELS = {
 INSTEAD = {
     ("laser_model_type", "likelihood_field_prob"): (
         "is replaced by our likelihood_field, which multiplies the beams' likelihoods too; "
-        "no beam is skipped: sensor.hidden_weight"
+        "no beam is skipped: sensor.occlusion_weight"
     )
 }
 """Replacements for values that work differently here."""

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from particle_filter import cluster_filter, global_search, places
 from particle_filter.arrays import Pose
 from particle_filter.beam_classes import beam_classes
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.poses import between
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, LaserScan, SensorModel
@@ -137,15 +137,16 @@ class Tracking(RunningJob):
         poses = job.start.map_from_robot.array().astype(np.float64)
         log_weights = job.start.log_weights.array().astype(np.float64)
         if poses.ndim != 2 or poses.shape[1] != 3 or log_weights.shape != poses.shape[:1]:
-            raise ValueError(f"no cloud: poses {poses.shape}, weights {log_weights.shape}")
+            raise ValueError(f"no particle set: poses {poses.shape}, weights {log_weights.shape}")
         if job.exact:
-            self._cloud = Cloud(poses, log_weights)
+            self._particle_set = ParticleSet(poses, log_weights)
             particles = job.particles or len(poses)
         else:
             rng = self._rng(Purpose.START, job.cluster, self.step)
             particles = job.particles or settings.cluster.particles
-            rules = replace(settings.cluster, particles=particles)
-            self._cloud = cluster_filter.drawn_from(poses, log_weights, rules, rng)
+            self._particle_set = cluster_filter.regularised_resample(
+                poses, log_weights, particles, rng
+            )
         self.size = particles, job.particles_from
         """Number of particles, and the first step that may resample to it."""
 
@@ -155,8 +156,8 @@ class Tracking(RunningJob):
         after = np.array(scan.odom_from_robot)
         model, beams = self._model, scan_beams(scan, self._model)
         particles, particles_from = self.size
-        result = cluster_filter.advanced(
-            self._cloud,
+        result = cluster_filter.mcl_step(
+            self._particle_set,
             between(self._odom_from_robot, after),
             beams,
             model,
@@ -164,19 +165,19 @@ class Tracking(RunningJob):
             self._settings.cluster,
             rng,
             is_first=self._is_new,
-            particles=particles if scan.step >= particles_from else None,
+            count=particles if scan.step >= particles_from else None,
         )
         self._is_new = False
-        self._cloud, self._odom_from_robot, self.step = result.cloud, after, scan.step
-        mean, covariance = self._cloud.gaussian()
+        self._particle_set, self._odom_from_robot, self.step = result.particles, after, scan.step
+        mean, covariance = self._particle_set.gaussian()
         best = result.best
         classes = None if best is None else beam_classes(best, beams, model.grid, model.jumps)
         return TrackReport(
             **self._head(scan.step),
             log_weight_sum=result.log_weight_sum,
-            particles=len(self._cloud.log_weights),
+            particles=len(self._particle_set.log_weights),
             log_likelihood_per_beam=result.log_likelihood_per_beam,
-            effective_sample_size=self._cloud.effective_sample_size,
+            effective_sample_size=self._particle_set.effective_sample_size,
             mean=pose_tuple(mean),
             covariance=covariance_tuple(covariance),
             beam_classes=classes or (0, 0, 0, 0),
@@ -207,8 +208,8 @@ class Tracking(RunningJob):
         return Particles(
             step=self.step,
             odom_from_robot=pose_tuple(self._odom_from_robot),
-            map_from_robot=ArrayBlob.of(self._cloud.map_from_robot, "float64"),
-            log_weights=ArrayBlob.of(self._cloud.log_weights, "float64"),
+            map_from_robot=ArrayBlob.of(self._particle_set.map_from_robot, "float64"),
+            log_weights=ArrayBlob.of(self._particle_set.log_weights, "float64"),
         )
 
     def _parts(self, scan: Scan, rng: np.random.Generator) -> tuple[Place, ...]:
@@ -217,7 +218,7 @@ class Tracking(RunningJob):
         if every == 0 or scan.step % every != 0:
             return ()
         search = self._settings.search
-        found = places.places_of(self._cloud, search, rules.split_min_share, rng)
+        found = places.places_of(self._particle_set, search, rules.split_min_share, rng)
         return tuple(_place(place, scan) for place in found) if len(found) > 1 else ()
 
 
@@ -247,9 +248,9 @@ class Searching(RunningJob):
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
         beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
-        per_beam = yield from self._search.slices(before, after, beams, rng)
+        per_beam = yield from self._search.advance(before, after, beams, rng)
         yield
-        found = yield from self._search.place_slices(self._search_rng(scan.step, 2))
+        found = yield from self._search.places(self._search_rng(scan.step, 2))
         return SearchReport(
             **self._head(scan.step),
             log_evidence=self._search.log_evidence,
@@ -292,8 +293,10 @@ class Elsewhere(RunningJob):
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)
         exponent = self._settings.sensor.scan_likelihood_exponent
-        result = cluster_filter.weighed(Cloud.even(poses), beams, self._model, exponent)
-        correction = self._model.correction(poses, result.cloud.weights, beams)
+        result = cluster_filter.measurement_update(
+            ParticleSet.even(poses), beams, self._model, exponent
+        )
+        correction = self._model.correction(poses, result.particles.weights, beams)
         self.step = scan.step
         return ElsewhereReport(
             **self._head(scan.step),

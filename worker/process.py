@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from grid_maps.map_message import from_message
-from particle_filter.grid_search import free_leaves
+from particle_filter.branch_and_bound import free_leaves
 from particle_filter.settings import FilterSettings
 from process_runtime.latency_trace import mark, start_trace
 from process_runtime.main import Invocation, process_main

@@ -15,13 +15,14 @@ from evaluation.one_cloud import uniform_over_free_space
 from evaluation.pose_error import pose_error
 from particle_filter import cluster_filter
 from particle_filter.arrays import Poses
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.global_search import GlobalSearch
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import between, heading_distance
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import FilterSettings
+from particle_filter.slices import finished
 from process_runtime.settings import Settings
 from protocol.message import PoseTuple
 from protocol.pose_arrays import pose_tuple
@@ -112,19 +113,21 @@ class _Run:
         self._model, self._settings, self._seed = model, settings, seed
         rng = generator(seed, purpose=Purpose.SEARCH, entity=0, step=0)
         search = GlobalSearch(model, settings, shard=0)
-        self.first_fit = search.advance(None, np.zeros(3), beams, rng)
-        found = search.places(rng)[:places]
+        self.first_fit = finished(search.advance(None, np.zeros(3), beams, rng))
+        found = finished(search.places(rng))[:places]
         self.share = np.array([place.share for place in found])
-        clouds = [Cloud.even(place.sample) for place in found]
+        clouds = [ParticleSet.even(place.sample) for place in found]
         right = [pose_error(pose_tuple(c.gaussian()[0]), truth).right for c in clouds]
         self.planted = -1
         if not any(right):
             self.planted = len(clouds) - 1
             self.share[-1] = settings.search.min_place_share
             spread = rng.standard_normal((settings.search.hand_over_particles, 3))
-            clouds[-1] = Cloud.even(np.array(truth) + spread * PLANTED_SPREAD)
-        self._clouds: list[Cloud | None] = [
-            cluster_filter.drawn_from(c.map_from_robot, c.log_weights, settings.cluster, rng)
+            clouds[-1] = ParticleSet.even(np.array(truth) + spread * PLANTED_SPREAD)
+        self._clouds: list[ParticleSet | None] = [
+            cluster_filter.regularised_resample(
+                c.map_from_robot, c.log_weights, settings.cluster.particles, rng
+            )
             for c in clouds
         ]
         self._gathered = np.log(self.share)
@@ -140,14 +143,14 @@ class _Run:
             if cloud is None:
                 continue
             rng = generator(self._seed, purpose=Purpose.TRACK, entity=index, step=step)
-            result = cluster_filter.advanced(
+            result = cluster_filter.mcl_step(
                 cloud, motion, beams, self._model, settings.motion, settings.cluster, rng
             )
-            self._clouds[index] = result.cloud
+            self._clouds[index] = result.particles
             evidence[index] = result.log_weight_sum - math.log(len(cloud.log_weights))
             fit[index] = result.log_likelihood_per_beam
-            ess[index] = result.cloud.effective_sample_size
-            means[index] = result.cloud.gaussian()[0]
+            ess[index] = result.particles.effective_sample_size
+            means[index] = result.particles.gaussian()[0]
         self._gathered += np.nan_to_num(evidence)
         self._steps += 1
         into = np.arange(count, dtype=np.int16)
@@ -182,7 +185,7 @@ def of_elsewhere(
     """Log mean likelihood of uniform poses, weighed as clusters are, and the best fit a beam."""
     poses = uniform_over_free_space(model.grid, count, rng)
     exponent = model.settings.scan_likelihood_exponent
-    found = cluster_filter.weighed(Cloud.even(poses), beams, model, exponent)
-    correction = model.correction(poses, found.cloud.weights, beams)
+    found = cluster_filter.measurement_update(ParticleSet.even(poses), beams, model, exponent)
+    correction = model.correction(poses, found.particles.weights, beams)
     log_mean = found.log_weight_sum - math.log(len(poses)) - correction
     return log_mean, found.log_likelihood_per_beam

@@ -49,7 +49,7 @@ def test_particles_shrink_evenly_in_the_logarithm_to_what_is_kept() -> None:
     cloud = OneCloud(model_of(cells), FilterSettings(), np.tile(HERE, (6_400, 1)), kept=100)
     for step in range(8):
         cloud.advance(HERE if step else None, HERE, seen_from(HERE, cells), rng)
-        counts.append(len(cloud.cloud.log_weights))
+        counts.append(len(cloud.particles.log_weights))
         assert cloud.shrunk == (step >= 5)
     assert counts == [6_400, 3_200, 1_600, 800, 400, 200, 100, 100]
 
@@ -61,4 +61,4 @@ def test_few_that_count_are_redrawn() -> None:
     cloud = OneCloud(model_of(cells), FilterSettings(), poses, kept=100)
     cloud.advance(None, HERE, seen_from(HERE, cells), rng)
     cloud.advance(HERE, HERE, seen_from(HERE, cells), rng)
-    assert np.mean(np.abs(cloud.cloud.map_from_robot[:, 0] - 1.0) < 0.2) > 0.9
+    assert np.mean(np.abs(cloud.particles.map_from_robot[:, 0] - 1.0) < 0.2) > 0.9

@@ -12,7 +12,7 @@ from evaluation.experiments.measures import RunMeasures
 from evaluation.experiments.task import Run, Task, run_task
 from evaluation.ordinary_mcl import KLD_LEAST_PARTICLES, redrawn
 from particle_filter.arrays import Poses
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.settings import BeliefSettings, FilterSettings
 from process_runtime.settings_file import load_settings
 from tests.unit.particle_filter.rooms import model_of, plain_room
@@ -75,12 +75,12 @@ def test_every_variant_finds_the_robot(algorithm: Algorithm, tmp_path: Path) -> 
     assert measures.localized
 
 
-def cloud(*poses: tuple[float, float, float], count: int = 2000) -> Cloud:
+def cloud(*poses: tuple[float, float, float], count: int = 2000) -> ParticleSet:
     rows: Poses = np.repeat(np.array(poses), count // len(poses), axis=0)
-    return Cloud.even(rows)
+    return ParticleSet.even(rows)
 
 
-def drawn(before: Cloud, random_share: float, *, kld: bool = False) -> Cloud:
+def drawn(before: ParticleSet, random_share: float, *, kld: bool = False) -> ParticleSet:
     return redrawn(before, random_share, ROOM, SETTINGS, np.random.default_rng(7), kld=kld)
 
 
@@ -98,15 +98,15 @@ def test_of_a_cloud_the_random_share_is_drawn_anywhere() -> None:
 def test_survivors_are_drawn_by_their_weights() -> None:
     poses = cloud((1.0, 1.0, 0.0), (2.0, 1.0, 0.0)).map_from_robot
     left_only = np.where(poses[:, 0] == 1.0, np.log(2.0), -50.0)
-    after = drawn(Cloud(poses, left_only), 0.5)
+    after = drawn(ParticleSet(poses, left_only), 0.5)
     assert not np.any(np.all(after.map_from_robot == [2.0, 1.0, 0.0], axis=1))
 
 
 def test_kld_draws_few_of_what_is_in_one_place_and_many_of_what_is_not() -> None:
     rng = np.random.default_rng(3)
     uneven = np.where(np.arange(4000) % 4, -50.0, np.log(4.0))
-    narrow = Cloud(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
-    wide = Cloud(rng.uniform(0.5, 3.5, (4000, 3)), uneven)
+    narrow = ParticleSet(rng.normal(0.0, 0.02, (4000, 3)) + 2.0, uneven)
+    wide = ParticleSet(rng.uniform(0.5, 3.5, (4000, 3)), uneven)
     assert len(drawn(narrow, 0.0, kld=True).log_weights) == KLD_LEAST_PARTICLES
     assert len(drawn(wide, 0.0, kld=True).log_weights) == 2 * SETTINGS.cluster.particles
     assert drawn(cloud((1.0, 1.0, 0.0)), 0.0, kld=True).log_weights.shape == (2000,)

@@ -24,7 +24,7 @@ def test_it_starts_everywhere_and_keeps_as_many_as_all_clusters_together(
 
     def counted(search: OneCloud, *arguments: object) -> object:
         result = advance(search, *arguments)  # type: ignore[arg-type] # passed on as they are
-        counts.append(len(search.cloud.log_weights))
+        counts.append(len(search.particles.log_weights))
         return result
 
     monkeypatch.setattr(OneCloud, "advance", counted)

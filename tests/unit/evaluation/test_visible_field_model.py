@@ -13,7 +13,9 @@ THROUGH_THE_BOX = seen_from(HERE, WITHOUT_BOX)
 
 
 def visible(most_poses: int = 10) -> VisibleFieldModel:
-    settings = SensorSettings(hidden_weight=0.3, hidden_tolerance=0.05, visibility_beam_stride=1)
+    settings = SensorSettings(
+        occlusion_weight=0.3, occlusion_tolerance=0.05, visibility_beam_stride=1
+    )
     field = model_of(WITH_BOX, settings)
     return VisibleFieldModel(
         field.grid, field.field, field.pyramid, field.jumps, field.settings, most_poses
@@ -23,7 +25,7 @@ def visible(most_poses: int = 10) -> VisibleFieldModel:
 def test_each_pose_loses_a_share_of_what_it_was_given_beyond_what_is_tolerated() -> None:
     model, beams = visible(), THROUGH_THE_BOX
     field = model_of(WITH_BOX, model.settings)
-    hidden = field.hidden(POSES, beams)
+    hidden = field.occluded(POSES, beams)
     assert (hidden > 0.05 * beams.count + 5.0).all()
     lost = field.log_likelihood(POSES, beams) - model.log_likelihood(POSES, beams)
     np.testing.assert_allclose(lost, 0.3 * (hidden - 0.05 * beams.count), atol=1e-9)

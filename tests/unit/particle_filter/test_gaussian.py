@@ -18,11 +18,11 @@ from tests.unit.particle_filter import naive
 SUMS = """
 import numpy as np
 from particle_filter.gaussian import fit_gaussian
-from particle_filter.log_weights import shares
+from particle_filter.log_weights import weights_and_ess
 rng = np.random.default_rng(1)
 poses, log_weights = rng.normal(size=(60_000, 3)), rng.normal(size=60_000)
 mean, covariance = fit_gaussian(poses, np.exp(log_weights))
-size = shares(log_weights)[1]
+size = weights_and_ess(log_weights)[1]
 print([value.hex() for value in (*mean.tolist(), *covariance.ravel().tolist(), size)])
 """
 

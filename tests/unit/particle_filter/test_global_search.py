@@ -8,11 +8,12 @@ import pytest
 
 from particle_filter import global_search
 from particle_filter.arrays import UNKNOWN, Points
+from particle_filter.branch_and_bound import BranchAndBoundSearch, SearchSpace
 from particle_filter.global_search import GlobalSearch, _Kept
-from particle_filter.grid_search import GridSearch, SearchSpace
 from particle_filter.poses import compose, heading_distance
 from particle_filter.sensor_model import Beams, SensorModel
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings
+from particle_filter.slices import finished
 from tests.unit.particle_filter.rooms import (
     beam_model_of,
     model_of,
@@ -34,7 +35,7 @@ def searched(cells: np.ndarray, steps: int, seed: int) -> GlobalSearch:
     before = None
     for step in range(steps):
         pose = pose_at(step)
-        search.advance(before, pose, seen_from(pose, cells), rng)
+        finished(search.advance(before, pose, seen_from(pose, cells), rng))
         before = pose
     return search
 
@@ -51,7 +52,7 @@ def is_near(pose: np.ndarray, truth: np.ndarray) -> bool:
 @pytest.mark.parametrize(("steps", "share"), [(1, 0.5), (2, 0.8), (10, 0.99)])
 def test_it_finds_the_one_place_from_the_first_scan_on(steps: int, share: float) -> None:
     search = searched(plain_room(), steps, seed=0)
-    best = search.places(np.random.default_rng(0))[0]
+    best = finished(search.places(np.random.default_rng(0)))[0]
     assert is_near(best.mean, pose_at(steps - 1))
     assert best.share > share
 
@@ -59,7 +60,9 @@ def test_it_finds_the_one_place_from_the_first_scan_on(steps: int, share: float)
 def test_it_finds_both_of_two_places_that_look_alike_in_ten_of_ten_runs() -> None:
     turned = pose_at(9) * [-1.0, -1.0, 1.0] + [6.0, 4.0, np.pi]
     for seed in range(10):
-        places = searched(symmetric_room(), steps=10, seed=seed).places(np.random.default_rng(0))
+        places = finished(
+            searched(symmetric_room(), steps=10, seed=seed).places(np.random.default_rng(0))
+        )
         shares = [
             sum(place.share for place in places if is_near(place.mean, truth))
             for truth in (pose_at(9), turned)
@@ -79,7 +82,7 @@ def test_it_says_how_much_of_what_it_kept_was_a_sample_of_more() -> None:
     for poses, gap in ((200_000, SETTINGS.search.margin), (20, 0.0)):
         settings = FilterSettings(search=SearchSettings(poses=poses, shards=1))
         search = GlobalSearch(model_of(cells), settings, shard=0)
-        search.advance(None, START, seen_from(START, cells), rng)
+        finished(search.advance(None, START, seen_from(START, cells), rng))
         assert search.left_out_gap == pytest.approx(gap, abs=1.0)
 
 
@@ -90,18 +93,18 @@ def test_the_more_it_had_to_leave_out_the_more_scans_it_waits_for_to_search_agai
     """One scan leaves 1.0, 0.16 and 0.002 of the weight to a sample of more."""
     hits = list[int]()
 
-    class Counted(GridSearch):
+    class Counted(BranchAndBoundSearch):
         def __init__(self, model: SensorModel, space: SearchSpace, points: Points, *rest: Any):
             hits.append(len(points))
             super().__init__(model, space, points, *rest)
 
-    monkeypatch.setattr(global_search, "GridSearch", Counted)
+    monkeypatch.setattr(global_search, "BranchAndBoundSearch", Counted)
     cells, rng, before = plain_room(), np.random.default_rng(0), None
     settings = FilterSettings(belief=LITERAL, search=SearchSettings(poses=poses, shards=1))
     search = GlobalSearch(model_of(cells), settings, shard=0)
     for step in range(10):
         pose = pose_at(step)
-        search.advance(before, pose, seen_from(pose, cells), rng)
+        finished(search.advance(before, pose, seen_from(pose, cells), rng))
         before = pose
     assert [count // hits[0] for count in hits] == searches
 
@@ -117,9 +120,9 @@ def test_scans_joined_by_odometry_show_the_place_to_a_search_that_keeps_few_pose
     search = GlobalSearch(model_of(cells), settings, shard=0)
     before, pose = None, START
     for _ in range(4):
-        search.advance(before, pose, seen_from(pose, cells), rng)
+        finished(search.advance(before, pose, seen_from(pose, cells), rng))
         before, pose = pose, compose(pose, np.array([0.9, 0.0, 0.7]))
-    best = search.places(np.random.default_rng(0))[0]
+    best = finished(search.places(np.random.default_rng(0)))[0]
     assert before is not None
     assert is_near(best.mean, before)
 
@@ -130,7 +133,7 @@ def test_the_likelihood_of_all_scans_is_kept_when_their_evidence_is_tempered() -
     search, seen = GlobalSearch(model_of(cells), settings, shard=0), seen_from(START, cells)
     for _ in range(8):  # the robot stands, so no further scan adds evidence
         before = search.log_evidence
-        per_beam = search.advance(START, START, seen, rng)
+        per_beam = finished(search.advance(START, START, seen, rng))
     model = model_of(cells)
     best = model.settings.scan_likelihood_exponent * seen.count * per_beam
     assert search.log_evidence - before == pytest.approx(best, abs=1.0)
@@ -142,20 +145,20 @@ def test_a_scan_without_a_return_adds_no_evidence() -> None:
     search = GlobalSearch(model_of(cells), SETTINGS, shard=0)
     seen = seen_from(START, cells)
     nothing = type(seen)(seen.ranges[:0], seen.angles[:0], seen.robot_from_laser, 20.0)
-    assert math.isnan(search.advance(None, START, nothing, rng))
-    assert search.places(rng) == []
+    assert math.isnan(finished(search.advance(None, START, nothing, rng)))
+    assert finished(search.places(rng)) == []
     assert search.log_evidence == 0.0
-    search.advance(START, START, seen, rng)
-    assert is_near(search.places(rng)[0].mean, START)
-    search.advance(START, START, nothing, rng)
-    assert is_near(search.places(rng)[0].mean, START)
+    finished(search.advance(START, START, seen, rng))
+    assert is_near(finished(search.places(rng))[0].mean, START)
+    finished(search.advance(START, START, nothing, rng))
+    assert is_near(finished(search.places(rng))[0].mean, START)
 
 
 def test_a_beam_model_is_searched_too() -> None:
     cells, rng = plain_room(), np.random.default_rng(0)
     search = GlobalSearch(beam_model_of(cells), SETTINGS, shard=0)
-    search.advance(None, START, seen_from(START, cells), rng)
-    assert is_near(search.places(rng)[0].mean, START)
+    finished(search.advance(None, START, seen_from(START, cells), rng))
+    assert is_near(finished(search.places(rng))[0].mean, START)
 
 
 def test_a_map_without_a_free_cell_is_refused() -> None:
@@ -188,7 +191,9 @@ def test_what_was_given_for_looks_through_walls_is_taken_back() -> None:
     for correction in (0.0, 2.0):
         model: SensorModel = Corrected(plain_room(), correction)  # type: ignore[assignment] # a twin
         search = GlobalSearch(model, SETTINGS, shard=0)
-        search.advance(None, START, seen_from(START, plain_room()), np.random.default_rng(0))
+        finished(
+            search.advance(None, START, seen_from(START, plain_room()), np.random.default_rng(0))
+        )
         told.append(search.log_evidence)
     # Places with less than a hundredth are not looked at.
     assert told[1] - told[0] == pytest.approx(-2.0, abs=0.1)
@@ -212,8 +217,8 @@ def standing(correction: float) -> tuple[list[float], list[float]]:
     seen, far_side, told = seen_from(START, symmetric_room()), [], []
     before = None
     for _ in range(6):
-        search.advance(before, START, seen, rng)
-        places = search.places(np.random.default_rng(0))
+        finished(search.advance(before, START, seen, rng))
+        places = finished(search.places(np.random.default_rng(0)))
         far_side.append(sum(place.share for place in places if place.mean[0] > 3.0))
         told.append(search.log_evidence)
         before = START

@@ -34,7 +34,7 @@ OF_POSES: list[tuple[Any, Callable[[NDArray[Any]], object]]] = [
         places._assign,
         lambda p: places.cluster_by_source_point(p, EVEN, 0.5, 0.3, 3),
     ),
-    (log_weights._shares, lambda p: log_weights.shares(p[:, 0])),
+    (log_weights._weights_and_ess, lambda p: log_weights.weights_and_ess(p[:, 0])),
     (
         log_weights._multiplied,
         lambda p: log_weights.multiplied(p[:, 0], p[:, 1], 0.5, p[:, 2]),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from particle_filter.arrays import LogWeights
-from particle_filter.log_weights import log_sum, multiplied, normalised_weights, shares
+from particle_filter.log_weights import log_sum, multiplied, normalised_weights, weights_and_ess
 
 finite = arrays(np.float64, st.integers(1, 20), elements=st.floats(-50, 50))
 NOTHING = np.full(4, -np.inf)
@@ -37,15 +37,18 @@ def test_products_are_summed_and_scaled_to_their_number(
 @given(log_weights=finite, data=st.data())
 def test_order_does_not_matter(log_weights: LogWeights, data: st.DataObject) -> None:
     order = data.draw(st.permutations(range(len(log_weights))))
-    (weights, size), (shuffled, same) = shares(log_weights), shares(log_weights[order])
+    (weights, size), (shuffled, same) = (
+        weights_and_ess(log_weights),
+        weights_and_ess(log_weights[order]),
+    )
     np.testing.assert_allclose(shuffled, weights[order])
     assert same == pytest.approx(size)
 
 
 @given(log_weights=finite)
 def test_the_effective_sample_size_is_between_one_and_all(log_weights: LogWeights) -> None:
-    assert 1.0 - 1e-9 <= shares(log_weights)[1] <= len(log_weights) + 1e-9
-    assert shares(np.zeros(7))[1] == pytest.approx(7.0)
+    assert 1.0 - 1e-9 <= weights_and_ess(log_weights)[1] <= len(log_weights) + 1e-9
+    assert weights_and_ess(np.zeros(7))[1] == pytest.approx(7.0)
 
 
 @given(log_weights=finite, offset=st.floats(-1e5, 1e5))
@@ -67,7 +70,7 @@ def test_likelihoods_that_underflow_are_still_distinguished() -> None:
 
 def test_a_zero_weight_takes_no_share() -> None:
     log_weights = np.array([-np.inf, 0.0, 0.0])
-    weights, size = shares(log_weights)
+    weights, size = weights_and_ess(log_weights)
     np.testing.assert_array_equal(weights, [0.0, 0.5, 0.5])
     assert size == pytest.approx(2.0)
 
@@ -75,7 +78,7 @@ def test_a_zero_weight_takes_no_share() -> None:
 @pytest.mark.parametrize("nothing", [NOTHING, np.empty(0)])
 def test_nothing_cannot_be_normalised(nothing: LogWeights) -> None:
     with pytest.raises(ValueError, match="no weight is above zero"):
-        shares(nothing)
+        weights_and_ess(nothing)
     with pytest.raises(ValueError, match="no weight is above zero"):
         multiplied(nothing, np.zeros(len(nothing)), 1.0, np.zeros(len(nothing)))
 
@@ -84,6 +87,6 @@ def test_nothing_cannot_be_normalised(nothing: LogWeights) -> None:
 def test_what_is_no_weight_is_refused(bad: float) -> None:
     log_weights = np.array([0.0, bad])
     with pytest.raises(ValueError, match="log-weight"):
-        shares(log_weights)
+        weights_and_ess(log_weights)
     with pytest.raises(ValueError, match="log-weight"):
         multiplied(np.zeros(2), log_weights, 1.0, np.zeros(2))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.places import places_of
 from particle_filter.settings import SearchSettings
 
@@ -13,14 +13,14 @@ def test_places_have_the_share_of_their_weight_and_samples_drawn_by_it() -> None
     weights = np.concatenate([np.full(5, 3.0), np.full(5, 9.0), np.full(30, 2.0)])
     rules = SearchSettings(hand_over_particles=400)
     rng = np.random.default_rng(0)
-    first, second = places_of(Cloud(poses, np.log(weights)), rules, 0.01, rng)
+    first, second = places_of(ParticleSet(poses, np.log(weights)), rules, 0.01, rng)
     assert (first.share, second.share) == pytest.approx((0.5, 0.5))
     aside = first if first.mean[0] < 2.0 else second
     assert aside.mean == pytest.approx([1.0, 1.15, 0.0])
     assert aside.covariance[1, 1] == pytest.approx(0.75 * 0.25 * 0.04)
     assert np.mean(aside.sample[:, 1] > 1.1) == pytest.approx(0.75, abs=0.003)
     assert len(aside.sample) == 400
-    few = places_of(Cloud(poses, np.log(weights)), rules, 0.51, rng)
+    few = places_of(ParticleSet(poses, np.log(weights)), rules, 0.51, rng)
     assert few == [], "none has so much"
 
 
@@ -30,7 +30,7 @@ def test_the_most_probable_have_particles_and_the_others_one_each_of_their_own()
     poses = np.repeat(at_x, 50)[:, None] * [1.0, 0.0, 0.0]
     weights = np.repeat([2.0, 1.0, 4.0, 3.0], 50)
     rules = SearchSettings(hand_over_particles=20, places_with_particles=2)
-    found = places_of(Cloud(poses, np.log(weights)), rules, 0.0, np.random.default_rng(0))
+    found = places_of(ParticleSet(poses, np.log(weights)), rules, 0.0, np.random.default_rng(0))
     assert [place.mean[0] for place in found] == [10.0, 15.0, 0.0, 5.0]
     assert [len(place.sample) for place in found] == [20, 20, 1, 1]
     for place in found:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from particle_filter.arrays import LogWeights
 from particle_filter.log_weights import normalised_weights
-from particle_filter.resampling import _heavy, resample, systematic, thinned
+from particle_filter.resampling import _heavy, optimal_resampling, resample, systematic
+from particle_filter.slices import finished
 from tests.unit.particle_filter import naive
 
 log_weights = arrays(
@@ -105,7 +106,7 @@ def test_what_cannot_be_drawn_is_refused() -> None:
 def test_thinning_leaves_the_heavy_as_they_are_and_the_sum_of_all() -> None:
     rng = np.random.default_rng(0)
     log_weights = rng.normal(0.0, 3.0, 1000) + 700.0
-    chosen, after = thinned(log_weights, 100, rng)
+    chosen, after = finished(optimal_resampling(log_weights, 100, rng))
     assert len(np.unique(chosen)) == 100
     assert np.all(np.diff(chosen) > 0)
     assert np.logaddexp.reduce(after) == pytest.approx(np.logaddexp.reduce(log_weights))
@@ -120,7 +121,7 @@ def test_thinning_is_right_on_average_for_every_particle() -> None:
     log_weights = np.log(np.array([5.0, 1.0, 0.5, 0.25, 0.25, 3.0]))
     total = np.zeros(6)
     for seed in range(4000):
-        chosen, after = thinned(log_weights, 3, np.random.default_rng(seed))
+        chosen, after = finished(optimal_resampling(log_weights, 3, np.random.default_rng(seed)))
         total[chosen] += np.exp(after)
     # The lightest is drawn 500 times or so of 4,000: six standard deviations are a quarter.
     np.testing.assert_allclose(total / 4000, np.exp(log_weights), rtol=0.25)
@@ -146,7 +147,7 @@ def test_heavy_are_those_above_the_even_share_of_the_rest_as_sorting_finds_them(
 
 def test_what_weighs_nothing_is_not_drawn() -> None:
     log_weights = np.array([0.0, -np.inf, -1.0, -np.inf, -2.0, -np.inf])
-    chosen, after = thinned(log_weights, 4, np.random.default_rng(0))
+    chosen, after = finished(optimal_resampling(log_weights, 4, np.random.default_rng(0)))
     heavy = np.isfinite(log_weights[chosen])
     assert set(chosen[heavy].tolist()) <= {0, 2, 4}
     assert np.logaddexp.reduce(after) == pytest.approx(np.logaddexp.reduce(log_weights))
@@ -154,6 +155,6 @@ def test_what_weighs_nothing_is_not_drawn() -> None:
 
 def test_where_there_are_no_more_nothing_is_thinned() -> None:
     log_weights = np.array([0.0, -5.0])
-    chosen, after = thinned(log_weights, 2, np.random.default_rng(0))
+    chosen, after = finished(optimal_resampling(log_weights, 2, np.random.default_rng(0)))
     np.testing.assert_array_equal(chosen, [0, 1])
     np.testing.assert_array_equal(after, log_weights)

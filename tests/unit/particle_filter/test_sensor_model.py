@@ -77,9 +77,9 @@ def test_what_is_taken_back_is_a_share_of_what_was_given_for_beams_through_walls
     room, here = plain_room(), np.array([[1.0, 3.0, 0.3]])
     divided = plain_room()
     divided[:, 60] = 1
-    given = SensorSettings(scan_likelihood_exponent=0.5, hidden_weight=0.2)
+    given = SensorSettings(scan_likelihood_exponent=0.5, occlusion_weight=0.2)
     beams, field = seen_from(here[0], room), model_of(divided, given)
-    hidden = field.mean_hidden(here, np.ones(1), beams)
+    hidden = field.mean_occluded(here, np.ones(1), beams)
     assert hidden > 10.0
     assert field.correction(here, np.ones(1), beams) == pytest.approx(0.1 * hidden)
     assert beam_model_of(divided, given).correction(here, np.ones(1), beams) == 0.0
@@ -94,13 +94,13 @@ def test_several_lasers_sharing_particles_weigh_all_beams_equally(
     divided[:, 60] = 1
     beams, field = seen_from(here[0], room), model_of(divided, SensorSettings())
     weights, looked_from = np.full(200, 1 / 200), list[int]()
-    whole = LikelihoodFieldModel.hidden
+    whole = LikelihoodFieldModel.occluded
 
     def counted(model: LikelihoodFieldModel, poses: Poses, seen: Beams) -> LogWeights:
         looked_from.append(len(poses))
         return whole(model, poses, seen)
 
-    monkeypatch.setattr(LikelihoodFieldModel, "hidden", counted)
+    monkeypatch.setattr(LikelihoodFieldModel, "occluded", counted)
     told = [field.correction(here, weights, beams, sharers) for sharers in (1, 4, 7, 100)]
     assert looked_from == [50, 15, 10, 5]
     assert told == pytest.approx([told[0]] * 4)
@@ -159,12 +159,12 @@ def test_each_lasers_rays_begin_where_it_is() -> None:
     field = model_of(room, SensorSettings(max_beams=200, visibility_beam_stride=1))
     poses = TRUTH + np.random.default_rng(1).normal(0.0, 0.3, (50, 3))
     first, second, merged = (field.beams(scan) for scan in both(room))
-    alone = field.hidden(poses, first) + field.hidden(poses, second)
-    np.testing.assert_array_equal(field.hidden(poses, merged), alone)
+    alone = field.occluded(poses, first) + field.occluded(poses, second)
+    np.testing.assert_array_equal(field.occluded(poses, merged), alone)
     assert alone.max() > 0.0
     # Rays of the rear laser that began at the front one would pass through the robot's place.
     wrong = replace(second, robot_from_laser=first.robot_from_laser)
-    assert field.hidden(TRUTH[None], wrong)[0] >= field.hidden(TRUTH[None], second)[0]
+    assert field.occluded(TRUTH[None], wrong)[0] >= field.occluded(TRUTH[None], second)[0]
 
 
 def test_lasers_share_the_beams_that_are_scored() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from particle_filter import global_search, grid_search, places, pyramid
+from particle_filter import branch_and_bound, global_search, places, pyramid
 from particle_filter.global_search import GlobalSearch
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
 from particle_filter.settings import FilterSettings, SearchSettings
@@ -27,7 +27,7 @@ class Counted:
         clustered = places.cluster_by_source_point
 
         def sums(level, offsets, runs):  # type: ignore[no-untyped-def] # stands in for a method
-            self.done += int(runs[:, 2].sum()) * len(offsets) // grid_search._SUMS_PER_LOOKUP
+            self.done += int(runs[:, 2].sum()) * len(offsets) // branch_and_bound._SUMS_PER_LOOKUP
             return level_sums(level, offsets, runs)
 
         def log_likelihood(model, poses, beams):  # type: ignore[no-untyped-def] # as above
@@ -53,7 +53,7 @@ def test_no_slice_of_a_search_does_more_than_its_share(monkeypatch: pytest.Monke
     whole = 0
     for step in range(4):
         pose = START + step * np.array([0.15, -0.05, 0.05])
-        slices = search.slices(before, pose, seen_from(pose, cells), rng)
+        slices = search.advance(before, pose, seen_from(pose, cells), rng)
         before = pose
         for _ in slices:
             whole += counted.done
@@ -71,12 +71,12 @@ def test_where_slices_end_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> No
     def found() -> np.ndarray:
         rng = np.random.default_rng(0)
         search = GlobalSearch(model_of(cells), FilterSettings(), shard=0)
-        search.advance(None, START, seen_from(START, cells), rng)
-        search.advance(START, START, seen_from(START, cells), rng)
-        return np.concatenate([place.sample for place in search.places(rng)])
+        finished(search.advance(None, START, seen_from(START, cells), rng))
+        finished(search.advance(START, START, seen_from(START, cells), rng))
+        return np.concatenate([place.sample for place in finished(search.places(rng))])
 
     long = found()
-    for module in (global_search, grid_search):
+    for module in (global_search, branch_and_bound):
         monkeypatch.setattr(module, "SLICE_WORK", 2**15)
     np.testing.assert_array_equal(found(), long)
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from particle_filter.arrays import Pose, Poses
-from particle_filter.cluster_filter import Cloud, Weighed, advanced
+from particle_filter.cluster_filter import MeasurementUpdate, ParticleSet, mcl_step
 from particle_filter.motion import move, slipped
 from particle_filter.poses import compose
 from particle_filter.sensor_models import computed_model
@@ -39,19 +39,19 @@ def after_forwards() -> tuple[Poses, Poses]:
 
 def after_a_drive(
     true_motion: Pose, settings: MotionSettings, told: Pose = FORWARDS, cut: slice = NONE
-) -> Weighed:
+) -> MeasurementUpdate:
     """A step of a localized particle set; odometry reports a drive forwards.
 
     A person cuts some beams half way.
     """
     beams = seen_from(compose(BEFORE, true_motion), plain_room())
     beams.ranges[cut] *= 0.5
-    cloud, rng = Cloud.even(particles()), np.random.default_rng(6)
-    return advanced(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
+    cloud, rng = ParticleSet.even(particles()), np.random.default_rng(6)
+    return mcl_step(cloud, told, beams, MODEL, settings, ClusterSettings(), rng)
 
 
-def error_m(result: Weighed, true_motion: Pose) -> float:
-    mean, _ = result.cloud.gaussian()
+def error_m(result: MeasurementUpdate, true_motion: Pose) -> float:
+    mean, _ = result.particles.gaussian()
     return math.dist(mean[:2], compose(BEFORE, true_motion)[:2])
 
 
@@ -67,7 +67,7 @@ def test_a_robot_whose_wheels_have_turned_in_vain_is_followed() -> None:
 
 def test_where_scans_fit_odometry_is_believed_as_ever() -> None:
     with_slip, without = after_a_drive(FORWARDS, WITH), after_a_drive(FORWARDS, WITHOUT)
-    poses = [result.cloud.map_from_robot for result in (with_slip, without)]
+    poses = [result.particles.map_from_robot for result in (with_slip, without)]
     np.testing.assert_array_equal(*poses)
     assert with_slip.log_weight_sum == without.log_weight_sum
 
@@ -76,14 +76,14 @@ def test_a_slip_that_fits_hardly_better_is_no_slip() -> None:
     crept = np.array([0.05, 0.0, 0.0])
     with_slip, without = (after_a_drive(crept, s, crept, EVERY_TENTH) for s in (WITH, WITHOUT))
     assert 0.0 < without.log_likelihood_per_beam < WITH.slip_below_fit, "so slips were tried"
-    poses = [result.cloud.map_from_robot for result in (with_slip, without)]
+    poses = [result.particles.map_from_robot for result in (with_slip, without)]
     np.testing.assert_array_equal(*poses)
 
 
 def test_particles_stay_as_many_and_weigh_as_much() -> None:
     result = after_a_drive(BACKWARDS, WITH)
-    assert result.cloud.map_from_robot.shape == (1000, 3)
-    assert np.exp(result.cloud.log_weights).sum() == pytest.approx(1000.0)
+    assert result.particles.map_from_robot.shape == (1000, 3)
+    assert np.exp(result.particles.log_weights).sum() == pytest.approx(1000.0)
 
 
 def test_a_slip_is_as_improbable_as_it_is_said_to_be() -> None:
@@ -106,8 +106,8 @@ def test_the_scan_is_as_likely_as_bayes_rule_has_it_of_a_robot_that_may_have_sli
     weights /= weights.sum()
     # A small exponent: what odometry says fits badly, and still counts.
     sensor = SensorSettings(scan_likelihood_exponent=0.01, visibility_particles=0)
-    result = advanced(
-        Cloud(particles(), np.log(len(weights) * weights)), FORWARDS, beams,
+    result = mcl_step(
+        ParticleSet(particles(), np.log(len(weights) * weights)), FORWARDS, beams,
         computed_model(MODEL.grid, sensor), replace(WITH, slip_probability=probability),
         ClusterSettings(resample_below_ess=0.1), np.random.default_rng(6),
     )  # fmt: skip
@@ -135,7 +135,7 @@ def test_a_slip_has_to_fit_better_by_a_seventh_of_a_nat_a_beam() -> None:
         beams = seen_from(compose(BEFORE, true_motion), plain_room())
         moved, back = (MODEL.log_likelihood(at, beams).max() for at in after_forwards())
         gains.append((back - moved) / beams.count)
-        poses = [result.cloud.map_from_robot for result in (eager, without)]
+        poses = [result.particles.map_from_robot for result in (eager, without)]
         taken.append(not np.array_equal(*poses))
     assert taken == [gain > 0.15 for gain in gains]
     assert {True, False} == {gain > 0.15 for gain in gains if 0.0 < gain < 0.3}, "near it, too"

@@ -7,7 +7,13 @@ import pytest
 from msgspec.structs import replace
 
 from particle_filter.arrays import OCCUPIED, Pose
-from particle_filter.cluster_filter import Cloud, advanced, drawn_from, resampled, weighed
+from particle_filter.cluster_filter import (
+    ParticleSet,
+    mcl_step,
+    measurement_update,
+    regularised_resample,
+    resampled,
+)
 from particle_filter.poses import between, compose
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
@@ -22,11 +28,11 @@ STILL = MotionSettings(
 )
 
 
-def uneven(count: int) -> Cloud:
+def uneven(count: int) -> ParticleSet:
     rng = np.random.default_rng(3)
     poses = HERE + rng.normal(0.0, 0.05, (count, 3))
     weights = rng.exponential(size=count) ** 2
-    return Cloud(poses, np.log(weights / weights.sum() * count))
+    return ParticleSet(poses, np.log(weights / weights.sum() * count))
 
 
 def test_redrawn_particles_count_alike() -> None:
@@ -45,10 +51,10 @@ def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
     kept = ClusterSettings(resample_below_ess=0.01)
     beams = seen_from(HERE, plain_room())
     rng = np.random.default_rng(0)
-    result = advanced(cloud, NO_WAY, beams, model, STILL, kept, rng, is_first=True)
-    by_hand = weighed(cloud, beams, model, model.settings.scan_likelihood_exponent)
+    result = mcl_step(cloud, NO_WAY, beams, model, STILL, kept, rng, is_first=True)
+    by_hand = measurement_update(cloud, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
-    np.testing.assert_allclose(result.cloud.log_weights, by_hand.cloud.log_weights)
+    np.testing.assert_allclose(result.particles.log_weights, by_hand.particles.log_weights)
 
 
 @pytest.mark.parametrize(
@@ -65,11 +71,11 @@ def test_a_scan_moves_weights_as_far_as_the_robot_has_moved_and_is_evidence_in_f
     cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
     rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
     beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
-    result = advanced(cloud, motion, beams, model, STILL, rules, rng)
-    moved = Cloud(result.cloud.map_from_robot, cloud.log_weights)
-    whole = weighed(moved, beams, model, model.settings.scan_likelihood_exponent)
+    result = mcl_step(cloud, motion, beams, model, STILL, rules, rng)
+    moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
+    whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
     assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
-    told, in_full = (c.log_weights - cloud.log_weights for c in (result.cloud, whole.cloud))
+    told, in_full = (c.log_weights - cloud.log_weights for c in (result.particles, whole.particles))
     np.testing.assert_allclose(told - told[0], share * (in_full - in_full[0]), atol=1e-9)
 
 
@@ -79,27 +85,29 @@ def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:
     beams = seen_from(HERE, plain_room())
     fit = model.log_likelihood(poses, beams)
     expected = 0.25 * fit + [0.0, 0.0, -2.0]
-    result = weighed(Cloud.even(poses), beams, model, exponent=0.25)
+    result = measurement_update(ParticleSet.even(poses), beams, model, exponent=0.25)
     assert result.log_weight_sum == pytest.approx(np.logaddexp.reduce(expected))
-    np.testing.assert_allclose(np.diff(result.cloud.log_weights), np.diff(expected))
+    np.testing.assert_allclose(np.diff(result.particles.log_weights), np.diff(expected))
     assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
 
 
 def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> None:
     divided = plain_room()
     divided[:, 60] = OCCUPIED
-    seen = SensorSettings(visibility_particles=20, hidden_weight=0.4, scan_likelihood_exponent=0.2)
+    seen = SensorSettings(
+        visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
+    )
     blind = replace(seen, visibility_particles=0)
-    beams, cloud = seen_from(HERE, plain_room()), Cloud.even(np.tile(HERE, (20, 1)))
+    beams, cloud = seen_from(HERE, plain_room()), ParticleSet.even(np.tile(HERE, (20, 1)))
     evidence = []
     for settings in (seen, blind):
         rng = np.random.default_rng(0)
         model = model_of(divided, settings)
-        result = advanced(cloud, NO_WAY, beams, model, STILL, ClusterSettings(), rng)
+        result = mcl_step(cloud, NO_WAY, beams, model, STILL, ClusterSettings(), rng)
         evidence.append(result.log_weight_sum)
     model = model_of(divided, seen)
-    hidden = float(model.hidden(cloud.map_from_robot, beams).mean())
-    taken = 0.2 * 0.4 * (hidden - seen.hidden_tolerance * beams.count)
+    hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
+    taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
     assert taken > 0.5
     assert evidence[1] - evidence[0] == pytest.approx(taken)
 
@@ -110,21 +118,21 @@ def test_visibility_looks_from_where_the_weight_is() -> None:
     model, beams = model_of(divided), seen_from(HERE, plain_room())
     behind = np.array([5.0, 2.0, 0.0])
     poses = np.array([HERE, behind])
-    heavy = model.mean_hidden(poses, np.array([1.0, 0.0]), beams)
-    light = model.mean_hidden(poses, np.array([0.0, 1.0]), beams)
-    assert heavy == pytest.approx(model.mean_hidden(HERE[None], np.ones(1), beams), rel=1e-6)
-    assert light == pytest.approx(model.mean_hidden(behind[None], np.ones(1), beams), rel=1e-6)
+    heavy = model.mean_occluded(poses, np.array([1.0, 0.0]), beams)
+    light = model.mean_occluded(poses, np.array([0.0, 1.0]), beams)
+    assert heavy == pytest.approx(model.mean_occluded(HERE[None], np.ones(1), beams), rel=1e-6)
+    assert light == pytest.approx(model.mean_occluded(behind[None], np.ones(1), beams), rel=1e-6)
     assert heavy != pytest.approx(light)
 
 
 def test_every_particle_has_its_own_noise() -> None:
     model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
     ahead = HERE + np.array([0.3, 0.0, 0.1])
-    cloud = Cloud.even(np.tile(HERE, (200, 1)))
+    cloud = ParticleSet.even(np.tile(HERE, (200, 1)))
     rng = np.random.default_rng(0)
     motion = MotionSettings(slip_probability=0.0)
-    result = advanced(cloud, between(HERE, ahead), beams, model, motion, ClusterSettings(), rng)
-    assert len(np.unique(result.cloud.map_from_robot[:, 0])) == 200
+    result = mcl_step(cloud, between(HERE, ahead), beams, model, motion, ClusterSettings(), rng)
+    assert len(np.unique(result.particles.map_from_robot[:, 0])) == 200
 
 
 def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
@@ -132,7 +140,7 @@ def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
     sample = sample + np.random.default_rng(1).normal(0.0, 0.01, sample.shape)
     log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
     rng = np.random.default_rng(0)
-    drawn = drawn_from(sample, log_weights, ClusterSettings(particles=4000), rng)
+    drawn = regularised_resample(sample, log_weights, 4000, rng)
     # The kernel is as wide as the weighted sample's 0.3 m; the mean distinguishes them.
     # Systematic draws are exact to 1 in 4,000; the kernel's noise of 0.08 m has 0.0013 m in it.
     assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
@@ -143,7 +151,7 @@ def test_the_kernel_is_silvermans_by_half() -> None:
     sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
     sample = (sample - sample.mean(axis=0)) / sample.std(axis=0) * sigma
     rng = np.random.default_rng(0)
-    drawn = drawn_from(sample, np.zeros(500), ClusterSettings(particles=500), rng)
+    drawn = regularised_resample(sample, np.zeros(500), 500, rng)
     added = np.sort(drawn.map_from_robot[:, 0])  # each point is drawn once, then spread
     assert len(np.unique(added)) == 500
     width = 0.5 * (4.0 / (5.0 * 500)) ** (1.0 / 7.0)
@@ -163,10 +171,12 @@ def test_another_number_of_particles_says_the_same_of_the_pose(count: int) -> No
 
 
 def test_the_threshold_is_a_share_of_the_particles() -> None:
-    half = Cloud(np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0))
+    half = ParticleSet(
+        np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0)
+    )
     assert half.effective_sample_size == pytest.approx(50.0)
     rng = np.random.default_rng(0)
     assert resampled(half, 100, ClusterSettings(resample_below_ess=0.49), rng) is half
     assert resampled(half, 100, ClusterSettings(resample_below_ess=0.51), rng) is not half
-    exactly = Cloud.even(half.map_from_robot)
+    exactly = ParticleSet.even(half.map_from_robot)
     assert resampled(exactly, 100, ClusterSettings(resample_below_ess=1.0), rng) is exactly

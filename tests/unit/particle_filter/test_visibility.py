@@ -10,7 +10,7 @@ from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihoo
 from particle_filter.poses import between, compose
 from particle_filter.ray_casting import jump_field
 from particle_filter.settings import SensorSettings
-from particle_filter.visibility import hidden_log_likelihood
+from particle_filter.visibility import occluded_log_likelihood
 from tests.unit.particle_filter.naive_rays import cast_ray
 from tests.unit.particle_filter.rooms import CELL_M, plain_room
 
@@ -42,7 +42,9 @@ def test_the_kernel_agrees_with_the_rays_one_by_one() -> None:
     inside = np.column_stack((rng.random((20, 2)) * size_m, rng.uniform(-4.0, 4.0, 20)))
     poses = compose(MAP_FROM_GRID, inside)
     hits = rng.uniform(-4.0, 4.0, (60, 2))  # some of them beyond the map
-    found = hidden_log_likelihood(poses, LASER, hits, field, jump_field(cells), MARGIN_M, SLACK_RAD)
+    found = occluded_log_likelihood(
+        poses, LASER, hits, field, jump_field(cells), MARGIN_M, SLACK_RAD
+    )
     expected = [hidden(pose, hits, cells, field) for pose in poses]
     assert max(expected) > 10.0
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)

@@ -107,7 +107,7 @@ def test_a_stock_file_is_read_as_it_is(tmp_path: Path) -> None:
     )
     assert read.notes == (  # and nothing of what is as nav2 has it by itself
         "laser_model_type = likelihood_field_prob of nav2 is replaced by our likelihood_field, "
-        "which multiplies the beams' likelihoods too; no beam is skipped: sensor.hidden_weight",
+        "which multiplies the beams' likelihoods too; no beam is skipped: sensor.occlusion_weight",
         f"pf_err of nav2 has no effect: {PARAMETERS['pf_err'].reason}",
         "invented of nav2 has no effect: AMCL has no such parameter",
     )

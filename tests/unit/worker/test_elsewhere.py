@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.cluster_filter import Cloud, weighed
+from particle_filter.cluster_filter import ParticleSet, measurement_update
 from particle_filter.random_streams import Purpose, generator
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
@@ -59,7 +59,7 @@ def test_it_reports_the_average_likelihood_over_the_free_space(
 
 def test_looks_through_walls_are_taken_back_as_of_a_cluster(drive: Drive) -> None:
     """The same poses weighed as a cluster's particles are, one by one."""
-    sensor = replace(SENSOR, visibility_particles=50, hidden_weight=1.0, hidden_tolerance=0.0)
+    sensor = replace(SENSOR, visibility_particles=50, occlusion_weight=1.0, occlusion_tolerance=0.0)
     seeing = computed_model(Grid(plain_room(), CELL_M, np.zeros(3)), sensor)
     job = begun(seeing)
     given = replace(settings(0, elsewhere_poses=2000), sensor=sensor)
@@ -72,8 +72,8 @@ def test_looks_through_walls_are_taken_back_as_of_a_cluster(drive: Drive) -> Non
     beams = scan_beams(drive.scans[0], seeing)
     logs = np.array(
         [
-            weighed(
-                Cloud.even(pose[None]), beams, seeing, sensor.scan_likelihood_exponent
+            measurement_update(
+                ParticleSet.even(pose[None]), beams, seeing, sensor.scan_likelihood_exponent
             ).log_weight_sum
             for pose in poses
         ]

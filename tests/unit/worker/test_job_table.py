@@ -262,7 +262,7 @@ def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: Sensor
         map_from_robot=ArrayBlob.of(np.zeros((4, 2)), "float64"),
         log_weights=ArrayBlob.of(np.zeros(4), "float64"),
     )
-    with pytest.raises(ValueError, match="no cloud"):
+    with pytest.raises(ValueError, match="no particle set"):
         table.follow(order(track("c1", broken)), model, SETTINGS)
     assert [job_id for job_id, _, _ in table.summary()] == ["c0"]
 

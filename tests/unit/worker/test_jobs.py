@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from particle_filter.cluster_filter import Cloud
+from particle_filter.cluster_filter import ParticleSet
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import (
@@ -44,7 +44,7 @@ def poses_of(job: RunningJob) -> np.ndarray:
 
 def test_clusters_do_not_share_the_noise_of_their_start(model: SensorModel) -> None:
     jobs = [begun(job_id, model, exact=False) for job_id in ("c0", "c1")]
-    first, second = (vars(job)["_cloud"].map_from_robot for job in jobs)
+    first, second = (vars(job)["_particle_set"].map_from_robot for job in jobs)
     assert not np.intersect1d(first, second).size
 
 
@@ -53,7 +53,7 @@ def test_a_cluster_that_has_seen_nothing_is_handed_on_as_it_was_given(model: Sen
     job = begun("c0", model)
     assert job.handed_on() == job.assignment
     again = running(job.handed_on(), model, SETTINGS, sender="v")
-    first, second = (vars(one)["_cloud"].map_from_robot for one in (job, again))
+    first, second = (vars(one)["_particle_set"].map_from_robot for one in (job, again))
     np.testing.assert_array_equal(first, second)
 
 
@@ -87,7 +87,7 @@ def test_a_report_describes_the_current_particles(model: SensorModel) -> None:
     report = [job.advance(scan(step)) for step in (1, 2, 3)][-1]
     assert isinstance(report, TrackReport)
     particles = particles_of(job)
-    now = Cloud(particles.map_from_robot.array(), particles.log_weights.array())
+    now = ParticleSet(particles.map_from_robot.array(), particles.log_weights.array())
     mean, covariance = now.gaussian()
     assert report.mean == pose_tuple(mean)
     assert report.covariance == covariance_tuple(covariance)

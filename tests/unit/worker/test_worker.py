@@ -424,7 +424,7 @@ def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Work
 def test_a_cloud_that_is_none_is_refused_and_changes_nothing(tracking: Worker) -> None:
     broken = msgspec.structs.replace(cloud(), log_weights=cloud().map_from_robot)
     refused = told(tracking, asked(2, track("c1", broken)))
-    assert "no cloud" in answers(refused)[2].problem
+    assert "no particle set" in answers(refused)[2].problem
     assert answers(refused)[2].order == 1
     assert jobs(tracking) == ["c0"]
 

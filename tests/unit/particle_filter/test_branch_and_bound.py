@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from particle_filter import grid_search
-from particle_filter.grid_search import (
+from particle_filter import branch_and_bound
+from particle_filter.branch_and_bound import (
     _LARGEST_GAP,
-    GridSearch,
+    BranchAndBoundSearch,
     Leaves,
     SearchSpace,
     _best,
@@ -31,7 +31,7 @@ def space_of(shards: int = 1) -> SearchSpace:
 def searched(rules: SearchSettings, shard: int = 0, seed: int = 0) -> Leaves:
     hits = seen_from(HERE, plain_room()).hits_in_robot
     rng = np.random.default_rng(seed)
-    grid = GridSearch(ROOM, space_of(rules.shards), hits, shard, rules, rng)
+    grid = BranchAndBoundSearch(ROOM, space_of(rules.shards), hits, shard, rules, rng)
     for _ in grid.slices():
         pass
     return grid.leaves()
@@ -66,7 +66,7 @@ def test_it_finds_all_leaves_within_the_margin_and_no_others() -> None:
 def test_with_bounds_and_without_it_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     rules, found = SearchSettings(shards=1, poses=10_000_000, margin=6.0), []
     for below in (0.0, math.inf):
-        monkeypatch.setattr(grid_search, "_BOUND_BELOW", below)
+        monkeypatch.setattr(branch_and_bound, "_BOUND_BELOW", below)
         leaves = searched(rules)
         order = np.lexsort(leaves.map_from_robot.T)
         found.append((leaves.map_from_robot[order], leaves.scores[order]))
@@ -102,7 +102,7 @@ def test_a_scan_is_found_in_every_place_that_looks_alike() -> None:
     hits = seen_from(HERE, cells).hits_in_robot
     rules = SearchSettings(shards=1)
     space = SearchSpace(room.grid, room.pyramid.leaf_cells, 0.035, 1)
-    grid = GridSearch(room, space, hits, 0, rules, np.random.default_rng(0))
+    grid = BranchAndBoundSearch(room, space, hits, 0, rules, np.random.default_rng(0))
     for _ in grid.slices():
         pass
     found = grid.leaves()

@@ -22,7 +22,7 @@ from particle_filter.log_weights import normalised_weights
 from particle_filter.poses import TURN, between, compose
 from particle_filter.pyramid import LEVELS, MOST_BEAMS, Level, Runs, Sums
 from particle_filter.regions import Corners, is_region
-from particle_filter.resampling import thinning
+from particle_filter.resampling import optimal_resampling
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.settings import SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
@@ -121,7 +121,7 @@ class Leaves:
     """Share of the weight of leaves that stand for others like them, which were left out."""
 
 
-class GridSearch:
+class BranchAndBoundSearch:
     """One shard's part of a search: exhaust its `slices`, then ask for `leaves`.
 
     Args:
@@ -238,7 +238,9 @@ class GridSearch:
             found = found.at(np.flatnonzero(is_good))
         yield
         scores = self._scale * self._pyramid.log_step * found.sums
-        chosen, log_weights = yield from thinning(scores + found.log_worth, count, self._rng)
+        chosen, log_weights = yield from optimal_resampling(
+            scores + found.log_worth, count, self._rng
+        )
         self._leaves = replace(found.at(chosen), log_worth=log_weights - scores[chosen])
         yield
 
