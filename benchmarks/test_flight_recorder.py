@@ -20,10 +20,10 @@ from coordinator.events import (
     ReportArrived,
     ScanArrived,
     TimePassed,
+    Told,
     WorkerJoined,
     WorkerToldState,
 )
-from coordinator.failover.state_recovery import Told
 from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started

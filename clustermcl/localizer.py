@@ -12,10 +12,10 @@ import numpy as np
 
 from clustermcl.readings import Reading
 from coordinator.belief.outcome import Outcome, belief_after
+from coordinator.checkpoint import commands_problem
 from coordinator.commands import Commands, CommandsState
 from coordinator.free_ground import FreeGround
-from coordinator.pose.pose_tracker import recent_odometry
-from coordinator.state_checks import commands_problem
+from coordinator.pose_tracker import recent_odometry
 from evaluation.in_process import InProcess, InProcessState
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message

@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
+from coordinator.dead_reckoning import carried
 from coordinator.free_ground import FreeGround
-from coordinator.pose.dead_reckoning import carried
 from particle_filter.random_streams import Purpose
 from particle_filter.regions import parsed_regions
 from particle_filter.settings import MotionSettings

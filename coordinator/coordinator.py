@@ -4,34 +4,164 @@ No network, no clock: events and the time come in, instructions go out, all of t
 So a failure of a worker or a network is replayed in a unit test.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import assert_never
 
+import msgspec
+
 from coordinator import events
-from coordinator.answers import Answers
+from coordinator.belief.outcome import belief_after
 from coordinator.checkpoint import to_bytes
-from coordinator.failover.checkpoint_series import CheckpointSeries
-from coordinator.failover.state_recovery import StateRecovery, Told
-from coordinator.failover.term import Term
 from coordinator.free_ground import FreeGround
 from coordinator.instructions import (
     AnswerCommand,
     FetchMap,
     FetchScans,
     Instruction,
+    PublishBelief,
     PublishCheckpoint,
+    PublishEvents,
     SendOrder,
 )
-from coordinator.last_place import LastPlace
+from coordinator.recovery import LastPlace, StateRecovery, Succession, Term
 from coordinator.state import CoordinatorState
-from coordinator.take_over import TakeOver
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
-from protocol.answers import CommandDone, Hypotheses, PoseAnswer, Relocalize, SetPose, Status
-from protocol.job_events import JobEvents
+from protocol.answers import (
+    Belief,
+    CommandDone,
+    Hypotheses,
+    PoseAnswer,
+    Relocalize,
+    SetPose,
+    Status,
+)
+from protocol.job_events import JobEvents, NumberedEvent
 from protocol.step_reset_detector import StepResetDetector, is_huge_jump
 from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer
+
+SIGN_OF_LIFE_NS = 400_000_000
+"""The checkpoint goes out again after so long, changed or not."""
+
+
+class CheckpointSeries:
+    """Makes checkpoints of states, and says when the last one goes out once more."""
+
+    def __init__(self, sender: str) -> None:
+        self._sender = sender
+        self._last: Checkpoint | None = None
+        self._last_ns = 0
+
+    def next(
+        self, state: bytes, *, term: int, step: int, founded: bool, now_ns: int
+    ) -> PublishCheckpoint:
+        """Something has changed: others must know, before anybody acts upon it.
+
+        Args:
+            state: of the coordinator, as it travels.
+            term: of the coordinator.
+            step: the last that was applied; -1: none.
+            founded: see `Checkpoint`.
+            now_ns: by the clock of all events.
+        """
+        serial = self._last.serial + 1 if self._last else 0
+        self._last_ns = now_ns
+        self._last = Checkpoint(
+            sender=self._sender, term=term, serial=serial, step=step, founded=founded, state=state
+        )
+        return PublishCheckpoint(self._last)
+
+    def sign_of_life(self, now_ns: int) -> list[PublishCheckpoint]:
+        """The last checkpoint once more, where it is time."""
+        if self._last is None or now_ns - self._last_ns < SIGN_OF_LIFE_NS:
+            return []
+        self._last_ns = now_ns
+        return [PublishCheckpoint(self._last)]
+
+
+class Answers:
+    """Makes messages of what the coordinator knows.
+
+    Args:
+        sender: name of the process.
+        version: of the software.
+        state: of the coordinator.
+        term: of the coordinator.
+        now_ns: when it was started.
+    """
+
+    def __init__(
+        self, sender: str, version: str, state: CoordinatorState, term: Term, now_ns: int
+    ) -> None:
+        self._sender, self._version, self._state, self._term = sender, version, state, term
+        self._started_ns = now_ns
+
+    def pose(self, now_ns: int) -> PoseAnswer:
+        """Where the robot is now."""
+        answer = self._state.pose.answer(now_ns, len(self._state.placement.delivery.workers))
+        return msgspec.structs.replace(answer, term=self._term.number)
+
+    def hypotheses(self, now_ns: int) -> Hypotheses:
+        """All places with their probabilities."""
+        return Hypotheses(
+            sender=self._sender, pose=self.pose(now_ns), hypotheses=self._state.pose.hypotheses()
+        )
+
+    def status(self, now_ns: int, counters: dict[str, int]) -> Status:
+        """How the system is; `counters` are those of the process around."""
+        pose = self.pose(now_ns)
+        return Status(
+            sender=self._sender,
+            version=self._version,
+            state=pose.state,
+            freshness=pose.freshness,
+            age_s=pose.age_s,
+            scan_age_s=pose.scan_age_s,
+            step=pose.step,
+            steps_applied=self._state.steps_applied,
+            steps_lost=self._state.collector.steps_lost,
+            reports_missing=self._state.reports_missing,
+            map_digest=self._state.map_digest,
+            clusters=len(self._state.ensemble.clusters),
+            searching=self._state.outcome.searching if self._state.outcome else False,
+            search_progress=self._state.outcome.search_progress if self._state.outcome else 0.0,
+            workers=self._state.placement.workers,
+            counters=dict(sorted((self._state.counters + Counter(counters)).items())),
+            uptime_s=(now_ns - self._started_ns) / 1e9,
+            term=self._term.number,
+            newest_step=self._state.newest_step,
+            settings=self._state.newest_settings,
+            overloaded=self._state.overload.is_overloaded,
+        )
+
+    def events(self) -> JobEvents:
+        """What has begun and ended of late, and why."""
+        return self._told(self._state.event_log.all())
+
+    def publication(self, now_ns: int) -> list[PublishEvents | PublishBelief]:
+        """What everybody is told after a step or a command; nothing before the first.
+
+        What has begun and ended is told before the belief it belongs to.
+        """
+        belief = self._belief()
+        if belief is None:
+            return []
+        news = self._state.event_log.news()
+        told = [PublishEvents(self._told(news))] if news else []
+        return [*told, PublishBelief(belief, self.pose(now_ns))]
+
+    def _told(self, events: tuple[NumberedEvent, ...]) -> JobEvents:
+        return JobEvents(sender=self._sender, events=events, term=self._term.number)
+
+    def _belief(self) -> Belief | None:
+        """What is believed after the last step or command; None before the first."""
+        outcome, scan = self._state.outcome, self._state.collector.applied
+        if outcome is None or scan is None:
+            return None
+        return belief_after(scan, outcome, self._sender, self._term.number)
+
 
 STEPS_AT_ONCE = 4
 """More that are due wait for the next event: orders, answers and beliefs go out in between."""
@@ -74,11 +204,11 @@ class Coordinator:
         if usual_delay_ns is not None:
             self._state.pose.begin(usual_delay_ns, now_ns)
         self._answers = Answers(sender, version, self._state, self._term, now_ns)
-        self._take_over = TakeOver(
+        self._take_over = Succession(
             self._state,
             self._term,
             StateRecovery(sender, known, kept, now_ns),
-            self._answers,
+            self._answers.publication,
             LastPlace.of(kept) if kept else None,
             settings.last_pose_probability,
         )
@@ -207,7 +337,7 @@ class Coordinator:
 
     # --- what workers do
 
-    def _on_worker_told(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
+    def _on_worker_told(self, worker: str, told: events.Told, now_ns: int) -> list[Instruction]:
         """A worker says what it does, and what the last coordinator had decided."""
         if worker not in self._state.placement.delivery:
             return []

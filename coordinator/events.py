@@ -4,15 +4,56 @@ The loop at the rim makes them of messages, tokens and questions. Each can be wr
 again as MessagePack, so that a recorded run is replayed with just these objects.
 """
 
-from typing import TypeAlias
+from collections.abc import Iterable
+from typing import TypeAlias, TypeVar
 
 import msgspec
 
-from coordinator.failover.state_recovery import Told
 from coordinator.free_ground import FreeGround
 from protocol.answers import Relocalize, SetPose
+from protocol.codec import decode
+from protocol.errors import MalformedMessageError
 from protocol.steps import OdometryReading, Scan
-from protocol.work import Checkpoint, OrderAnswer, Report
+from protocol.validity import assignment_problem
+from protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerState
+
+M = TypeVar("M")
+
+
+class Told(msgspec.Struct, frozen=True):
+    """A worker's answer, decoded."""
+
+    term: int
+    holds: tuple[Assignment, ...] = ()
+    reports: tuple[Report, ...] = ()
+    terms: tuple[int, ...] = ()
+    founded: int = 0
+
+
+def told_by(state: WorkerState) -> Told:
+    """Decode the messages packed in a worker's answer; malformed ones are left out."""
+    reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
+    return Told(
+        term=state.term,
+        holds=_possible(state.holds),
+        reports=tuple(reports),
+        terms=state.terms,
+        founded=state.founded,
+    )
+
+
+def _possible(assignments: Iterable[Assignment]) -> tuple[Assignment, ...]:
+    return tuple(held for held in assignments if assignment_problem(held) is None)
+
+
+def _decoded(payloads: Iterable[bytes], kind: type[M]) -> list[M]:
+    found = []
+    for payload in payloads:
+        try:
+            found.append(decode(payload, kind))
+        except MalformedMessageError:
+            continue
+    return found
 
 
 class _Fact(msgspec.Struct, frozen=True, tag_field="event"):
@@ -74,6 +115,20 @@ class OrderAnswered(_Fact, frozen=True):
 
     worker: str
     answer: OrderAnswer
+
+
+class TokenChanged(_Fact, frozen=True):
+    """A liveliness token appeared or vanished; see `Replica`, which says what it means."""
+
+    worker: str | None
+    """None: a coordinator's."""
+    alive: bool
+
+
+class LinkChanged(_Fact, frozen=True):
+    """Our own link to the router came up or was lost; as `TokenChanged`."""
+
+    up: bool
 
 
 class CheckpointHeard(_Fact, frozen=True):

@@ -1,301 +1,223 @@
-"""The rim of the coordinator: Zenoh in, Zenoh out; what happens between is `Coordinator`."""
+"""The coordinator at Zenoh: messages in, instructions out; `Replica` decides in between."""
 
 import logging
-import threading
 import time
-from collections.abc import Callable, Iterable
-from typing import TypeAlias
+from collections.abc import Iterable
+from concurrent.futures import Future
+from functools import partial
 
 import msgspec
-import zenoh
 
-from coordinator import events
 from coordinator.coordinator import Coordinator
 from coordinator.events import (
     CheckpointHeard,
     CommandArrived,
+    Event,
     HistoryArrived,
-    LinkBack,
-    LinkLost,
+    LinkChanged,
     MapArrived,
     OdometryArrived,
     OrderAnswered,
     ReportArrived,
     ScanArrived,
     TimePassed,
+    TokenChanged,
     WorkerToldState,
+    told_by,
 )
-from coordinator.failover.self_fencing import SelfFencing
-from coordinator.failover.state_recovery import told_by
 from coordinator.free_ground import FreeGround
 from coordinator.instructions import (
     AnswerCommand,
+    AskState,
+    FetchMap,
+    FetchScans,
     Instruction,
     PublishBelief,
     PublishCheckpoint,
+    PublishEvents,
+    SendOrder,
 )
-from coordinator.membership.health_board import MAX_PROCESSES, HealthBoard
-from coordinator.membership.membership import Change, Membership
-from coordinator.newest_checkpoint import NewestCheckpoint
-from coordinator.outgoing import Outgoing
 from coordinator.recorder.flight_recorder import FlightRecorder
-from coordinator.report_sizes import check_places, has_too_large_snapshot
+from coordinator.replica import Replica
 from coordinator.state_file import StateKeeper
-from coordinator.step_collector import without_snapshot
+from coordinator.step_collector import check_places, has_too_large_snapshot, without_snapshot
 from grid_maps.map_message import from_message
-from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
-from process_runtime.memory import HeapTrimmer
-from process_runtime.stop import StopFlag
 from protocol import keys
 from protocol.answers import Relocalize, SetPose, Status
 from protocol.codec import decode
-from protocol.errors import MalformedMessageError, MapMismatchError, printable
+from protocol.errors import MapMismatchError, printable
 from protocol.health import Health
-from protocol.keys import WorkerKey, WorkerTopic
+from protocol.job_events import event_text
+from protocol.message import Message
 from protocol.steps import MapMessage, OdometryReading, Scan, ScanHistory
 from protocol.terms import check_term
-from protocol.work import Checkpoint, OrderAnswer, Report
-from zenoh_link.health import HealthReporter
-from zenoh_link.inbox import Inbox
-from zenoh_link.stale_session import STALE, StaleSessionDetector
-from zenoh_link.wire import (
-    Asked,
-    Event,
-    Link,
-    Received,
-    Token,
-    alive,
-    serve,
-    subscribe,
-    watch,
-    watch_link,
-)
+from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
+from zenoh_link.node import Node
+from zenoh_link.wire import Asked, Link, Received, Token, alive
 
 ROSTER_TIMEOUT_S = 1.0
 TICK_S = 0.05
 TICK_NS = int(TICK_S * 1e9)
+ASK_AGAIN_WITHIN_S = 0.5
+"""Just after a link came up, a query for lost scans finds no bridge; it is repeated [s]."""
+ORDER_TIMEOUT_S = 35.0
+"""A worker may fetch a large map before it answers; orders are repeated sooner [s]."""
+FORGOTTEN_AFTER_NS = 30_000_000_000
+"""A process that has published no health for longer is not listed [ns]."""
+MAX_PROCESSES = 1_000
+"""More names than any robot has processes: some client invents them."""
 
 _log = logging.getLogger(__name__)
 
-_InboxEvent: TypeAlias = Event | FreeGround | MalformedMessageError
-"""The map's thread sends the last two."""
 
+class Loop:
+    """Carries a replica's messages, first as a follower, then as a leader.
 
-class CoordinatorLoop:
-    """One coordinator's life between its connection and its stop."""
+    Args:
+        node: the process's, open.
+        replica: decides.
+    """
 
-    def __init__(
-        self,
-        coordinator: Coordinator,
-        session: zenoh.Session,
-        keeper: StateKeeper,
-        recorder: FlightRecorder,
-        heard: NewestCheckpoint,
-        causes: CauseCounter,
-        is_anybody_there: Callable[[], bool],
-    ) -> None:
-        self._is_anybody_there, self._stale = is_anybody_there, StaleSessionDetector()
-        self._coordinator, self._session, self._keeper = coordinator, session, keeper
-        self._recorder, self._heard = recorder, heard
-        self._map_reader: threading.Thread | None = None
-        self._inbox: Inbox[_InboxEvent] = Inbox(
-            {"scan": 256, "odometry": 1, "report": 4096, "health": 1024, "checkpoint": 4}
+    def __init__(self, node: Node, replica: Replica) -> None:
+        self._node, self._replica = node, replica
+        self._ticked_ns, self._linked = 0, True
+        self._another_map = CauseCounter()
+        node.subscribe(
+            keys.CHECKPOINT, Checkpoint, self._on_checkpoint, kind="checkpoint", kept=4, own=False
         )
-        self._causes, self._another_map = causes, CauseCounter()
-        self._health = HealthReporter("coordinator", "coordinator", self._causes, self._inbox)
-        self._board = HealthBoard()
-        self._membership = Membership()
-        self._fencing = SelfFencing(time.monotonic_ns())
-        self._outgoing = Outgoing(session, self._inbox)
-        self._heap, self._ticked_ns = HeapTrimmer(), 0
+        node.watch_link(self._on_link)
 
-    def run(self, stop: StopFlag) -> None:
-        """Coordinate until told to stop, until another coordinator acts, or until deaf."""
-        subscribe(self._session, keys.SCAN, self._inbox, "scan")
-        subscribe(self._session, keys.ODOMETRY, self._inbox, "odometry")
-        subscribe(self._session, keys.ALL_REPORTS, self._inbox, "report")
-        subscribe(self._session, keys.CHECKPOINT, self._inbox, "checkpoint", own=False)
+    def follow(self) -> bool:
+        """Watch the leader; return True to lead in its place, False if the process was stopped."""
+        node, replica = self._node, self._replica
+        node.peers = keys.COORDINATOR_ALIVE
+        node.watch(keys.COORDINATOR_ALIVE, self._on_token)
+        replica.follow(time.monotonic_ns())
+        _log.info("standing by: the robot has a coordinator")
+        while not node.stop.is_set():
+            event = node.turn(TICK_S)
+            if event is None and replica.is_leader_dead(time.monotonic_ns()):
+                if not node.replace_stale_session():
+                    return True
+                replica.follow(time.monotonic_ns())
+        return False
+
+    def lead(self, coordinator: Coordinator, keeper: StateKeeper, recorder: FlightRecorder) -> None:
+        """Recover and lead until the process is stopped, or another coordinator deposes it."""
+        self._coordinator, self._keeper, self._recorder = coordinator, keeper, recorder
+        self._processes = HealthBoard()
+        self._is_map_asked = False
+        node, replica = self._node, self._replica
+        node.peers = keys.ALL_WORKERS_ALIVE
+        replica.lead(coordinator, time.monotonic_ns(), recorder.handle)
+        self._events = node.publisher(keys.EVENTS)
+        self._belief, self._pose = node.publisher(keys.BELIEF), node.publisher(keys.POSE)
+        self._checkpoints = node.publisher(keys.CHECKPOINT)
+        node.subscribe(keys.SCAN, Scan, self._on_scan, kind="scan", kept=256)
+        node.subscribe(keys.ODOMETRY, OdometryReading, self._on_odometry, kind="odometry", kept=1)
+        node.subscribe(
+            keys.ALL_REPORTS,
+            Report,  # type: ignore[arg-type] # a union
+            self._on_report,
+            kind="report",
+            kept=4096,
+        )
         for key in (keys.BRIDGE_HEALTH, keys.ALL_WORKERS_HEALTH):
-            subscribe(self._session, key, self._inbox, "health")
-        watch_link(self._session, self._inbox)
-        for key in alive(self._session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
-            self._inbox.put(Token(key, alive=True))
-        watch(self._session, keys.ALL_WORKERS_ALIVE, self._inbox)
-        while not (stop.is_set() or self._coordinator.begun):
-            self._turn()
-        for key in (
-            *(keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS),
-            *(keys.SET_POSE, keys.RELOCALIZE),
-        ):
-            serve(self._session, key, self._inbox)
-        token = self._session.liveliness().declare_token(keys.COORDINATOR_ALIVE)
-        with self._keeper.running(), token:
-            _log.info("coordinator ready")
-            while not (stop.is_set() or self._coordinator.outranked_by or self._is_session_stale()):
-                self._turn()
+            node.subscribe(key, Health, self._on_health, kind="health", kept=1024)
+        # A coordinator that knows of no worker begins at once.
+        for key in alive(node.session, keys.ALL_WORKERS_ALIVE, ROSTER_TIMEOUT_S):
+            self._on_token(Token(key, alive=True))
+        node.watch(keys.ALL_WORKERS_ALIVE, self._on_token)
+        is_serving = False
+        with recorder.running(), keeper.running():
+            while not node.stop.is_set() and replica.role != "deposed":
+                if replica.role == "leading" and not is_serving:
+                    self._serve()
+                    is_serving = True
+                event = node.turn(TICK_S)
+                # Queries and odometry may leave no idle moment.
+                if event is None or time.monotonic_ns() - self._ticked_ns >= TICK_NS:
+                    self._ticked_ns = time.monotonic_ns()
+                    self._on(TimePassed())
 
-    def _turn(self) -> None:
-        """Take what arrived first and do what comes of it."""
-        event = self._inbox.get(TICK_S)
-        now_ns = time.monotonic_ns()
-        self._stale.on_event(event, now_ns)
-        self._fencing.turn(now_ns)
-        self._carry_out(self._handle(event, now_ns))
-        if now_ns - self._ticked_ns >= TICK_NS:  # queries or odometry may leave no idle moment
-            self._carry_out(self._handle(None, now_ns))
-        self._carry_out(self._change(self._membership.due(now_ns), now_ns))
-        if event is None:
-            self._heap.trim_if_due(now_ns / 1e9)
+    def _serve(self) -> None:
+        node = self._node
+        for key in (keys.POSE, keys.HYPOTHESES, keys.EVENTS, keys.STATUS):
+            node.serve(key, self._on_query)
+        node.serve(keys.SET_POSE, partial(self._on_command, SetPose))
+        node.serve(keys.RELOCALIZE, partial(self._on_command, Relocalize))
+        node.announce(keys.COORDINATOR_ALIVE)
+        _log.info("coordinator ready")
 
-    def _is_session_stale(self) -> bool:
-        is_stale = self._stale.is_suspect(time.monotonic_ns()) and self._is_anybody_there()
-        if is_stale:
-            _log.warning(STALE)
-        return is_stale
+    # --- messages
 
-    def _handle(self, event: _InboxEvent | None, now_ns: int) -> list[Instruction]:
-        try:
-            match event:
-                case Received():
-                    return self._on_message(event, now_ns)
-                case Asked():
-                    return self._on_query(event, now_ns)
-                case Token():
-                    name = keys.worker_name(event.key)
-                    return self._change(self._membership.token(name, event.alive, now_ns), now_ns)
-                case Link():
-                    return self._on_link(event, now_ns)
-                case FreeGround():
-                    return self._recorder.handle(MapArrived(event), now_ns)
-                case MalformedMessageError():
-                    raise event
-        except MalformedMessageError as error:
-            self._causes.warn(_log, error.cause, error, time.monotonic())
-        self._ticked_ns = now_ns
-        return self._recorder.handle(TimePassed(), now_ns)
+    def _on(self, event: Event | TokenChanged | LinkChanged) -> list[Instruction]:
+        """Pass an event on and carry out what follows; return that."""
+        decided = self._replica.handle(event, time.monotonic_ns())
+        released = self._replica.release(decided, time.monotonic_ns())
+        self._carry_out(released)
+        return released
 
-    def _on_message(self, message: Received, now_ns: int) -> list[Instruction]:
-        match keys.parsed(message.key):
-            case keys.BRIDGE_HEALTH | WorkerKey(topic=WorkerTopic.HEALTH):
-                self._on_health(message.key, decode(message.payload, Health), now_ns)
-                return []
-            case key:
-                return self._recorder.handle(self._event_of(key, message, now_ns), now_ns)
+    def _on_link(self, link: Link) -> None:
+        if link.up != self._linked:
+            self._linked = link.up
+            _log.warning("the link to the router %s", "is back" if link.up else "is lost")
+        self._on(LinkChanged(link.up))
 
-    def _event_of(  # noqa: PLR0911 - one for each key
-        self, key: str | WorkerKey, message: Received, now_ns: int
-    ) -> events.Event:
-        """What a message means."""
-        match key:
-            case keys.SCAN:
-                scan = decode(message.payload, Scan)
-                self._health.happened("scans")
-                self._warn_of_another_map(scan)
-                return ScanArrived(scan)
-            case keys.ODOMETRY:
-                self._health.happened("odometry")
-                return OdometryArrived(decode(message.payload, OdometryReading))
-            case keys.SCAN_HISTORY:
-                return HistoryArrived(decode(message.payload, ScanHistory).scans)
-            case keys.MAP:
-                self._heap.on_large_message(now_ns / 1e9)
-                self._read_map(message.payload)
-                return TimePassed()
-            case keys.CHECKPOINT:
-                checkpoint = decode(message.payload, Checkpoint)
-                check_term(checkpoint, time.time_ns())
-                self._heard.hear(checkpoint, now_ns)
-                return CheckpointHeard(checkpoint)
-            case WorkerKey(worker, WorkerTopic.STATE):
-                self._heap.on_large_message(now_ns / 1e9)
-                return WorkerToldState(worker, told_by(message.payload, time.time_ns()))
-            case WorkerKey(worker, WorkerTopic.ORDER):
-                answer = decode(message.payload, OrderAnswer)
-                check_term(answer, time.time_ns())
-                return OrderAnswered(worker, answer)
-            case WorkerKey(worker, WorkerTopic.REPORT):
-                report: Report = decode(message.payload, Report)  # type: ignore[arg-type] # a union
-                mark("arrived", report, message.at_ns)
-                mark("taken", report, now_ns)
-                mark("decoded", report)
-                self._health.happened("reports")
-                # Who speaks is told by the key, which access control guards; not by the message.
-                return ReportArrived(worker, self._fitting(worker, report))
-            case _:
-                problem = message.key
-                raise MalformedMessageError(expected="key of a coordinator's", problem=problem)
+    def _on_token(self, token: Token) -> None:
+        is_coordinator = token.key == keys.COORDINATOR_ALIVE
+        worker = None if is_coordinator else keys.worker_name(token.key)
+        self._on(TokenChanged(worker, token.alive))
 
-    def _read_map(self, payload: bytes) -> None:
-        """Unpack a map in a thread of its own: the largest takes seconds. One at a time."""
+    def _on_checkpoint(self, checkpoint: Checkpoint, _received: Received) -> None:
+        check_term(checkpoint, time.time_ns())
+        self._on(CheckpointHeard(checkpoint))
 
-        def read() -> None:
-            try:
-                grid_map = from_message(decode(payload, MapMessage))
-                self._recorder.on_map(grid_map)
-                self._inbox.put_own(FreeGround.of(grid_map))
-            except MalformedMessageError as error:
-                self._inbox.put_own(error)
-
-        if self._map_reader is None or not self._map_reader.is_alive():
-            self._map_reader = threading.Thread(target=read, daemon=True)
-            self._map_reader.start()
-
-    def _fitting(self, worker: str, report: Report) -> Report:
-        """A report of a size that the settings allow.
-
-        A snapshot that is too large is left out, and the rest counts: the worker may have begun
-        the job by settings of before.
-        """
-        settings = self._coordinator.filter_settings
-        check_places(report, settings)
-        if not has_too_large_snapshot(report, settings):
-            return report
-        detail = f"{worker}, job {printable(report.job_id)}"
-        self._causes.warn(_log, "snapshot with too many particles", detail, time.monotonic())
-        return without_snapshot(report)
-
-    def _warn_of_another_map(self, scan: Scan) -> None:
-        """Say which map is meant; the coordinator itself counts the scan and drops it."""
+    def _on_scan(self, scan: Scan, _received: Received) -> None:
+        self._node.health.happened("scans")
         expected = self._coordinator.map_digest
         if expected not in ("", scan.map_digest):
             error = MapMismatchError(worker=scan.sender, expected=expected, found=scan.map_digest)
+            # The coordinator counts it.
             self._another_map.warn(_log, "scan of another map dropped", error, time.monotonic())
+        self._on(ScanArrived(scan))
 
-    def _on_health(self, key: str, health: Health, now_ns: int) -> None:
+    def _on_odometry(self, reading: OdometryReading, _received: Received) -> None:
+        self._node.health.happened("odometry")
+        self._on(OdometryArrived(reading))
+
+    def _on_report(self, report: Report, received: Received) -> None:
+        self._node.health.happened("reports")
+        # The key names the worker: access control guards the key, but not the message.
+        worker = keys.worker_name(received.key)
+        settings = self._coordinator.filter_settings
+        check_places(report, settings)
+        if has_too_large_snapshot(report, settings):
+            # The rest counts: the worker may have begun the job with earlier settings.
+            detail = f"{worker}, job {printable(report.job_id)}"
+            self._warn("snapshot with too many particles", detail)
+            report = without_snapshot(report)
+        self._on(ReportArrived(worker, report))
+
+    def _on_health(self, health: Health, received: Received) -> None:
+        key = received.key
         if key != keys.BRIDGE_HEALTH:
             health = msgspec.structs.replace(health, sender=keys.worker_name(key))
-        if not self._board.heard(key, health, now_ns):
-            problem = f"{key}, besides {MAX_PROCESSES} others"
-            self._causes.warn(_log, "too many processes", problem, time.monotonic())
+        if not self._processes.on_health(key, health, time.monotonic_ns()):
+            self._warn("too many processes", f"{key}, besides {MAX_PROCESSES} others")
 
-    def _status(self, now_ns: int) -> Status:
-        status = self._coordinator.status(now_ns, self._health.dropped() | self._recorder.lost)
-        own = msgspec.structs.replace(
-            self._health.health(), sender=status.sender, dropped=status.counters
-        )
-        return msgspec.structs.replace(status, processes=(own, *self._board.all(now_ns)))
+    def _warn(self, cause: str, detail: object) -> None:
+        self._node.causes.warn(_log, cause, detail, time.monotonic())
 
-    def _on_link(self, event: Link, now_ns: int) -> list[Instruction]:
-        was_linked = self._membership.linked
-        self._membership.link(event.up, now_ns)
-        if event.up == was_linked:
-            return []
-        _log.warning("the link to the router %s", "is back" if event.up else "is lost")
-        if event.up:
-            self._fencing.listen(now_ns)
-            return self._recorder.handle(LinkBack(), now_ns)
-        return self._recorder.handle(LinkLost(), now_ns)
+    # --- queries
 
-    def _change(self, changes: Iterable[Change], now_ns: int) -> list[Instruction]:
-        """Act upon what has become certain of the workers."""
-        return [do for change in changes for do in self._recorder.handle(change, now_ns)]
-
-    def _on_query(self, asked: Asked, now_ns: int) -> list[Instruction]:
-        self._health.happened("questions")
-        if self._fencing.is_listening(now_ns):
+    def _on_query(self, asked: Asked) -> None:
+        self._node.health.happened("questions")
+        now_ns = time.monotonic_ns()
+        if not self._replica.may_answer(now_ns):
             asked.refuse("another coordinator may have taken over; ask again")
-            return []
+            return
         match asked.key:
             case keys.POSE:
                 asked.answer(self._coordinator.pose(now_ns))
@@ -303,36 +225,122 @@ class CoordinatorLoop:
                 asked.answer(self._coordinator.hypotheses(now_ns))
             case keys.EVENTS:
                 asked.answer(self._coordinator.events())
-            case keys.STATUS:
-                asked.answer(self._status(now_ns))
             case _:
-                return self._on_command(asked, now_ns)
-        return []
+                asked.answer(self._status(now_ns))
 
-    def _on_command(self, asked: Asked, now_ns: int) -> list[Instruction]:
-        """Carry out a command once, however often it is asked."""
-        kind: type[SetPose | Relocalize]
-        kind = SetPose if asked.key == keys.SET_POSE else Relocalize
-        try:
-            command = decode(asked.payload, kind)
-        except MalformedMessageError as error:
-            asked.refuse(str(error))
-            raise
-        instructions = self._recorder.handle(CommandArrived(command), now_ns)
-        self._carry_out(instructions)  # others know of it before it is answered
+    def _status(self, now_ns: int) -> Status:
+        health = self._node.health
+        status = self._coordinator.status(now_ns, health.dropped() | self._recorder.lost)
+        own = msgspec.structs.replace(
+            health.health(), sender=status.sender, dropped=status.counters
+        )
+        return msgspec.structs.replace(status, processes=(own, *self._processes.all(now_ns)))
+
+    def _on_command(self, kind: type[SetPose | Relocalize], asked: Asked) -> None:
+        self._node.health.happened("questions")
+        command = decode(asked.payload, kind)
+        done = [
+            do.done
+            for do in (self._on(CommandArrived(command)) if self._may_command() else ())
+            if isinstance(do, AnswerCommand)
+        ]
+        if done:
+            asked.answer(done[0])
+        else:
+            asked.refuse("another coordinator may have taken over; ask again")
+
+    def _may_command(self) -> bool:
+        return self._replica.may_answer(time.monotonic_ns())
+
+    # --- instructions
+
+    def _carry_out(self, instructions: Iterable[Instruction]) -> None:
         for instruction in instructions:
-            if isinstance(instruction, AnswerCommand):
-                asked.answer(instruction.done)
-        return []
-
-    def _carry_out(self, instructions: list[Instruction]) -> None:
-        if self._coordinator.outranked_by is not None:
-            return
-        cleared = self._fencing.cleared(instructions, time.monotonic_ns())
-        for instruction in cleared:
             match instruction:
+                case SendOrder(worker, order):
+                    self._ask_worker(keys.worker_order(worker), order, OrderAnswer, worker)
+                case AskState(worker, question):
+                    self._ask_worker(keys.worker_state(worker), question, WorkerState, worker)
+                case FetchScans(first, last):
+                    self._node.ask(
+                        keys.scan_history(first, last),
+                        ScanHistory,
+                        lambda history: self._on(HistoryArrived(history.scans)),
+                        timeout_s=ORDER_TIMEOUT_S,
+                        repeat_for_s=ASK_AGAIN_WITHIN_S,
+                    )
+                case FetchMap():
+                    self._node.ask(keys.MAP, MapMessage, self._read_map, timeout_s=ORDER_TIMEOUT_S)
                 case PublishCheckpoint(checkpoint):
                     self._keeper.offer(checkpoint)
-                case PublishBelief():
-                    self._health.happened("beliefs")
-        self._outgoing.carry_out(cleared)
+                    self._checkpoints.put(checkpoint)
+                case PublishEvents(events):
+                    self._events.put(events)
+                    for numbered in events.events:
+                        _log.info("step %d: %s", numbered.step, event_text(numbered.event))
+                case PublishBelief(belief, pose):
+                    self._node.health.happened("beliefs")
+                    self._belief.put(belief)
+                    self._pose.put(pose)
+                case AnswerCommand():
+                    pass  # see `_on_command`
+
+    def _ask_worker(
+        self, key: str, message: Message, answer: type[OrderAnswer | WorkerState], worker: str
+    ) -> None:
+        def on_answer(told: OrderAnswer | WorkerState) -> None:
+            check_term(told, time.time_ns())
+            if isinstance(told, OrderAnswer):
+                self._on(OrderAnswered(worker, told))
+            else:
+                self._node.heap.on_large_message(time.monotonic())
+                self._on(WorkerToldState(worker, told_by(told)))
+
+        self._node.ask(key, answer, on_answer, timeout_s=ORDER_TIMEOUT_S, message=message)
+
+    def _read_map(self, message: MapMessage) -> None:
+        """Unpack a map in the background: the largest takes seconds."""
+
+        def unpacked() -> FreeGround:
+            grid_map = from_message(message)
+            self._recorder.on_map(grid_map)
+            return FreeGround.of(grid_map)
+
+        def on_done(outcome: Future[FreeGround]) -> None:
+            self._is_map_asked = False
+            self._on(MapArrived(outcome.result()))
+
+        self._node.heap.on_large_message(time.monotonic())
+        if not self._is_map_asked:
+            self._is_map_asked = True
+            self._node.in_background(unpacked, on_done)
+
+
+class HealthBoard:
+    """The newest health of each process."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, tuple[int, Health]] = {}
+
+    def on_health(self, key: str, health: Health, now_ns: int) -> bool:
+        """Keep a process's health; return False if there are too many processes."""
+        if key not in self._newest and len(self._newest) >= MAX_PROCESSES:
+            self._forget(now_ns)
+            if len(self._newest) >= MAX_PROCESSES:
+                return False
+        self._newest[key] = (now_ns, health)
+        return True
+
+    def all(self, now_ns: int) -> tuple[Health, ...]:
+        """Return the newest health of each process with its age, by role and name."""
+        self._forget(now_ns)
+        ordered = sorted(self._newest.values(), key=lambda one: (one[1].role, one[1].sender))
+        return tuple(
+            msgspec.structs.replace(health, age_s=(now_ns - received_ns) / 1e9)
+            for received_ns, health in ordered
+        )
+
+    def _forget(self, now_ns: int) -> None:
+        self._newest = {
+            key: one for key, one in self._newest.items() if now_ns - one[0] < FORGOTTEN_AFTER_NS
+        }

@@ -3,30 +3,25 @@
 import argparse
 import logging
 import time
-from functools import partial
+from contextlib import closing
 from importlib.metadata import version
 from pathlib import Path
 from urllib.parse import quote
 
-import zenoh
-
-from coordinator.loop import CoordinatorLoop
-from coordinator.newest_checkpoint import NewestCheckpoint
+from coordinator.loop import Loop
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import Started
 from coordinator.recorder.ring import Ring
-from coordinator.standby import StandbyLoop
+from coordinator.replica import NewestState, Replica
 from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
-from process_runtime.logs import CauseCounter
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import CoordinatorSettings, Settings
 from process_runtime.state_folder import default_state_folder
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from zenoh_link.metrics import metrics_served
-from zenoh_link.session import open_session
-from zenoh_link.stale_session import is_there
+from zenoh_link.node import Node
 from zenoh_link.wire import is_alive
 
 _log = logging.getLogger(__name__)
@@ -51,66 +46,59 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_coordinator(invocation: Invocation) -> None:
-    """Coordinate, or stand by, until told to stop.
+    """Lead or follow until the process is stopped.
 
     Raises:
-        AlreadyRunningError: the robot has a coordinator, and this one was not told to stand by.
+        AlreadyRunningError: the robot has a coordinator, and this one may not stand by.
     """
     settings, stop = invocation.settings, invocation.stop
     may_wait = settings.coordinator.standby or invocation.arguments.standby
-    causes = CauseCounter()
-    is_deposed, newest = False, NewestCheckpoint()
+    replica = Replica(settings.coordinator.take_over_after_s, time.monotonic_ns())
     while not stop.is_set():
-        with (
-            open_session(settings.zenoh, settings.robot, stop, wait_s=None) as session,
-            metrics_served(settings.metrics, session),
+        with closing(Node(invocation.process, "coordinator", settings, stop, peers=None)) as node:
+            node.open()
+            follow_and_lead(invocation, node, replica, may_wait=may_wait)
+        may_wait = True  # it has been deposed
+
+
+def follow_and_lead(
+    invocation: Invocation, node: Node, replica: Replica, *, may_wait: bool
+) -> None:
+    """Follow while the robot has a leader, then lead until stopped or deposed.
+
+    Raises:
+        AlreadyRunningError: as `run_coordinator`.
+    """
+    settings = invocation.settings
+    with metrics_served(settings.metrics, lambda: node.session):
+        loop = Loop(node, replica)
+        # Our successor declares its liveliness token only after recovery.
+        if replica.role == "deposed" or is_alive(
+            node.session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s
         ):
-            # Who has deposed this one may be about to begin, and shows itself only then.
-            if is_deposed or is_alive(
-                session, keys.COORDINATOR_ALIVE, settings.zenoh.query_timeout_s
-            ):
-                if not may_wait:
-                    raise AlreadyRunningError(
-                        what="a coordinator",
-                        robot=settings.robot.name,
-                        endpoint=settings.zenoh.router,
-                        advice="stop it, start this one with --standby, "
-                        "or choose another robot.name",
-                    )
-                sees = partial(is_there, settings.zenoh, settings.robot, stop)
-                standby = StandbyLoop(
-                    session,
-                    settings.coordinator.take_over_after_s,
-                    partial(sees, keys.COORDINATOR_ALIVE),
-                    newest,
+            if not may_wait:
+                raise AlreadyRunningError(
+                    what="a coordinator",
+                    robot=settings.robot.name,
+                    endpoint=settings.zenoh.router,
+                    advice="stop it, start this one with --standby, or choose another robot.name",
                 )
-                if not standby.run(stop):
-                    continue
-                _log.warning("the coordinator is dead: taking over")
-            known, newest = newest, NewestCheckpoint()
-            is_deposed = lead(invocation, session, known, newest, causes)
-            may_wait = True  # another acts: whatever this one was told, it may only wait
+            if not loop.follow():
+                return
+            _log.warning("the coordinator is dead: taking over")
+        lead(invocation, loop, replica.newest)
 
 
-def lead(
-    invocation: Invocation,
-    session: zenoh.Session,
-    known: NewestCheckpoint,
-    heard: NewestCheckpoint,
-    causes: CauseCounter,
-) -> bool:
-    """Coordinate until told to stop, or until another coordinator acts: that is true then.
+def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
+    """Lead until the process is stopped or deposed.
 
     Args:
         invocation: of the process.
-        session: to the robot's other processes.
-        known: what others published before.
-        heard: told of what others publish meanwhile, from which this one may carry on later.
-        causes: counts what is refused.
+        loop: at an open node.
+        known: what other coordinators have published.
     """
     settings = invocation.settings
-    folder = state_folder(settings.coordinator)
-    robot = settings.robot.name
+    folder, robot = state_folder(settings.coordinator), settings.robot.name
     started = Started(
         sender=invocation.process,
         filter_settings=filter_settings(settings),
@@ -124,19 +112,12 @@ def lead(
         kept=read(folder, robot) if folder else None,
     )
     coordinator = started.coordinator()
-    keeper = StateKeeper(folder, robot, started.kept)
     recorder = FlightRecorder(coordinator, started, recorder_ring(settings, started.term))
-    with recorder.running():
-        sees = partial(is_there, settings.zenoh, settings.robot, invocation.stop)
-        is_anybody_there = partial(sees, keys.ALL_WORKERS_ALIVE)
-        loop = CoordinatorLoop(
-            coordinator, session, keeper, recorder, heard, causes, is_anybody_there
+    loop.lead(coordinator, StateKeeper(folder, robot, started.kept), recorder)
+    if coordinator.outranked_by is not None:
+        _log.warning(
+            "another coordinator acts since term %d: stepping down", coordinator.outranked_by
         )
-        loop.run(invocation.stop)
-    if coordinator.outranked_by is None:
-        return False
-    _log.warning("another coordinator acts since term %d: stepping down", coordinator.outranked_by)
-    return True
 
 
 def state_folder(settings: CoordinatorSettings) -> Path | None:

@@ -3,8 +3,10 @@
 Everything here that decides can be handed on to another coordinator, and be taken over from one.
 """
 
-from collections import Counter
+from collections import Counter, deque
+from collections.abc import Iterable
 from functools import partial
+from statistics import median
 
 import numpy as np
 from msgspec.structs import replace
@@ -21,13 +23,10 @@ from coordinator.checkpoint import (
     state_in,
 )
 from coordinator.commands import Commands
-from coordinator.event_log import EventLog
+from coordinator.dead_reckoning import carried
 from coordinator.free_ground import FreeGround
-from coordinator.map_change import MapChangeDetector
-from coordinator.membership.placement import Placement
-from coordinator.overload import OverloadDetector
-from coordinator.pose.dead_reckoning import carried
-from coordinator.pose.pose_tracker import PoseTracker
+from coordinator.placement import Placement
+from coordinator.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
 from particle_filter.arrays import Pose
 from particle_filter.poses import between
@@ -35,11 +34,103 @@ from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings, filter_with, section_with
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.answers import Relocalize, SetPose
-from protocol.job_events import EndedCause
+from protocol.job_events import EndedCause, JobEvent, NumberedEvent
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Place, Report, TrackJob
+
+STEPS = 20
+"""One worker that dies holds up a few steps; an overload, most of so many."""
+LATE_NS, IN_TIME_NS = 100_000_000, 50_000_000
+"""From its scan to its decision half of the steps take longer; and again no longer than that."""
+
+
+class OverloadDetector:
+    """Told how long steps have waited."""
+
+    def __init__(self) -> None:
+        self._waits_ns: deque[int] = deque(maxlen=STEPS)
+        self._overloaded = False
+
+    @property
+    def is_overloaded(self) -> bool:
+        """Whether there is no time for what can be done later."""
+        return self._overloaded
+
+    def step_decided(self, waited_ns: int) -> None:
+        """A step was decided so long after its scan had come."""
+        self._waits_ns.append(waited_ns)
+        if len(self._waits_ns) == STEPS:
+            bound_ns = IN_TIME_NS if self._overloaded else LATE_NS
+            self._overloaded = median(self._waits_ns) > bound_ns
+
+
+NEEDED = 3
+"""So many scans of the other map in a row, and none of ours between: one alone may be anything."""
+
+
+class MapChangeDetector:
+    """Told of each scan; says when the bridge has been started anew with another map.
+
+    A second bridge on the same robot's name, or a stray message, is not followed: scans of our own
+    map come between. A bridge that waits for a belief sends the same scan again, which counts.
+    """
+
+    def __init__(self) -> None:
+        self._digest, self._step = "", -1
+        self._in_a_row = 0
+
+    def is_another(self, scan: Scan, ours: str) -> bool:
+        """Take a scan.
+
+        Args:
+            scan: any that arrives.
+            ours: digest of the map in which the robot is looked for.
+        """
+        if scan.map_digest == ours:
+            self._in_a_row = 0
+            return False
+        follows = scan.map_digest == self._digest and scan.step >= self._step
+        self._in_a_row = self._in_a_row + 1 if follows else 1
+        self._digest, self._step = scan.map_digest, scan.step
+        return self._in_a_row >= NEEDED
+
+
+KEPT_EVENTS = 200
+
+
+class EventLog:
+    """The last events of one coordinator; a coordinator after it begins with none."""
+
+    def __init__(self) -> None:
+        self._kept: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)
+        self._count = 0
+        self._news: list[NumberedEvent] = []
+
+    def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
+        """Keep what a step or a command came to.
+
+        Args:
+            events: in the order in which they were decided.
+            step: after which they hold.
+            stamp_ns: robot's clock at the scan of the step.
+        """
+        for event in events:
+            numbered = NumberedEvent(number=self._count, step=step, stamp_ns=stamp_ns, event=event)
+            self._count += 1
+            self._kept.append(numbered)
+            self._news.append(numbered)
+
+    def all(self) -> tuple[NumberedEvent, ...]:
+        """All that are kept, oldest first."""
+        return tuple(self._kept)
+
+    def news(self) -> tuple[NumberedEvent, ...]:
+        """Those that have come since the last call."""
+        news, self._news = tuple(self._news), []
+        return news
+
 
 ASK_MAP_AGAIN_NS = 2_000_000_000
 

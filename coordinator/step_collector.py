@@ -5,11 +5,49 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from coordinator.membership.jobs import HAND_OVER_NS
+from coordinator.jobs import HAND_OVER_NS
+from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.arrays import ArrayBlob
+from protocol.errors import MalformedMessageError
 from protocol.steps import Scan
 from protocol.work import Report, SearchReport, TrackReport
+
+TOO_LARGE = "more than its job allows"
+
+
+def has_too_large_snapshot(report: Report, settings: FilterSettings) -> bool:
+    """Whether a snapshot holds more particles than a cluster may have."""
+    snapshot = report.snapshot if isinstance(report, TrackReport) else None
+    return snapshot is not None and snapshot.log_weights.shape[0] > settings.cluster.particles
+
+
+def check_places(report: Report, settings: FilterSettings) -> None:
+    """Refuse more places, or more particles of them, than a job may hand over.
+
+    Raises:
+        MalformedMessageError: it does.
+    """
+    rules = settings.search
+    match report:
+        case SearchReport(places=found):
+            places, particles = len(found), found.particles.shape[0]
+            most = rules.places
+            most_particles = rules.places_with_particles * rules.hand_over_particles + rules.places
+        case TrackReport(parts=parts):
+            places, particles = len(parts), sum(p.sample.log_weights.shape[0] for p in parts)
+            most = int(1.0 / settings.cluster.split_min_share) + 1
+            most_particles = most * rules.hand_over_particles
+        case _:
+            return
+    if places > most or particles > most_particles:
+        raise MalformedMessageError(
+            expected=type(report).__name__,
+            problem=f"{places} places and {particles} particles of them, "
+            f"at most {most} and {most_particles} by the settings",
+            kind=TOO_LARGE,
+        )
+
 
 FETCH_NS = 500_000_000
 """A scan that was lost on its way is waited for so long, while the bridge is asked for it."""

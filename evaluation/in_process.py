@@ -11,8 +11,8 @@ import numpy as np
 
 from coordinator.belief.ensemble import Ensemble, EnsembleState
 from coordinator.belief.outcome import Outcome
-from coordinator.membership.jobs import JobState
-from coordinator.state_checks import ensemble_problem, jobs_problem
+from coordinator.checkpoint import ensemble_problem, jobs_problem
+from coordinator.jobs import JobState
 from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model

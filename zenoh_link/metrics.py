@@ -22,7 +22,9 @@ _log = logging.getLogger(__name__)
 
 
 @contextmanager
-def metrics_served(settings: MetricsSettings, session: zenoh.Session) -> Iterator[None]:
+def metrics_served(
+    settings: MetricsSettings, session: Callable[[], zenoh.Session]
+) -> Iterator[None]:
     """Serve ``/metrics`` within the block, if a port is set.
 
     Each scrape queries the status like any client and shares no state with the coordinator's
@@ -43,7 +45,7 @@ def metrics_served(settings: MetricsSettings, session: zenoh.Session) -> Iterato
         )
     stop = threading.Event()
     server = threading.Thread(
-        target=_serve, args=(settings, lambda: _status(session), stop), daemon=True
+        target=_serve, args=(settings, lambda: _status(session()), stop), daemon=True
     )
     server.start()
     try:

@@ -87,7 +87,7 @@ class Node:
         self.heap = HeapTrimmer()
         self.on_other: Callable[[Any], object] = lambda _event: None
         """Handler of events that other parts of the process put into the inbox."""
-        self._settings, self._peers = settings, peers
+        self._settings, self.peers = settings, peers
         self._session: zenoh.Session | None = None
         self._opened = ExitStack()
         self._stale = StaleSessionDetector()
@@ -329,10 +329,18 @@ class Node:
             case _:
                 self.on_other(event)
 
-    def _replace_session(self) -> None:
+    def replace_stale_session(self) -> bool:
+        """Replace a session that has received nothing since its link came back; see `turn`.
+
+        Returns:
+            Whether it was replaced: another session sees peers.
+        """
+        return self._stale.is_armed and self._replace_session()
+
+    def _replace_session(self) -> bool:
         """Open another session; keep it if it sees peers, which the present one does not hear."""
-        if self._peers is None:
-            return
+        if self.peers is None:
+            return False
         zenoh_settings, robot = self._settings.zenoh, self._settings.robot
         with ExitStack() as opening:
             try:
@@ -340,10 +348,12 @@ class Node:
                     open_session(zenoh_settings, robot, self.stop, LOOK_S)
                 )
             except UnreachableError:
-                return
-            if is_alive(session, self._peers, LOOK_S):
+                return False
+            if is_alive(session, self.peers, LOOK_S):
                 _log.warning(STALE)
                 self._use(session, opening.pop_all())
+                return True
+        return False
 
     def _use(self, session: zenoh.Session, opened: ExitStack) -> None:
         """Declare everything through a session, and close the one before."""

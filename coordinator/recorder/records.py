@@ -27,7 +27,7 @@ from coordinator.events import (
     WorkerReturned,
 )
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
-from coordinator.membership.jobs import JobState
+from coordinator.jobs import JobState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.arrays import ArrayBlob

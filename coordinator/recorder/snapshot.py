@@ -13,17 +13,17 @@ from typing import Any
 
 import msgspec
 
+from coordinator import order_delivery, slow_workers
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
 from coordinator.belief.search_pool import SearchPool
 from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
-from coordinator.failover.state_recovery import Told
+from coordinator.events import Told
 from coordinator.free_ground import FreeGround
-from coordinator.membership import order_delivery, silent_shards, straggler_policy
-from coordinator.membership.jobs import PlacedJob
-from coordinator.pose.lateness import Lateness
+from coordinator.jobs import PlacedJob
+from coordinator.pose_tracker import Lateness
 from coordinator.recorder.records import Started, without_bulk
 from coordinator.step_collector import OpenStep
 from particle_filter.evidence_model import UsualFit
@@ -113,7 +113,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_orders": int,
         },
         "_state.placement._stragglers": {
-            "_records": dict[str, straggler_policy._Record],
+            "_records": dict[str, slow_workers._Record],
             "_proven": set[str],
         },
         "_state.placement._silent_shards": {
@@ -121,7 +121,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_steps": dict[str, int],
             "_took_ns": dict[str, int],
             "_given_up": dict[str, int],
-            "_watches": dict[str, silent_shards._Watch],
+            "_watches": dict[str, slow_workers._Watch],
             "_looked_ns": int,
         },
         "_state.collector": {

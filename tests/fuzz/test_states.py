@@ -16,10 +16,10 @@ from coordinator.events import (
     CommandArrived,
     ScanArrived,
     TimePassed,
+    Told,
     WorkerJoined,
     WorkerToldState,
 )
-from coordinator.failover.state_recovery import Told
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
 from coordinator.state_file import file_of, read, write
 from process_runtime.settings import CoordinatorSettings

@@ -1,8 +1,4 @@
-"""A coordinator process: stands by, takes over, acts, steps down; its real parts, simulated links.
-
-What happens between the parts is what `coordinator.process`, `coordinator.loop` and
-`coordinator.standby` do with Zenoh.
-"""
+"""A coordinator process: the product's `Replica` at the end of a simulated link."""
 
 import math
 from collections.abc import Callable
@@ -10,9 +6,6 @@ from typing import TYPE_CHECKING
 
 from coordinator import events
 from coordinator.coordinator import Coordinator
-from coordinator.failover.failure_detector import FailureDetector
-from coordinator.failover.self_fencing import SelfFencing
-from coordinator.failover.state_recovery import told_by
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -22,10 +15,9 @@ from coordinator.instructions import (
     PublishCheckpoint,
     SendOrder,
 )
-from coordinator.membership.membership import Membership
-from coordinator.newest_checkpoint import NewestCheckpoint
 from coordinator.recorder.records import Started
-from protocol.codec import encode
+from coordinator.replica import Replica
+from protocol.codec import decode, encode
 from protocol.steps import OdometryReading, Scan
 from protocol.terms import check_term
 from protocol.work import Checkpoint, OrderAnswer, Report, WorkerState
@@ -43,29 +35,32 @@ WRITING_S = 0.02
 
 
 class CoordinatorNode(Node):
-    """One process that coordinates, or stands by."""
+    """One process that leads or follows."""
 
     def __init__(self, name: str, simulation: "Simulation", offset_s: float, wall_us: int) -> None:
         super().__init__(name, simulation.clock, offset_s)
         self._simulation, self._wall_us = simulation, wall_us
-        self.coordinator: Coordinator | None = None
-        self._life: Life | None = None
-        self._detector: FailureDetector | None = None
-        self._newest = NewestCheckpoint()
-        self._promptest_s = math.inf
-        self._is_deposed = False
+        self._begin_process()
         self.file: Checkpoint | None = None
         """It outlives the process."""
 
+    def _begin_process(self) -> None:
+        self._replica = Replica(COORDINATOR.take_over_after_s, self.now_ns)
+        self._is_running, self._promptest_s = False, math.inf
+        self._life: Life | None = None
+
     @property
     def laws(self) -> Laws:
-        """What everything is held against."""
         return self._simulation.laws
 
     @property
+    def coordinator(self) -> Coordinator | None:
+        return self._replica.coordinator
+
+    @property
     def acts(self) -> bool:
-        """Whether it has begun, and knows of none above it."""
-        return bool(self.alive and self.coordinator and self.coordinator.begun)
+        """Whether it has begun, and knows no coordinator of a higher term."""
+        return self.alive and self._replica.role in ("leading", "deposed")
 
     def _now_us(self) -> int:
         return self._wall_us + self.clock.now_ns // 1_000
@@ -73,22 +68,27 @@ class CoordinatorNode(Node):
     # --- a process's life
 
     def start(self) -> None:
-        """Look whether somebody coordinates."""
-        self.coordinator = self._detector = None
+        """Look whether the robot has a coordinator."""
+        self._is_running = False
         if not self.linked:
             self.later(TICK_S, self.start)
-        elif self._is_deposed or any(
+        elif self._replica.role == "deposed" or any(
             token.startswith(ALIVE) for token in self._simulation.network.tokens
         ):
-            self._detector = FailureDetector(COORDINATOR.take_over_after_s, self.now_ns)
-            self._simulation.network.watch(self)
-            self.later(TICK_S, self._tick)
+            self._replica.follow(self.now_ns)
+            self._run()
         else:
             self._lead()
 
+    def _run(self) -> None:
+        self._is_running = True
+        self._simulation.network.watch(self)
+        self.later(TICK_S, self._tick)
+
     def _lead(self) -> None:
-        self._detector, self._is_deposed, self._written_term = None, False, 0
+        self._written_term = 0
         self.session += 1
+        newest = self._replica.newest
         started = Started(
             sender=self.name,
             filter_settings=SETTINGS,
@@ -97,151 +97,106 @@ class CoordinatorNode(Node):
             now_ns=self.now_ns,
             # Simulated processes start at round times, real ones never at the same microsecond.
             term=self._now_us() + 1_009 * self.session + int(self.name[-1]),
-            known=self._newest.checkpoint,
-            usual_delay_ns=self._newest.usual_delay_ns,
+            known=newest.checkpoint,
+            usual_delay_ns=newest.usual_delay_ns,
             kept=self.file,
         )
-        self.coordinator = started.coordinator()
-        self._life = self.laws.life(self.name, started, self.coordinator, self._promptest_s)
-        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
-        self._membership, self._fencing = Membership(), SelfFencing(self.now_ns)
-        self._simulation.network.watch(self)
-        self.later(TICK_S, self._tick)
+        coordinator = started.coordinator()
+        life = self._life = self.laws.life(self.name, started, coordinator, self._promptest_s)
+        self._promptest_s = math.inf
+
+        def handle(event: events.Event, now_ns: int) -> list[Instruction]:
+            instructions = coordinator.handle(event, now_ns)
+            life.handled(event, now_ns, instructions)
+            return instructions
+
+        self._replica.lead(coordinator, self.now_ns, handle)
+        self._run()
 
     def _tick(self) -> None:
-        if self._detector is not None:
-            if self._detector.is_over(self.now_ns):
-                self._lead()
-                return
-        else:
-            self._turn(lambda now_ns: self._handle(events.TimePassed(), now_ns))
-        if self.coordinator is not None or self._detector is not None:
+        if self._replica.is_leader_dead(self.now_ns):
+            self._lead()
+            return
+        self.tell(events.TimePassed())
+        if self._is_running:
             self.later(TICK_S, self._tick)
 
     def _step_down(self) -> None:
-        """Another acts: begin again as one that waits."""
+        """Begin again as a follower."""
         self._simulation.network.undeclare(self)
         self.life += 1
         self.session += 1
-        self.coordinator, self._is_deposed = None, True
+        self._is_running = False
         self.later(TICK_S, self.start)
 
     def end(self) -> None:
         """Be killed."""
         super().end()
-        self._is_deposed = False
-        self._newest, self._promptest_s = NewestCheckpoint(), math.inf
+        self._begin_process()
 
-    # --- what arrives
+    # --- messages
 
     def on_token(self, name: str, alive: bool) -> None:
-        """A worker, or a coordinator."""
-        if self._detector is not None and name.startswith(ALIVE):
-            if alive:
-                self._detector.sign_of_life(self.now_ns)
-            else:
-                self._detector.token_vanished(self.now_ns)
-        elif self.coordinator is not None and name.startswith("w"):
-
-            def change(now_ns: int) -> list[Instruction]:
-                changes = self._membership.token(name, alive, now_ns)
-                return [do for one in changes for do in self._handle(one, now_ns)]
-
-            self._turn(change)
+        """Take a worker's or a coordinator's token."""
+        self.tell(events.TokenChanged(name if name.startswith("w") else None, alive))
 
     def on_link(self, up: bool) -> None:
-        """As the loops do."""
-        if self._detector is not None:
-            self._detector.link(up, self.now_ns)
-        elif self.coordinator is not None:
-
-            def change(now_ns: int) -> list[Instruction]:
-                was_linked = self._membership.linked
-                self._membership.link(up, now_ns)
-                if up == was_linked:
-                    return []
-                if up:
-                    self._fencing.listen(now_ns)
-                return self._handle(events.LinkBack() if up else events.LinkLost(), now_ns)
-
-            self._turn(change)
+        self.tell(events.LinkChanged(up))
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """Another coordinator's."""
+        """Take another coordinator's state."""
         check_term(checkpoint, self._now_us() * 1_000)
-        if is_newest := self._newest.hear(checkpoint, self.now_ns):
+        if not self._is_running:
+            return
+        newest = self._replica.newest.checkpoint
+        if newest is None or checkpoint.rank >= newest.rank:
             self._promptest_s = min(self._promptest_s, self.laws.unknown_s(checkpoint))
-        if self._detector is not None:
-            if is_newest:
-                self._detector.sign_of_life(self.now_ns)
-        else:
-            self.tell(events.CheckpointHeard(checkpoint))
+        self.tell(events.CheckpointHeard(checkpoint))
 
     def on_scan(self, scan: Scan) -> None:
-        """A step."""
         self.tell(events.ScanArrived(scan))
 
     def on_odometry(self, reading: OdometryReading) -> None:
-        """The robot moves."""
         self.tell(events.OdometryArrived(reading))
 
     def on_report(self, worker: str, report: Report) -> None:
-        """A job took a step."""
         self.tell(events.ReportArrived(worker, report))
 
     def on_order_answer(self, worker: str, answer: OrderAnswer) -> None:
-        """A worker has an order, or refuses it."""
         check_term(answer, self._now_us() * 1_000)
         self.tell(events.OrderAnswered(worker, answer))
 
     def on_state(self, worker: str, state: WorkerState, heard_term: int) -> None:
-        """A worker tells what it knows."""
-        if self._life is not None and self.coordinator is not None:
-            if not self.coordinator.begun:
+        """Take a worker's answer, which knows of a belief of `heard_term`."""
+        if self._life is not None and self._replica.role != "follower":
+            check_term(state, self._now_us() * 1_000)
+            if self._replica.role == "recovering":
                 self._life.heard_terms.append(heard_term)
-            told = told_by(encode(state), self._now_us() * 1_000)
+            told = events.told_by(decode(encode(state), WorkerState))
             self.tell(events.WorkerToldState(worker, told))
 
     def on_pose_asked(self) -> None:
-        """An observer asks; its answer is held against the truth at once."""
-        if self.coordinator is None or self._life is None or not self.coordinator.begun:
-            return
-        if not self._fencing.is_listening(self.now_ns):
+        """Answer an observer; the answer is compared with the truth."""
+        if self._life is not None and self._replica.may_answer(self.now_ns):
+            assert self.coordinator is not None
             self.laws.pose_told(self._life, self.coordinator.pose(self.now_ns))
 
-    def tell(self, event: events.Event) -> None:
-        """Something happened."""
-        if self.coordinator is not None:
-            self._turn(lambda now_ns: self._handle(event, now_ns))
-
-    # --- what comes of it
-
-    def _turn(self, happen: Callable[[int], list[Instruction]]) -> None:
-        now_ns = self.now_ns
-        self._fencing.turn(now_ns)
-        self._carry_out(happen(now_ns), now_ns)
-        for change in self._membership.due(now_ns):
-            self._carry_out(self._handle(change, now_ns), now_ns)
-        if self.coordinator is None:
+    def tell(self, event: events.Event | events.TokenChanged | events.LinkChanged) -> None:
+        """Pass an event to the replica, and carry out what follows."""
+        if not self._is_running:
             return
-        if self.coordinator.outranked_by is not None:
+        decided = self._replica.handle(event, self.now_ns)
+        self._carry_out(self._replica.release(decided, self.now_ns))
+        if self._replica.role == "deposed":
             self._step_down()
-        elif self.coordinator.begun and self.token is None:
+        elif self._replica.role == "leading" and self.token is None:
             self._simulation.network.declare(self, f"{ALIVE} {self.name}")
 
-    def _handle(self, event: events.Event, now_ns: int) -> list[Instruction]:
-        assert self.coordinator is not None
-        assert self._life is not None
-        instructions = self.coordinator.handle(event, now_ns)
-        self._life.handled(event, now_ns, instructions)
-        return instructions
+    # --- instructions
 
-    def _carry_out(self, instructions: list[Instruction], now_ns: int) -> None:
-        assert self.coordinator is not None
-        if self.coordinator.outranked_by is not None:
-            return
+    def _carry_out(self, instructions: list[Instruction]) -> None:
         simulation = self._simulation
-        for instruction in self._fencing.cleared(instructions, now_ns):
+        for instruction in instructions:
             self.laws.carried_out(self._life, instruction)
             match instruction:
                 case PublishBelief(belief):
@@ -254,6 +209,7 @@ class CoordinatorNode(Node):
                 case AskState(worker, question):
                     simulation.send_take_over(self, worker, question)
                 case FetchMap():
+                    assert self.coordinator is not None
                     ground = free_everywhere(self.coordinator.map_digest)
                     simulation.ask_bridge(
                         self,

@@ -8,7 +8,7 @@ import msgspec
 from clustermcl.stack import COORDINATOR
 from coordinator import state_file
 from coordinator.checkpoint import state_in
-from coordinator.last_place import LastPlace
+from coordinator.recovery import LastPlace
 from process_runtime.settings import BridgeSettings, CoordinatorSettings, Settings
 from protocol.work import Checkpoint
 from tests.integration.faults.system import SMALL, System, system

@@ -13,17 +13,18 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from coordinator.newest_checkpoint import NewestCheckpoint
-from coordinator.standby import StandbyLoop
-from process_runtime.settings import RobotSettings, ZenohSettings
+from coordinator.loop import Loop
+from coordinator.replica import Replica
+from process_runtime.settings import RobotSettings, Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
 from soak_test.listener import Listener, Received
-from tests.integration.conftest import OpenClient, StartProcess
+from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.waiting import wait_until
+from zenoh_link.node import Node
 from zenoh_link.session import open_session
 from zenoh_link.stale_session import STALE
 from zenoh_link.wire import is_alive
@@ -175,21 +176,31 @@ def test_the_soak_opens_another_session_when_its_own_is_stale(
         assert not is_alive(nowhere, "listener", LOOK_S), "the deaf session is closed"
 
 
-@pytest.mark.parametrize("is_another_there", [True, False])
-def test_a_follower_that_receives_nothing_takes_over_only_without_a_coordinator(
-    is_another_there: bool,
+@pytest.mark.parametrize("has_leader", [True, False])
+def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_leader(
+    has_leader: bool,
     start_router: Callable[[], RunningProcess],
-    open_client: OpenClient,
+    zenoh_settings: ZenohSettings,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    router = start_router()
-    looked, over = list[float](), list[bool]()
+    silence_s, looked, over = 1.0, list[float](), list[float]()
 
-    def look() -> bool:
+    def sees_leader(_session: zenoh.Session, key: str, _timeout_s: float) -> bool:
+        assert key == keys.COORDINATOR_ALIVE
         looked.append(time.monotonic())
-        return is_another_there
+        return has_leader
 
-    loop, stop = StandbyLoop(open_client(), 1.0, look, NewestCheckpoint()), StopFlag()
-    thread = threading.Thread(target=lambda: over.append(loop.run(stop)))
+    monkeypatch.setattr("zenoh_link.node.is_alive", sees_leader)
+    router, stop = start_router(), StopFlag()
+    node = Node("c", "coordinator", Settings(zenoh=zenoh_settings), stop, peers=None)
+
+    def follow() -> None:
+        with closing(node):
+            node.open()
+            if Loop(node, Replica(silence_s, time.monotonic_ns())).follow():
+                over.append(time.monotonic())
+
+    thread = threading.Thread(target=follow)
     thread.start()
     try:
         time.sleep(0.3)
@@ -200,5 +211,5 @@ def test_a_follower_that_receives_nothing_takes_over_only_without_a_coordinator(
     finally:
         stop.set()
         thread.join(10.0)
-    assert over == [not is_another_there]
     assert len(looked) == 1
+    assert (over[0] - looked[0] >= silence_s) == has_leader, "else another session is silent, too"

@@ -22,8 +22,8 @@ from coordinator.events import (
     WorkerJoined,
     WorkerLeft,
     WorkerToldState,
+    told_by,
 )
-from coordinator.failover.state_recovery import told_by
 from coordinator.instructions import (
     AskState,
     FetchMap,
@@ -257,7 +257,7 @@ class Living:
                 self._tell(lambda c, now: c.handle(MapArrived(free_everywhere(c.map_digest)), now))
             case AskState(worker=name, question=question):
                 if name in self.workers:
-                    told = told_by(encode(self.state(name, question)), 0)
+                    told = told_by(decode(encode(self.state(name, question)), WorkerState))
                     self._tell(lambda c, now: c.handle(WorkerToldState(name, told), now))
             case SendOrder(worker=name, order=order):
                 if name in self.workers:

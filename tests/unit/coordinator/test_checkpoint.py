@@ -15,8 +15,8 @@ from coordinator.checkpoint import (
 )
 from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
-from coordinator.failover.state_recovery import Told
 from coordinator.instructions import PublishCheckpoint
+from coordinator.recovery import Told
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
 from particle_filter.evidence_model import UsualFit

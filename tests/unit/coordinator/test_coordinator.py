@@ -18,7 +18,6 @@ from coordinator.events import (
     WorkerLeft,
     WorkerToldState,
 )
-from coordinator.failover.state_recovery import Told
 from coordinator.instructions import (
     AnswerCommand,
     AskState,
@@ -29,6 +28,7 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
+from coordinator.recovery import Told
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose

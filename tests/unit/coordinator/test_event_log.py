@@ -1,4 +1,4 @@
-from coordinator.event_log import KEPT_EVENTS, EventLog
+from coordinator.state import KEPT_EVENTS, EventLog
 from protocol.job_events import Ended
 
 

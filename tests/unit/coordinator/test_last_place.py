@@ -5,7 +5,7 @@ import math
 import pytest
 
 from coordinator.events import ScanArrived, WorkerJoined
-from coordinator.last_place import LastPlace
+from coordinator.recovery import LastPlace
 from process_runtime.settings import CoordinatorSettings
 from tests.unit.coordinator.reports import scan, searched
 from tests.unit.coordinator.states import checkpoint_at

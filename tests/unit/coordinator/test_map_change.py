@@ -1,4 +1,4 @@
-from coordinator.map_change import MapChangeDetector
+from coordinator.state import MapChangeDetector
 from tests.unit.coordinator.reports import scan
 
 

@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
-from coordinator.newest_checkpoint import NewestCheckpoint
+from coordinator.replica import NewestState
 from protocol.work import Checkpoint
 from tests.unit.coordinator.living import Living, symmetric_room
 
@@ -48,38 +48,38 @@ def published() -> Published:
 
 
 def test_the_promptest_of_those_heard_tells_the_usual_delay(published: Published) -> None:
-    newest = NewestCheckpoint()
-    newest.hear(published(age_s=0.25), now_ns=3 * SECOND)
-    newest.hear(
+    newest = NewestState()
+    newest.on_state(published(age_s=0.25), now_ns=3 * SECOND)
+    newest.on_state(
         published(age_s=0.25, stamp_s=101, serial=2), now_ns=6 * SECOND
     )  # held up for two seconds
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
 def test_one_of_a_lower_term_is_left_out(published: Published) -> None:
-    newest, later = NewestCheckpoint(), published(age_s=0.25, term=2)
-    assert newest.hear(later, now_ns=3 * SECOND)
-    assert not newest.hear(published(age_s=0.25), now_ns=2 * SECOND)
+    newest, later = NewestState(), published(age_s=0.25, term=2)
+    assert newest.on_state(later, now_ns=3 * SECOND)
+    assert not newest.on_state(published(age_s=0.25), now_ns=2 * SECOND)
     assert newest.checkpoint is later
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
 def test_one_that_is_said_again_is_a_sign_of_life_and_tells_no_delay(published: Published) -> None:
-    newest, said = NewestCheckpoint(), published(age_s=0.25)
-    newest.hear(said, now_ns=3 * SECOND)
+    newest, said = NewestState(), published(age_s=0.25)
+    newest.on_state(said, now_ns=3 * SECOND)
     for after_s in range(60):  # the robot stands
-        assert newest.hear(said, now_ns=(3 + after_s) * SECOND)
+        assert newest.on_state(said, now_ns=(3 + after_s) * SECOND)
     assert newest.usual_delay_ns == 3 * SECOND - SECOND // 4 - 100 * SECOND
 
 
 def test_ages_that_tell_nothing_are_left_out(published: Published) -> None:
-    newest = NewestCheckpoint()
+    newest = NewestState()
     for checkpoint in (
         published(age_s=0.25, live=False),
         published(age_s=0.25, known_age=False, serial=2),
         published(age_s=float("nan"), serial=3),
         msgspec.structs.replace(published(age_s=0.25, serial=4), state=b"no state"),
     ):
-        assert newest.hear(checkpoint, now_ns=3 * SECOND)
+        assert newest.on_state(checkpoint, now_ns=3 * SECOND)
         assert newest.checkpoint is checkpoint
     assert newest.usual_delay_ns is None

@@ -1,6 +1,6 @@
 from coordinator.events import TimePassed
-from coordinator.membership.straggler_policy import GIVEN_UP_AFTER, GIVEN_UP_LATER
-from coordinator.overload import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
+from coordinator.slow_workers import GIVEN_UP_AFTER, GIVEN_UP_LATER
+from coordinator.state import IN_TIME_NS, LATE_NS, STEPS, OverloadDetector
 from particle_filter.settings import BeliefSettings
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH

@@ -1,7 +1,7 @@
 import pytest
 from msgspec.structs import replace
 
-from coordinator.report_sizes import check_places, has_too_large_snapshot
+from coordinator.step_collector import check_places, has_too_large_snapshot
 from particle_filter.settings import ClusterSettings, FilterSettings, SearchSettings
 from protocol.errors import MalformedMessageError
 from protocol.work import Report

@@ -2,7 +2,7 @@
 
 from coordinator.events import TimePassed, WorkerLeft
 from coordinator.instructions import Instruction, SendOrder
-from coordinator.membership.straggler_policy import FIRST_PAUSE_NS, GIVEN_UP_AFTER
+from coordinator.slow_workers import FIRST_PAUSE_NS, GIVEN_UP_AFTER
 from tests.unit.coordinator.reports import tracked
 from tests.unit.coordinator.test_coordinator import NORTH, SECOND, SOUTH, Story
 

@@ -1,6 +1,5 @@
-from coordinator.failover.failure_detector import SETTLE_NS, FailureDetector
-from coordinator.failover.self_fencing import LISTEN_NS, PAUSE_NS, SelfFencing
 from coordinator.instructions import FetchScans, SendOrder
+from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, FailureDetector, SelfFencing
 from protocol.work import WorkOrder
 
 SECOND = 1_000_000_000

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from coordinator.checkpoint import CheckpointState, from_bytes, to_bytes
 from coordinator.coordinator import Coordinator
-from coordinator.failover.term import UNSEEN_NS, Term
+from coordinator.recovery import UNSEEN_NS, Term
 from particle_filter.sensor_model import SensorModel
 from protocol.answers import Belief
 from protocol.errors import MalformedMessageError

@@ -2,13 +2,12 @@ import math
 
 from msgspec.structs import replace
 
-from coordinator.failover.state_recovery import (
+from coordinator.events import Told, told_by
+from coordinator.recovery import (
     KNOWN_NS,
     SILENT_NS,
     UNKNOWN_NS,
     StateRecovery,
-    Told,
-    told_by,
 )
 from protocol.codec import encode
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, TrackJob, WorkerState
@@ -101,7 +100,7 @@ def test_of_what_a_worker_holds_only_what_cannot_be_is_left_out() -> None:
         sender="w", term=7, holds=(beyond, good),
         terms=(1, 7), founded=1, reports=(encode(elsewhere(3, -1.0)), b"no report"),
     )  # fmt: skip
-    read = told_by(encode(told), 0)
+    read = told_by(told)
     assert read.holds == (good,)
     assert (read.terms, read.founded) == ((1, 7), 1)
     assert read.reports == (elsewhere(3, -1.0),)

@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from coordinator.failover.state_recovery import Told
+from coordinator.recovery import Told
 from particle_filter.sensor_model import SensorModel
 from tests.unit.coordinator.living import Living, symmetric_room
 

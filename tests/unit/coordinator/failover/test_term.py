@@ -1,5 +1,5 @@
-from coordinator.failover.checkpoint_series import SIGN_OF_LIFE_NS, CheckpointSeries
-from coordinator.failover.term import APART_US, UNSEEN_NS, Term
+from coordinator.coordinator import SIGN_OF_LIFE_NS, CheckpointSeries
+from coordinator.recovery import APART_US, UNSEEN_NS, Term
 from protocol.work import Checkpoint
 
 KNOWN = Checkpoint(sender="c", term=8, serial=1, step=0, founded=False, state=b"")

@@ -3,7 +3,7 @@ from collections.abc import Sequence
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.membership.balance import Move, balanced
+from coordinator.jobs import Move, balanced
 
 WORKERS = ("a", "b", "c")
 Spread = dict[str | None, list[str]]

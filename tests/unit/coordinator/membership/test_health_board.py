@@ -1,4 +1,4 @@
-from coordinator.membership.health_board import FORGOTTEN_AFTER_NS, MAX_PROCESSES, HealthBoard
+from coordinator.loop import FORGOTTEN_AFTER_NS, MAX_PROCESSES, HealthBoard
 from protocol.health import Health
 
 SECOND = 1_000_000_000
@@ -10,24 +10,26 @@ def health(name: str, role: str = "worker", uptime_s: float = 1.0) -> Health:
 
 def test_the_newest_word_of_each_is_shown_with_its_age() -> None:
     board = HealthBoard()
-    board.heard("worker/b/health", health("b"), 0)
-    board.heard("bridge/health", health("bridge", "bridge"), SECOND)
-    board.heard("worker/a/health", health("a"), SECOND)
-    board.heard("worker/a/health", health("a", uptime_s=2.0), 2 * SECOND)
+    board.on_health("worker/b/health", health("b"), 0)
+    board.on_health("bridge/health", health("bridge", "bridge"), SECOND)
+    board.on_health("worker/a/health", health("a"), SECOND)
+    board.on_health("worker/a/health", health("a", uptime_s=2.0), 2 * SECOND)
     shown = [(one.sender, one.uptime_s, one.age_s) for one in board.all(3 * SECOND)]
     assert shown == [("bridge", 1.0, 2.0), ("a", 2.0, 1.0), ("b", 1.0, 3.0)]
 
 
 def test_the_silent_are_forgotten() -> None:
     board = HealthBoard()
-    board.heard("worker/a/health", health("a"), 0)
-    board.heard("worker/b/health", health("b"), SECOND)
+    board.on_health("worker/a/health", health("a"), 0)
+    board.on_health("worker/b/health", health("b"), SECOND)
     assert [one.sender for one in board.all(FORGOTTEN_AFTER_NS)] == ["b"]
 
 
 def test_names_made_up_by_the_thousand_are_not_kept() -> None:
     board = HealthBoard()
-    took = [board.heard(f"worker/{n}/health", health(str(n)), 0) for n in range(MAX_PROCESSES + 9)]
+    took = [
+        board.on_health(f"worker/{n}/health", health(str(n)), 0) for n in range(MAX_PROCESSES + 9)
+    ]
     assert took.count(False) == 9
-    assert board.heard("worker/new/health", health("new"), FORGOTTEN_AFTER_NS)
+    assert board.on_health("worker/new/health", health("new"), FORGOTTEN_AFTER_NS)
     assert len(board.all(FORGOTTEN_AFTER_NS)) == 1

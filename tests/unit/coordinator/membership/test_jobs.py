@@ -1,5 +1,4 @@
-from coordinator.membership.balance import Move
-from coordinator.membership.jobs import MISSED_NS, Jobs
+from coordinator.jobs import MISSED_NS, Jobs, Move
 from protocol.work import Assignment, ElsewhereJob, SearchJob, TrackJob
 from tests.unit.coordinator.reports import cloud_at, elsewhere, searched, tracked
 

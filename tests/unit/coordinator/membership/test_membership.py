@@ -1,7 +1,7 @@
 """Who is there, as far as a coordinator can know it whose own link may break."""
 
 from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
-from coordinator.membership.membership import GRACE_NS, SETTLE_NS, Membership
+from coordinator.replica import GRACE_NS, SETTLE_NS, Membership
 
 MS, SECOND = 1_000_000, 1_000_000_000
 
@@ -16,9 +16,9 @@ def membership_of(*workers: str) -> Membership:
 def test_a_worker_that_dies_has_left_a_moment_later() -> None:
     membership = membership_of("a", "b")
     assert membership.token("a", False, SECOND) == []
-    assert membership.due(SECOND + SETTLE_NS - 1) == []
-    assert membership.due(SECOND + SETTLE_NS) == [WorkerLeft("a")]
-    assert membership.due(2 * SECOND) == []
+    assert membership.left(SECOND + SETTLE_NS - 1) == []
+    assert membership.left(SECOND + SETTLE_NS) == [WorkerLeft("a")]
+    assert membership.left(2 * SECOND) == []
 
 
 def test_a_worker_that_is_back_within_that_moment_was_started_anew() -> None:
@@ -26,7 +26,7 @@ def test_a_worker_that_is_back_within_that_moment_was_started_anew() -> None:
     membership.token("a", False, SECOND)
     changes = membership.token("a", True, SECOND + 10 * MS)
     assert changes == [WorkerLeft("a"), WorkerJoined("a")]
-    assert membership.due(9 * SECOND) == []
+    assert membership.left(9 * SECOND) == []
 
 
 def test_nobody_leaves_with_our_own_link() -> None:
@@ -35,11 +35,11 @@ def test_nobody_leaves_with_our_own_link() -> None:
     membership.token("b", False, SECOND)
     membership.link(False, SECOND + MS)
     assert not membership.linked
-    assert membership.due(60 * SECOND) == []
+    assert membership.left(60 * SECOND) == []
     membership.link(True, 60 * SECOND)
     assert membership.token("a", True, 60 * SECOND + MS) == [WorkerReturned("a")]
     assert membership.token("b", True, 60 * SECOND + MS) == [WorkerReturned("b")]
-    assert membership.due(99 * SECOND) == []
+    assert membership.left(99 * SECOND) == []
 
 
 def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None:
@@ -49,8 +49,8 @@ def test_who_does_not_come_back_with_our_link_has_left_after_the_grace() -> None
     membership.link(False, SECOND)
     membership.link(True, 2 * SECOND)
     membership.token("a", True, 2 * SECOND + MS)
-    assert membership.due(2 * SECOND + GRACE_NS - 1) == []
-    assert membership.due(2 * SECOND + GRACE_NS) == [WorkerLeft("b")]
+    assert membership.left(2 * SECOND + GRACE_NS - 1) == []
+    assert membership.left(2 * SECOND + GRACE_NS) == [WorkerLeft("b")]
 
 
 def test_who_appears_for_the_first_time_after_a_lost_link_joins() -> None:
@@ -66,9 +66,9 @@ def test_a_link_that_breaks_again_in_the_grace_freezes_again() -> None:
     membership.link(False, SECOND)
     membership.link(True, 2 * SECOND)
     membership.link(False, 3 * SECOND)
-    assert membership.due(60 * SECOND) == []
+    assert membership.left(60 * SECOND) == []
     membership.link(True, 61 * SECOND)
-    assert membership.due(61 * SECOND + GRACE_NS) == [WorkerLeft("a")]
+    assert membership.left(61 * SECOND + GRACE_NS) == [WorkerLeft("a")]
 
 
 def test_the_first_link_needs_no_grace() -> None:
@@ -76,10 +76,10 @@ def test_the_first_link_needs_no_grace() -> None:
     membership.link(True, 0)
     membership.token("a", True, 0)
     membership.token("a", False, 1)
-    assert membership.due(1 + SETTLE_NS) == [WorkerLeft("a")]
+    assert membership.left(1 + SETTLE_NS) == [WorkerLeft("a")]
 
 
 def test_a_token_of_somebody_unknown_that_vanishes_is_nothing() -> None:
     membership = Membership()
     assert membership.token("a", False, 0) == []
-    assert membership.due(SECOND) == []
+    assert membership.left(SECOND) == []

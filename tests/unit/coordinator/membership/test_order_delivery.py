@@ -1,4 +1,4 @@
-from coordinator.membership.order_delivery import RESEND_AFTER_NS, OrderDelivery
+from coordinator.order_delivery import RESEND_AFTER_NS, OrderDelivery
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, SearchJob, WorkOrder
 

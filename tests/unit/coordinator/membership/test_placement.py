@@ -1,6 +1,6 @@
-from coordinator.membership.order_delivery import RESEND_AFTER_NS
-from coordinator.membership.placement import Placement
-from coordinator.membership.straggler_policy import GIVEN_UP_AFTER
+from coordinator.order_delivery import RESEND_AFTER_NS
+from coordinator.placement import Placement
+from coordinator.slow_workers import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked

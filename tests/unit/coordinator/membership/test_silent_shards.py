@@ -1,7 +1,7 @@
 """Which shards of a search are taken from their workers."""
 
-from coordinator.membership.jobs import PlacedJob
-from coordinator.membership.silent_shards import (
+from coordinator.jobs import PlacedJob
+from coordinator.slow_workers import (
     LONGEST_NS,
     PAUSE_NS,
     SHORTEST_NS,

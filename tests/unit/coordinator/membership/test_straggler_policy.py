@@ -1,6 +1,6 @@
 """Who is waited for, and who is given up."""
 
-from coordinator.membership.straggler_policy import (
+from coordinator.slow_workers import (
     FIRST_PAUSE_NS,
     FORGOTTEN_AFTER_NS,
     GIVEN_UP_AFTER,

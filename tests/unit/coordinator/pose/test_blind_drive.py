@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from coordinator.pose.pose_tracker import PoseTracker
+from coordinator.pose_tracker import PoseTracker
 from particle_filter.poses import wrap_angle
 from particle_filter.settings import MotionSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings

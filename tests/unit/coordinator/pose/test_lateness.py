@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.pose.lateness import Lateness
+from coordinator.pose_tracker import Lateness
 
 MS, SECOND = 1_000_000, 1_000_000_000
 

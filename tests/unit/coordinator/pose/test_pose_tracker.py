@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from coordinator.pose.pose_tracker import PoseTracker
+from coordinator.pose_tracker import PoseTracker
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.motion import move
 from particle_filter.poses import between, compose

@@ -70,7 +70,7 @@ def contents(value: Any) -> Any:  # noqa: PLR0911 - one for each type
         case part if type(part).__module__.startswith(
             ("coordinator.", "particle_filter.trajectory", "protocol.")
         ):
-            return {name: contents(item) for name, item in vars(part).items()}
+            return {n: contents(item) for n, item in vars(part).items() if not callable(item)}
         case other:
             return repr(other)
 
@@ -106,7 +106,17 @@ def test_a_snapshot_holds_every_attribute_of_every_part(
 
 
 FOLLOWS_FROM_SETTINGS = {
-    *("_sender", "_version", "_seed", "settings", "_settings", "_rules", "_sensor", "_motion"),
+    *(
+        "_sender",
+        "_publication",
+        "_version",
+        "_seed",
+        "settings",
+        "_settings",
+        "_rules",
+        "_sensor",
+        "_motion",
+    ),
     *("_bridge", "_snapshot_every_steps", "_stale_after_s", "_stale_ns", "_blind_after_gates"),
     *("_is_folder_named", "_keeps_pose_on_new_map", "_last_place", "_last_pose_probability"),
     *("_own_us", "_started_ns", "_began_ns", "_filter_settings", "_most", "_every_ns", "_held_ns"),

@@ -2,11 +2,9 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from coordinator.membership.balance import Move, balanced
-from coordinator.membership.jobs import HAND_OVER_NS, Jobs, JobState
-from coordinator.membership.order_delivery import OrderDelivery
-from coordinator.membership.silent_shards import SilentShards
-from coordinator.membership.straggler_policy import StragglerPolicy, origin
+from coordinator.jobs import HAND_OVER_NS, Jobs, JobState, Move, balanced
+from coordinator.order_delivery import OrderDelivery
+from coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, Report, SearchReport, TrackJob, WorkOrder
 

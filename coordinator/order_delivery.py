@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from coordinator.membership.jobs import PlacedJob
+from coordinator.jobs import PlacedJob
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, TrackJob, WorkOrder
 

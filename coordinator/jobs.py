@@ -4,13 +4,12 @@ A job has an epoch that rises each time it changes hands, so that a slow or resu
 cannot vote: its reports carry the old one.
 """
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from dataclasses import dataclass
 
 import msgspec
 from msgspec.structs import replace
 
-from coordinator.membership.balance import Move
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -20,6 +19,54 @@ from protocol.work import (
     TrackJob,
     TrackReport,
 )
+
+
+@dataclass(frozen=True)
+class Move:
+    """A job gets another worker."""
+
+    job_id: str
+    worker: str
+
+
+def balanced(
+    jobs: Mapping[str | None, Collection[str]],
+    workers: Collection[str],
+    may_move: Callable[[str], bool],
+) -> list[Move]:
+    """Give each job that waits to the least loaded worker, then even out.
+
+    A job moves only from a worker that has two more than another: else it would soon move back.
+    Of equally loaded workers, the first by name gets a job and the last by name gives one away.
+
+    Args:
+        jobs: each worker's jobs by id; those of None wait for a worker.
+        workers: who may get jobs; jobs of others stay where they are.
+        may_move: whether a job may change hands while its worker is well.
+    """
+    if not workers:
+        return []
+    load = {worker: len(jobs.get(worker, ())) for worker in workers}
+    moves = []
+
+    def give(job_id: str) -> None:
+        least = min(load, key=lambda name: (load[name], name))
+        load[least] += 1
+        moves.append(Move(job_id, least))
+
+    for job_id in sorted(jobs.get(None, ())):
+        give(job_id)
+    movable: dict[str, list[str]] = {}
+    while max(load.values()) - min(load.values()) >= 2:
+        most = max(load, key=lambda name: (load[name], name))
+        if most not in movable:
+            movable[most] = sorted(filter(may_move, jobs[most]))
+        if not movable[most]:
+            break
+        load[most] -= 1
+        give(movable[most].pop(0))
+    return moves
+
 
 MISSED_NS = 1_500_000_000
 """More than the longest pause between two tries to connect, less than a new job is waited for."""

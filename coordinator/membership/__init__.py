@@ -1,1 +1,0 @@
-"""Which workers are there, who has which job, and how orders reach them."""

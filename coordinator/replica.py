@@ -1,0 +1,282 @@
+"""What one coordinator process decides from its start to its end: when it leads, and when not.
+
+A follower watches the leader. When that one dies, the follower recovers the state from what it
+holds and what workers report, and leads. A leader that learns of a higher term is deposed.
+"""
+
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+from coordinator.checkpoint import arrival
+from coordinator.coordinator import Coordinator
+from coordinator.events import (
+    CheckpointHeard,
+    Event,
+    LinkBack,
+    LinkChanged,
+    LinkLost,
+    TokenChanged,
+    WorkerJoined,
+    WorkerLeft,
+    WorkerReturned,
+)
+from coordinator.instructions import FetchScans, Instruction
+from coordinator.pose_tracker import Lateness
+from protocol.work import Checkpoint
+
+SETTLE_NS = 100_000_000
+"""Zenoh reports tokens as gone up to some milliseconds before the link through which they came."""
+PAUSE_NS = 1_000_000_000
+"""A process that has done nothing for longer was stopped [ns]."""
+LISTEN_NS = 1_200_000_000
+"""Within this time a process that was stopped receives the state of its successor: that one asks
+the workers for up to half a second, then publishes its state at least twice a second [ns]."""
+GRACE_NS = 2_000_000_000
+"""After the link is back: twice the longest pause between two attempts to connect [ns]."""
+
+Role: TypeAlias = Literal["follower", "recovering", "leading", "deposed"]
+Change: TypeAlias = WorkerJoined | WorkerLeft | WorkerReturned
+
+
+class Replica:
+    """A follower at first; see `lead`.
+
+    Args:
+        take_over_after_s: silence of a leader after which a follower takes over [s].
+        now_ns: by the monotonic clock of all events.
+    """
+
+    def __init__(self, take_over_after_s: float, now_ns: int) -> None:
+        self._take_over_after_s = take_over_after_s
+        self.newest = NewestState()
+        """Of other coordinators, since this one last began to recover."""
+        self.follow(now_ns)
+
+    @property
+    def role(self) -> Role:
+        if self.coordinator is None:
+            return "follower"
+        if self.coordinator.outranked_by is not None:
+            return "deposed"
+        return "leading" if self.coordinator.begun else "recovering"
+
+    def follow(self, now_ns: int) -> None:
+        """Watch another coordinator, which was seen a moment ago."""
+        self.coordinator: Coordinator | None = None
+        self._detector = FailureDetector(self._take_over_after_s, now_ns)
+
+    def is_leader_dead(self, now_ns: int) -> bool:
+        """Return whether a follower has to lead."""
+        return self.coordinator is None and self._detector.is_over(now_ns)
+
+    def lead(
+        self,
+        coordinator: Coordinator,
+        now_ns: int,
+        handle: Callable[[Event, int], list[Instruction]] | None = None,
+    ) -> None:
+        """Recover the state, then lead.
+
+        Args:
+            coordinator: knows what the follower and the file have kept.
+            now_ns: by the monotonic clock of all events.
+            handle: passes events on to it, as a recorder does; None: its own.
+        """
+        self.coordinator, self._decide = coordinator, handle or coordinator.handle
+        self.newest = NewestState()
+        self._membership, self._fencing = Membership(), SelfFencing(now_ns)
+
+    def handle(self, event: Event | TokenChanged | LinkChanged, now_ns: int) -> list[Instruction]:
+        """Take what happened; return what to do, after `release`."""
+        if isinstance(event, CheckpointHeard):
+            is_newest = self.newest.on_state(event.checkpoint, now_ns)
+        if self.coordinator is not None:
+            self._fencing.turn(now_ns)
+            events = [*self._meaning_of(event, now_ns)]
+            instructions = [do for one in events for do in self._decide(one, now_ns)]
+            left = self._membership.left(now_ns)
+            return instructions + [do for one in left for do in self._decide(one, now_ns)]
+        match event:
+            case CheckpointHeard() if is_newest:
+                self._detector.sign_of_life(now_ns)
+            case TokenChanged(worker=None, alive=True):
+                self._detector.sign_of_life(now_ns)
+            case TokenChanged(worker=None, alive=False):
+                self._detector.token_vanished(now_ns)
+            case LinkChanged(up=up):
+                self._detector.link(up, now_ns)
+        return []
+
+    def release(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
+        """Return what may be done now, just before it is done; the rest comes later, or never."""
+        if self.role in ("follower", "deposed"):
+            return []
+        return self._fencing.cleared(instructions, now_ns)
+
+    def may_answer(self, now_ns: int) -> bool:
+        """Return whether queries can be answered: no other coordinator can be leading."""
+        if self.role != "leading":
+            return False
+        self._fencing.turn(now_ns)
+        return not self._fencing.is_listening(now_ns)
+
+    def _meaning_of(self, event: Event | TokenChanged | LinkChanged, now_ns: int) -> list[Event]:
+        match event:
+            case TokenChanged(worker, alive):
+                # Coordinators' tokens matter to followers only.
+                return [*self._membership.token(worker, alive, now_ns)] if worker else []
+            case LinkChanged(up=up):
+                if up == self._membership.linked:
+                    return []
+                self._membership.link(up, now_ns)
+                if up:
+                    self._fencing.listen(now_ns)
+                return [LinkBack() if up else LinkLost()]
+            case _:
+                return [event]
+
+
+class NewestState:
+    """The state to recover from, and what all states say of the delay of a robot's data."""
+
+    def __init__(self) -> None:
+        self.checkpoint: Checkpoint | None = None
+        self._lateness = Lateness()
+
+    @property
+    def usual_delay_ns(self) -> int | None:
+        """For `PoseTracker.begin`; None: no state of a live robot was received."""
+        return self._lateness.usual_ns
+
+    def on_state(self, checkpoint: Checkpoint, now_ns: int) -> bool:
+        """Take a state of another coordinator; return whether it is the newest.
+
+        A repeated state is a sign of life, but says nothing of the delay: its age was that of the
+        first time.
+        """
+        if self.checkpoint is not None and checkpoint.rank <= self.checkpoint.rank:
+            return checkpoint.rank == self.checkpoint.rank
+        self.checkpoint = checkpoint
+        if (arrived := arrival(checkpoint, now_ns)) is not None:
+            self._lateness.of(*arrived)
+        return True
+
+
+class FailureDetector:
+    """Detects that the leader is dead.
+
+    A token that vanishes while the own link is up is a death that the router has seen. Otherwise
+    silence must last: a lost link, here or there, comes back first.
+    """
+
+    def __init__(self, take_over_after_s: float, now_ns: int) -> None:
+        self._silence_ns = int(take_over_after_s * 1e9)
+        self._linked = True
+        self._last_sign_ns = now_ns
+        self._died_ns: int | None = None
+
+    def sign_of_life(self, now_ns: int) -> None:
+        self._last_sign_ns, self._died_ns = now_ns, None
+
+    def token_vanished(self, now_ns: int) -> None:
+        """Take that the leader's token has vanished; perhaps the own link is about to."""
+        self._died_ns = now_ns
+
+    def link(self, up: bool, now_ns: int) -> None:
+        """Take that the own link came up or was lost, and forget what came through it."""
+        self._linked = up
+        self._last_sign_ns, self._died_ns = now_ns, None
+
+    def is_over(self, now_ns: int) -> bool:
+        if not self._linked:
+            return False
+        if self._died_ns is not None and now_ns - self._died_ns >= SETTLE_NS:
+            return True
+        return now_ns - self._last_sign_ns >= self._silence_ns
+
+
+class SelfFencing:
+    """Holds back what a leader has decided until no other coordinator can be leading.
+
+    A process that was stopped or cut off does not know for how long. Its successor publishes its
+    state at least twice a second.
+    """
+
+    def __init__(self, now_ns: int) -> None:
+        self._last_turn_ns = now_ns
+        self._until_ns = 0
+        self._held: list[Instruction] = []
+
+    def turn(self, now_ns: int) -> None:
+        """Note that the process runs; after a pause, listen."""
+        if now_ns - self._last_turn_ns > PAUSE_NS:
+            self.listen(now_ns)
+        self._last_turn_ns = now_ns
+
+    def listen(self, now_ns: int) -> None:
+        self._until_ns = now_ns + LISTEN_NS
+
+    def is_listening(self, now_ns: int) -> bool:
+        return now_ns < self._until_ns
+
+    def cleared(self, instructions: list[Instruction], now_ns: int) -> list[Instruction]:
+        """Return what may be done now, older instructions first.
+
+        Lost scans are requested at once: the bridge keeps them for a limited time, and a request
+        misleads no process.
+        """
+        self.turn(now_ns)
+        held = [*self._held, *instructions]
+        self._held = []
+        if not self.is_listening(now_ns):
+            return held
+        self._held = [do for do in held if not isinstance(do, FetchScans)]
+        return [do for do in held if isinstance(do, FetchScans)]
+
+
+class Membership:
+    """Which workers are there, by their tokens and the coordinator's own link.
+
+    A coordinator that loses its link sees all tokens vanish, although the workers go on. So while
+    the link is down, and a little longer, no worker counts as gone, and a vanished token counts
+    only if the link stays up for a moment.
+    """
+
+    def __init__(self) -> None:
+        self._present: set[str] = set()
+        self._gone_ns: dict[str, int] = {}
+        self.linked = True
+        self._trust_from_ns = 0
+
+    def link(self, up: bool, now_ns: int) -> None:
+        """Take that the own link came up or was lost."""
+        if up and not self.linked:
+            self._trust_from_ns = now_ns + GRACE_NS
+        self.linked = up
+
+    def token(self, worker: str, alive: bool, now_ns: int) -> list[Change]:
+        """Take that a worker's token appeared or vanished."""
+        if not alive:
+            if worker in self._present:
+                self._gone_ns.setdefault(worker, now_ns)
+            return []
+        if worker not in self._present:
+            self._present.add(worker)
+            return [WorkerJoined(worker)]
+        gone_ns = self._gone_ns.pop(worker, None)
+        if gone_ns is None or self._is_unsure(now_ns):
+            return [WorkerReturned(worker)]
+        return [WorkerLeft(worker), WorkerJoined(worker)]
+
+    def left(self, now_ns: int) -> list[Change]:
+        """Return the workers whose absence has become certain."""
+        if self._is_unsure(now_ns):
+            return []
+        left = [w for w, gone_ns in self._gone_ns.items() if now_ns >= gone_ns + SETTLE_NS]
+        for worker in left:
+            del self._gone_ns[worker]
+            self._present.discard(worker)
+        return [WorkerLeft(worker) for worker in sorted(left)]
+
+    def _is_unsure(self, now_ns: int) -> bool:
+        return not self.linked or now_ns < self._trust_from_ns
