@@ -2,9 +2,9 @@
 
 import logging
 import signal
-import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,18 +44,13 @@ def run_record(settings: Settings, path: Path) -> int:
     within_s = settings.zenoh.connect_timeout_s
     with open_session(settings.zenoh, settings.robot, stop, wait_s=within_s) as session:
         listener = Listener(session)
-        with RunLog.to(path) as recorder:
-            listener.write(recorder, stop)
+        listener.write(path, stop)
         return listener.steps
 
 
 @contextmanager
 def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
-    """Record everything that is published within the ``with`` block.
-
-    Args:
-        session: of the caller.
-        path: of the file; None: do not record.
+    """Record everything that is published within the ``with`` block; None: record nothing.
 
     Raises:
         OutputError: the file cannot be written.
@@ -63,25 +58,14 @@ def recorded(session: zenoh.Session, path: Path | None) -> Iterator[None]:
     if path is None:
         yield
         return
-    stop, failed = StopFlag(), list[ClusterMclError]()
-    listener, recorder = Listener(session), RunLog.to(path)
-
-    def run() -> None:
+    stop, listener = StopFlag(), Listener(session)
+    with ThreadPoolExecutor(1, "record") as pool:
+        writing = pool.submit(listener.write, path, stop)
         try:
-            with recorder:
-                listener.write(recorder, stop)
-        except ClusterMclError as error:
-            failed.append(error)
-
-    thread = threading.Thread(target=run, name="record")
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join()
-    if failed:
-        raise failed[0]
+            yield
+        finally:
+            stop.set()
+    writing.result()
 
 
 class Listener:
@@ -100,35 +84,36 @@ class Listener:
         ):
             subscribe(session, key, self._inbox, kind)
 
-    def write(self, recorder: RunLog, stop: StopFlag) -> None:
+    def write(self, path: Path, stop: StopFlag) -> None:
         """Write messages until `stop` is set, then the rest of the inbox."""
-        while True:
-            event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
-            if isinstance(event, Received):
-                try:
-                    self._write(recorder, event)
-                except MalformedMessageError as error:
-                    self._causes.warn(_log, error.cause, error, time.monotonic())
-            elif stop.is_set():
-                return
+        with RunLog.to(path) as log:
+            while True:
+                event = self._inbox.get(0.0 if stop.is_set() else _POLL_S)
+                if isinstance(event, Received):
+                    try:
+                        self._write(log, event)
+                    except MalformedMessageError as error:
+                        self._causes.warn(_log, error.cause, error, time.monotonic())
+                elif stop.is_set():
+                    return
 
-    def _write(self, recorder: RunLog, received: Received) -> None:
+    def _write(self, log: RunLog, received: Received) -> None:
         match received.key:
             case keys.SCAN:
-                self._on_scan(recorder, decode(received.payload, Scan))
+                self._on_scan(log, decode(received.payload, Scan))
             case keys.ODOMETRY:
-                recorder.on_odometry(decode(received.payload, OdometryReading))
+                log.on_odometry(decode(received.payload, OdometryReading))
             case keys.BELIEF:
-                recorder.on_belief(decode(received.payload, Belief))
+                log.on_belief(decode(received.payload, Belief))
 
-    def _on_scan(self, recorder: RunLog, scan: Scan) -> None:
+    def _on_scan(self, log: RunLog, scan: Scan) -> None:
         last = self._last
         if last and scan.step <= last.step and scan.stamp_ns <= last.stamp_ns:
             return  # a repetition
         for one in (*self._lost_before(scan), scan):
-            if recorder.wants_map(one):
-                self._tell_map(recorder, one)
-            recorder.on_scan(one)
+            if log.wants_map(one):
+                self._write_map(log, one)
+            log.on_scan(one)
             self.steps += 1
         self._last = scan
 
@@ -143,9 +128,9 @@ class Listener:
             self._causes.warn(_log, "steps lost", error, time.monotonic())
             return ()
 
-    def _tell_map(self, recorder: RunLog, scan: Scan) -> None:
+    def _write_map(self, log: RunLog, scan: Scan) -> None:
         try:
             message = ask(self._session, keys.MAP, MapMessage, timeout_s=_MAP_TIMEOUT_S)
-            recorder.on_map(from_message(message), scan.stamp_ns)
+            log.on_map(from_message(message), scan.stamp_ns)
         except ClusterMclError as error:
             self._causes.warn(_log, "no map", error, time.monotonic())

@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from particle_filter.trajectory import MAX_EXTRAPOLATION_NS
 from process_runtime.settings import BridgeSettings
 from protocol.errors import RecordingError
-from protocol.message import PoseTuple
-from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile
+from recordings.bag_file import LASER_SCAN, ODOMETRY, TF_MESSAGE, BagFile, BagMessage
 from recordings.laser_mount import counter_clockwise, hangs_upside_down
 from recordings.log_file import Entry, LaserEntry, OdometryEntry, SkippedLine
 from recordings.rigid import Rigid, rigid_of
@@ -32,50 +30,33 @@ _SAME = 1e-6
 
 
 @dataclass(frozen=True)
-class _Stamped:
-    """What a message is, before it is known what becomes of it."""
-
+class _Transform:
     number: int
     time_ns: int
     stamp_ns: int
-
-
-@dataclass(frozen=True)
-class _Pose(_Stamped):
-    base: str
-    pose: PoseTuple
-
-
-@dataclass(frozen=True)
-class _Fan(_Stamped):
-    frame: str
-    ranges: NDArray[np.float32]
-    angle_min_rad: float
-    angle_step_rad: float
-    range_limit_m: float | None
-
-
-@dataclass(frozen=True)
-class _Transform(_Stamped):
     parent: str
     child: str
     parent_from_child: Rigid
     fixed: bool
 
     def is_same(self, other: "_Transform") -> bool:
-        """Whether the child is there where the other transform has it."""
+        """Whether the child is at the same place in the other transform."""
         moved = self.parent_from_child.inverse().of(other.parent_from_child)
         return max(map(abs, moved[:6])) < _SAME
 
 
 @dataclass
 class _Content:
-    """What of a bag is used."""
+    """The messages of a bag that are used."""
 
-    fans: list[_Fan] = field(default_factory=list)
-    poses: list[_Pose] = field(default_factory=list)
+    scans: list[BagMessage] = field(default_factory=list)
+    poses: list[BagMessage] = field(default_factory=list)
     transforms: list[_Transform] = field(default_factory=list)
     skipped: list[SkippedLine] = field(default_factory=list)
+
+    def frames(self) -> list[str]:
+        """Frames of the lasers, in the order of their first scan."""
+        return list(dict.fromkeys(_frame_of(scan) for scan in self.scans))
 
 
 def bag_entries(path: Path, settings: BridgeSettings) -> tuple[list[Entry], list[SkippedLine]]:
@@ -143,17 +124,16 @@ def _tf_topics(bag: BagFile, scan_topic: str) -> list[str]:
 def _content(bag: BagFile, topics: set[str]) -> _Content:
     content = _Content()
     for message in bag.messages(topics):
-        at = (message.number, message.time_ns)
         match bag.topics[message.topic]:
             case kind if kind == LASER_SCAN:
-                content.fans.append(_fan(message.content, *at))
+                content.scans.append(message)
             case kind if kind == ODOMETRY:
-                content.poses.append(_odometry(message.content, *at))
+                content.poses.append(message)
             case _:
                 fixed = message.topic.endswith("tf_static")
                 for one in message.content.transforms:
                     try:
-                        content.transforms.append(_transform(one, *at, fixed=fixed))
+                        content.transforms.append(_transform(one, message, fixed=fixed))
                     except ValueError as problem:
                         content.skipped.append(SkippedLine(message.number, str(problem)))
     content.skipped += [SkippedLine(one.number, one.problem) for one in bag.left_out]
@@ -163,7 +143,7 @@ def _content(bag: BagFile, topics: set[str]) -> _Content:
 def _entries(
     content: _Content, odom_topics: Sequence[str], settings: BridgeSettings
 ) -> list[Entry]:
-    if not content.fans:
+    if not content.scans:
         why = f": {content.skipped[0].problem}" if content.skipped else ""
         raise ValueError(f"no scan in it can be read{why}")
     tree = _tree_of(content)
@@ -201,7 +181,7 @@ def _odometry_of(
     content: _Content, tree: TransformTree, odom_topics: Sequence[str], settings: BridgeSettings
 ) -> tuple[str, list[_Sorted]]:
     """The robot's frame, and odometry."""
-    frames = list(dict.fromkeys(fan.frame for fan in content.fans))
+    frames = content.frames()
     if settings.odom_topic:
         return _topic_odometry(content, settings)
     way = next((way for way in map(tree.way_up, frames) if len(way) > 1), frames[:1])
@@ -225,13 +205,11 @@ def _odometry_of(
 
 
 def _topic_odometry(content: _Content, settings: BridgeSettings) -> tuple[str, list[_Sorted]]:
-    bases = sorted({pose.base for pose in content.poses})
+    bases = sorted({_frame(one.content.child_frame_id) for one in content.poses})
     base = settings.base_frame or (bases[0] if len(bases) == 1 else "")
     if not base:
         raise ValueError(f"odometry is of the frames {bases}; {_by_name('base_frame')}")
-    return base, [
-        (one.time_ns, 0, OdometryEntry(one.number, one.stamp_ns, one.pose)) for one in content.poses
-    ]
+    return base, [(one.time_ns, 0, _odometry_entry(one)) for one in content.poses]
 
 
 def _tf_odometry(
@@ -257,23 +235,23 @@ def _laser_entries(
 ) -> list[_Sorted]:
     entries: list[_Sorted] = []
     problems: list[str] = []
-    for frame in dict.fromkeys(fan.frame for fan in content.fans):
-        fans = [fan for fan in content.fans if fan.frame == frame]
+    for frame in content.frames():
         try:
-            is_known = _is_mount_known(content, tree, base, frame, settings)
-        except ValueError as problem:
-            problems.append(str(problem))
-            content.skipped += [SkippedLine(fan.number, str(problem)) for fan in fans]
-            continue
-        for fan in fans:
+            is_known, problem = _is_mount_known(content, tree, base, frame, settings), ""
+        except ValueError as error:
+            is_known, problem = False, str(error)
+        for scan in content.scans:
+            if _frame_of(scan) != frame:
+                continue
             try:
-                mount = tree.lookup(base, frame, fan.stamp_ns) if is_known else None
-                entry = _laser_entry(fan, mount)
-            except ValueError as problem:
-                problems.append(str(problem))
-                content.skipped.append(SkippedLine(fan.number, str(problem)))
-            else:
-                entries.append((fan.time_ns, 1, entry))
+                if problem:
+                    raise ValueError(problem)
+                stamp_ns = _stamp_ns(scan.content.header)
+                mount = tree.lookup(base, frame, stamp_ns) if is_known else None
+                entries.append((scan.time_ns, 1, _laser_entry(scan, frame, mount)))
+            except ValueError as error:
+                problems.append(str(error))
+                content.skipped.append(SkippedLine(scan.number, str(error)))
     if not entries:
         raise ValueError(problems[0])
     return entries
@@ -295,70 +273,56 @@ def _is_mount_known(
     )
 
 
-def _laser_entry(fan: _Fan, base_from_laser: Rigid | None) -> LaserEntry:
-    mount, upside_down = None, False
+def _laser_entry(message: BagMessage, frame: str, base_from_laser: Rigid | None) -> LaserEntry:
+    scan, mount, upside_down = message.content, None, False
     if base_from_laser is not None:
         mount = base_from_laser.planar()
-        away_m = math.hypot(*mount[:2])
-        upside_down = hangs_upside_down(fan.frame, base_from_laser.up(), away_m)
+        upside_down = hangs_upside_down(frame, base_from_laser.up(), math.hypot(*mount[:2]))
+    ranges = np.array(scan.ranges, np.float32)
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < scan.range_min] = 0.0  # no return, whatever it was
     start, step, ranges = counter_clockwise(
-        fan.angle_min_rad, fan.angle_step_rad, fan.ranges, upside_down=upside_down
+        float(scan.angle_min), float(scan.angle_increment), ranges, upside_down=upside_down
     )
+    limit = float(scan.range_max)
     return LaserEntry(
-        line_number=fan.number,
-        stamp_ns=fan.stamp_ns,
+        line_number=message.number,
+        stamp_ns=_stamp_ns(scan.header),
         ranges=ranges,
         angle_min_rad=start,
         angle_step_rad=step,
         robot_from_laser=mount,
         odom_from_robot=None,
-        range_limit_m=fan.range_limit_m,
-        laser=fan.frame,
-    )
-
-
-def _fan(scan: Any, number: int, time_ns: int) -> _Fan:
-    ranges = np.array(scan.ranges, np.float32)
-    with np.errstate(invalid="ignore"):
-        ranges[ranges < scan.range_min] = 0.0  # no return, whatever it was
-    limit = float(scan.range_max)
-    return _Fan(
-        number=number,
-        time_ns=time_ns,
-        stamp_ns=_stamp_ns(scan.header),
-        frame=_frame(scan.header.frame_id),
-        ranges=ranges,
-        angle_min_rad=float(scan.angle_min),
-        angle_step_rad=float(scan.angle_increment),
         range_limit_m=limit if limit > 0.0 and math.isfinite(limit) else None,
+        laser=frame,
     )
 
 
-def _odometry(message: Any, number: int, time_ns: int) -> _Pose:
-    position, rotation = message.pose.pose.position, message.pose.pose.orientation
-    x, y, z, w = rotation.x, rotation.y, rotation.z, rotation.w
+def _odometry_entry(message: BagMessage) -> OdometryEntry:
+    pose = message.content.pose.pose
+    x, y, z, w = (getattr(pose.orientation, axis) for axis in "xyzw")
     heading = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-    return _Pose(
-        number=number,
-        time_ns=time_ns,
-        stamp_ns=_stamp_ns(message.header),
-        base=_frame(message.child_frame_id),
-        pose=(position.x, position.y, heading),
-    )
+    odom_from_robot = (pose.position.x, pose.position.y, heading)
+    return OdometryEntry(message.number, _stamp_ns(message.content.header), odom_from_robot)
 
 
-def _transform(message: Any, number: int, time_ns: int, *, fixed: bool) -> _Transform:
+def _transform(link: Any, message: BagMessage, *, fixed: bool) -> _Transform:
     """One transform of a tf message.
 
     Raises:
         ValueError: its numbers are no transform.
     """
-    parent, child = _frame(message.header.frame_id), _frame(message.child_frame_id)
+    parent, child = _frame(link.header.frame_id), _frame(link.child_frame_id)
     try:
-        there = rigid_of(message.transform.translation, message.transform.rotation)
+        there = rigid_of(link.transform.translation, link.transform.rotation)
     except ValueError as problem:
         raise ValueError(f"from {parent!r} to {child!r} tf has {problem}") from None
-    return _Transform(number, time_ns, _stamp_ns(message.header), parent, child, there, fixed)
+    at = (message.number, message.time_ns, _stamp_ns(link.header))
+    return _Transform(*at, parent, child, there, fixed)
+
+
+def _frame_of(scan: BagMessage) -> str:
+    return _frame(scan.content.header.frame_id)
 
 
 def _stamp_ns(header: Any) -> int:
