@@ -1,4 +1,4 @@
-"""Input files that may be compressed: gzip and xz are recognised by their first bytes."""
+"""Input files that may be compressed: gzip, xz and zstd are recognised by their first bytes."""
 
 import gzip
 import lzma
@@ -6,16 +6,24 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO, cast
 
+import zstandard
+
 from protocol.errors import InputFileError
 
 MAX_FILE_BYTES = 2**29
 """Longest input after decompression, five times the largest public recording: a few kilobytes of
 gzip can expand to terabytes."""
 
-BROKEN_STREAM_ERRORS = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
+BROKEN_STREAM_ERRORS = (
+    EOFError,
+    zlib.error,
+    lzma.LZMAError,
+    gzip.BadGzipFile,
+    zstandard.ZstdError,
+)
 """Exceptions from reading a truncated or damaged compressed file."""
 
-_GZIP_MAGIC, _XZ_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00"
+_GZIP_MAGIC, _XZ_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"\xfd7zXZ\x00", b"\x28\xb5\x2f\xfd"
 
 
 def open_decompressed(path: Path) -> BinaryIO:
@@ -31,6 +39,8 @@ def open_decompressed(path: Path) -> BinaryIO:
         return cast(BinaryIO, gzip.open(path, "rb"))
     if start.startswith(_XZ_MAGIC):
         return cast(BinaryIO, lzma.open(path, "rb"))
+    if start.startswith(_ZSTD_MAGIC):
+        return cast(BinaryIO, zstandard.open(path, "rb"))
     return path.open("rb")
 
 

@@ -24,6 +24,7 @@ from process_runtime.compressed import (
 )
 from protocol.errors import InputFileError
 from recordings.bag_chunks import bound_library, check_overlaps, check_unpacked, recover_mcap
+from recordings.log_file import SkippedLine
 
 if TYPE_CHECKING:
     from rosbags import rosbag1, rosbag2
@@ -38,7 +39,6 @@ TF_MESSAGE = "tf2_msgs/msg/TFMessage"
 _TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms"
 _RENAMED = {"tf/msg/tfMessage": TF_MESSAGE}  # of ROS before 2013, with the same fields
 _SUFFIXES = {b"#ROSBAG V": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\0": ".db3"}
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MAGIC_BYTES = 16
 _METADATA = "metadata.yaml"
 
@@ -60,19 +60,11 @@ class BagMessage:
     content: Any
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """A message that could not be read, or the first after which nothing could be, and why."""
-
-    number: int
-    problem: str
-
-
 def is_bag(path: Path) -> bool:
     """Whether a path is a ROS bag by its first bytes, or a folder that holds one."""
     if path.is_dir():
         return (path / _METADATA).is_file() or bool(_storage_files(path))
-    return _starts_as_zstd(path) or _suffix_of(path) is not None
+    return _suffix_of(path) is not None
 
 
 class BagFile:
@@ -85,7 +77,7 @@ class BagFile:
     Attributes:
         topics: message types by topic, of the topics that hold any message.
         counts: messages of each topic.
-        left_out: messages that `messages` could not read.
+        left_out: messages that `messages` could not read, or after which nothing could be.
 
     Raises:
         InputFileError: as `error`: the library is not installed, or the bag cannot be read.
@@ -93,7 +85,7 @@ class BagFile:
 
     def __init__(self, path: Path, error: type[InputFileError]) -> None:
         self._path, self._error = path, error
-        self.left_out: list[LeftOut] = []
+        self.left_out: list[SkippedLine] = []
         self._cut: str | None = None
         with ExitStack() as stack:
             self._reader = self._opened(stack)
@@ -135,17 +127,17 @@ class BagFile:
                 connection, time_ns, content = next(stream)
             except StopIteration:
                 if self._cut:
-                    self.left_out.append(LeftOut(number, self._cut))
+                    self.left_out.append(SkippedLine(number, self._cut))
                 return
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
                 problem = f"from here on the bag is cut off or damaged ({_library_problem(broken)})"
-                self.left_out.append(LeftOut(number, problem))
+                self.left_out.append(SkippedLine(number, problem))
                 return
             try:
                 message = self._decode(content, _type_of(connection))
             except Exception as broken:  # noqa: BLE001 - see `_library_problem`
                 problem = f"a message of {connection.topic} is damaged"
-                self.left_out.append(LeftOut(number, f"{problem} ({_library_problem(broken)})"))
+                self.left_out.append(SkippedLine(number, f"{problem} ({_library_problem(broken)})"))
             else:
                 yield BagMessage(number, time_ns, connection.topic, message)
 
@@ -208,7 +200,7 @@ class BagFile:
                 problem = f"{len(files)} bag files without {_METADATA}; name one, or reindex"
                 raise self._error(path, problem)
             path = files[0]
-        suffix = None if _starts_as_zstd(path) else _suffix_of(path)
+        suffix = _suffix_of(path)
         if path.suffix == suffix and not _is_packed(path):
             return path
         unpacked = _new_folder(stack) / "bag"
@@ -219,9 +211,9 @@ class BagFile:
         return unpacked.rename(unpacked.with_suffix(suffix))
 
     def _unpack(self, path: Path, unpacked: Path) -> None:
-        with _open_unpacked(path) as source, unpacked.open("wb") as target:
+        with open_decompressed(path) as source, unpacked.open("wb") as target:
             try:
-                while piece := source.read1(2**20):
+                while piece := cast(BufferedIOBase, source).read1(2**20):
                     target.write(piece)
                     check_unpacked(target.tell())
             except BROKEN_STREAM_ERRORS as broken:
@@ -269,14 +261,6 @@ def _is_packed(path: Path) -> bool:
         return plain.read(_MAGIC_BYTES) != unpacked.read(_MAGIC_BYTES)
 
 
-def _starts_as_zstd(path: Path) -> bool:
-    try:
-        with path.open("rb") as plain:
-            return plain.read(len(_ZSTD_MAGIC)) == _ZSTD_MAGIC
-    except OSError:
-        return False
-
-
 def _suffix_of(path: Path) -> str | None:
     """The name that files of this kind have, by the first bytes once unpacked; None: no bag."""
     try:
@@ -285,14 +269,6 @@ def _suffix_of(path: Path) -> str | None:
     except (OSError, *BROKEN_STREAM_ERRORS):
         return None
     return next((kind for magic, kind in _SUFFIXES.items() if start.startswith(magic)), None)
-
-
-def _open_unpacked(path: Path) -> BufferedIOBase:
-    if not _starts_as_zstd(path):
-        return cast(BufferedIOBase, open_decompressed(path))
-    from backports import zstd  # noqa: PLC0415 - comes with rosbags
-
-    return cast(BufferedIOBase, zstd.open(path, "rb"))
 
 
 def _library_problem(broken: Exception) -> str:

@@ -78,7 +78,7 @@ def open_recording(path: Path | str, settings: BridgeSettings) -> Recording:
     The format shows in the content.
 
     Args:
-        path: the file, perhaps packed by gzip or xz, or the folder of a rosbag2.
+        path: the file, perhaps packed by gzip, xz or zstd, or the folder of a rosbag2.
         settings: where the laser sits on the robot, if the recording does not say; which topics
             and frames of a bag are meant, if there are several.
 

@@ -136,7 +136,7 @@ def _content(bag: BagFile, topics: set[str]) -> _Content:
                         content.transforms.append(_transform(one, message, fixed=fixed))
                     except ValueError as problem:
                         content.skipped.append(SkippedLine(message.number, str(problem)))
-    content.skipped += [SkippedLine(one.number, one.problem) for one in bag.left_out]
+    content.skipped += bag.left_out
     return content
 
 
