@@ -1,21 +1,28 @@
 """`clustermcl snapshot`: save the current state as a picture or a page."""
 
+import time
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from live_view.drawing import drawn_picture
+from live_view.live_loop import LiveLoop
 from live_view.saved_page import saved_page
-from live_view.snapshot import looked_at
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
-from process_runtime.stop import stop_on_signals
-from protocol.errors import SettingsError
+from process_runtime.stop import StopFlag, stop_on_signals
+from protocol.errors import SettingsError, UnreachableError
+from protocol.steps import MapMessage
 
 KINDS = (".png", ".html")
+STANDS_AFTER_S = 2.0
+"""After this time without a step, the robot is taken to stand, and its places are queried."""
+MAP_WITHIN_S = 30.0
 
 
 def save_snapshot(file: Path, settings: Settings) -> None:
-    """Look at a running system, and write what is to be seen.
+    """Save what the page of a running system shows.
 
     Args:
         file: a name that ends in ``.png`` or ``.html``; the page needs no server and no network.
@@ -36,3 +43,49 @@ def save_snapshot(file: Path, settings: Settings) -> None:
     else:
         now = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"
         write_output_file(file, saved_page(frames, grid_map, now))
+
+
+def looked_at(settings: Settings, stop: StopFlag) -> tuple[dict[str, Any], MapMessage]:
+    """Return all frames of one robot's page, and its map.
+
+    Args:
+        settings: the router's endpoint and the robot's name.
+        stop: checked while waiting.
+
+    Raises:
+        UnreachableError: there is no router, or no coordinator for the robot.
+        StoppedError: `stop` was set.
+    """
+    loop = LiveLoop(settings, {"commands": False}, stop)
+    begun_s = time.monotonic()
+    has_asked = False
+    with closing(loop.node):
+        while True:
+            frames, waited_s = loop.picture.everything(), time.monotonic() - begun_s
+            if (
+                loop.map is not None
+                and _has_all(frames)
+                and (frames["step"]["scan"] or waited_s > STANDS_AFTER_S)
+            ):
+                return frames, loop.map
+            stop.check()
+            loop.turn()
+            if waited_s > STANDS_AFTER_S and not has_asked and "status" in frames:
+                has_asked = True
+                loop.ask_for_places()
+            limit_s = MAP_WITHIN_S if "status" in frames else settings.zenoh.connect_timeout_s
+            if waited_s > limit_s:
+                raise _unreachable(settings, loop.picture.link, waited_s)
+
+
+def _has_all(frames: dict[str, Any]) -> bool:
+    return all(topic in frames for topic in ("map", "step", "pose", "status", "events"))
+
+
+def _unreachable(settings: Settings, link: str, waited_s: float) -> UnreachableError:
+    router, robot = settings.zenoh.router, settings.robot.name
+    problem = {
+        "no router": f"no router at {router}: start one with 'clustermcl up', or set zenoh.router",
+        "no system": f"no coordinator for robot {robot!r} at {router}: set robot.name",
+    }.get(link, f"robot {robot!r} at {router} has no map or no place yet: try again")
+    return UnreachableError(who="system", endpoint=router, waited_s=waited_s, problem=problem)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from grid_maps.map_message import to_message
 from live_view.admission import parsed_address
+from live_view.page_server import PageOptions
 from live_view.process import serve_page
 from live_view.recorded_run import RecordedRun, serve_recording
-from live_view.serving import PageOptions
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals

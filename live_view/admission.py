@@ -1,4 +1,4 @@
-"""Who may open the page: decided from the head of a request, before anything is answered."""
+"""Access control of the page: each request is checked by its headers before it is answered."""
 
 import hmac
 import ipaddress
@@ -15,14 +15,14 @@ LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
 
 @dataclass(frozen=True)
 class Address:
-    """Where the page is served."""
+    """Address of the page."""
 
     host: str
     port: int
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only programs of this machine reach it."""
+        """Whether only programs on this machine can reach it."""
         if self.host == "localhost":
             return True
         try:
@@ -32,15 +32,15 @@ class Address:
 
     @property
     def netloc(self) -> str:
-        """As it stands in a link."""
+        """As in a link."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
 def parsed_address(text: str) -> Address:
-    """``HOST:PORT``, ``HOST`` or ``:PORT``; an IPv6 address stands in brackets.
+    """Parse ``HOST:PORT``, ``HOST`` or ``:PORT``; an IPv6 address is in brackets.
 
     Raises:
-        SettingsError: it is none of them.
+        SettingsError: it is no such address.
     """
     try:
         parts = urlsplit(f"//{text}")
@@ -54,15 +54,15 @@ def parsed_address(text: str) -> Address:
 
 @dataclass(frozen=True)
 class Admission:
-    """Decides about requests.
+    """Accepts or refuses requests.
 
-    On loopback a stranger's page could have its own name point here, so only the names of this
-    machine are answered. Elsewhere a token is wanted: in the link, and then in the cookie that the
-    page is sent with.
+    On loopback, requests must name this machine: another site could make its own name resolve to
+    127.0.0.1 (DNS rebinding). Elsewhere they need a token, from the link or from the cookie that
+    is sent with the page.
 
     Args:
-        address: where the page is served, with the port that was given in the end.
-        token: what the link must hold; empty: nothing, as on loopback.
+        address: address of the page, with the port that was bound.
+        token: part of the link; empty: none is needed, as on loopback.
         is_tls: whether the page is served by HTTPS.
     """
 
@@ -72,32 +72,32 @@ class Admission:
 
     @property
     def link(self) -> str:
-        """What a person opens."""
+        """The link for a person."""
         token = f"?token={self.token}" if self.token else ""
         scheme = "https" if self.is_tls else "http"
         return f"{scheme}://{self.address.netloc}/{token}"
 
     @property
     def cookie(self) -> str:
-        """What the page is sent with, for the requests that follow; empty without a token."""
+        """The cookie for later requests; empty without a token."""
         if not self.token:
             return ""
         secure = "; Secure" if self.is_tls else ""
         return f"{self._cookie_name}={self.token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def problem(self, target: str, headers: Mapping[str, str], *, socket: bool) -> str:
-        """Why a request is refused; empty: it is not.
+        """Return why a request is refused; empty: it is accepted.
 
         Args:
             target: path and query.
             headers: of the request, by lower-case name.
-            socket: whether it opens a WebSocket: then its page must be ours.
+            socket: whether it opens a WebSocket, which only our own page may.
         """
         host = headers.get("host", "")
         if self.address.is_loopback and host not in self._own_names():
             return f"this page is served at {self.address.netloc}, not at {host!r}"
         if socket and urlsplit(headers.get("origin", "")).netloc != host:
-            return f"a page of {headers.get('origin', 'nowhere')!r} may not listen here"
+            return f"a page of {headers.get('origin', 'no origin')!r} may not connect"
         if self.token and not self._knows_token(target, headers):
             return "the token is missing or wrong: open the link that `clustermcl view` printed"
         return ""
@@ -119,4 +119,4 @@ class Admission:
 
     @property
     def _cookie_name(self) -> str:
-        return f"clustermcl-{self.address.port}"  # cookies do not tell ports apart
+        return f"clustermcl-{self.address.port}"  # a cookie holds for all ports of a host

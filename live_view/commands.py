@@ -1,4 +1,4 @@
-"""What a browser may ask for: read, checked, and turned into a message of the system."""
+"""Requests of a browser: parsed, checked, and turned into messages of the system."""
 
 from typing import Annotated, TypeAlias
 
@@ -17,17 +17,17 @@ _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
 class Drawn(msgspec.Struct, frozen=True, tag_field="type", tag="drawn", forbid_unknown_fields=True):
-    """The page has drawn the last messages; a slow one says so after each."""
+    """The page has drawn messages; a slow page acknowledges each of them."""
 
     count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
     slow: bool = False
-    """Drawing takes long: it wants a message only when it has drawn the last."""
+    """Drawing takes long: send a message only when the last one is drawn."""
 
 
 class ShowPast(
     msgspec.Struct, frozen=True, tag_field="type", tag="past", forbid_unknown_fields=True
 ):
-    """A person looks back at a step."""
+    """Request the frames of a past step."""
 
     step: _Step
 
@@ -35,7 +35,7 @@ class ShowPast(
 class ShowEarlier(
     msgspec.Struct, frozen=True, tag_field="type", tag="earlier", forbid_unknown_fields=True
 ):
-    """The page wants the ways of the steps before those it has."""
+    """Request the rows before a step."""
 
     before: _Step
 
@@ -43,7 +43,7 @@ class ShowEarlier(
 class PlaceRobot(
     msgspec.Struct, frozen=True, tag_field="type", tag="set_pose", forbid_unknown_fields=True
 ):
-    """A person has dragged an arrow to where the robot is."""
+    """Set the pose: a person has dragged an arrow to the robot's place."""
 
     pose: _Pose
     position_sigma_m: _Sigma = 0.5
@@ -53,28 +53,28 @@ class PlaceRobot(
 class SearchAgain(
     msgspec.Struct, frozen=True, tag_field="type", tag="relocalize", forbid_unknown_fields=True
 ):
-    """A person has said yes to forgetting all places."""
+    """Forget all places and search, after the page has asked for confirmation."""
 
 
-class LookOnce(
+class UpdateOnce(
     msgspec.Struct, frozen=True, tag_field="type", tag="update", forbid_unknown_fields=True
 ):
-    """A person wants a step of the next scan, although the robot stands."""
+    """No-motion update: make a step of the next scan, although the robot stands."""
 
 
 class KidnapRobot(
     msgspec.Struct, frozen=True, tag_field="type", tag="kidnap", forbid_unknown_fields=True
 ):
-    """A person lifts the simulated robot."""
+    """Lift the simulated robot."""
 
     pose: _Pose | None = None
-    """Where to; None: somewhere far away."""
+    """New pose; None: a random one far away."""
 
 
 class DriveRobot(
     msgspec.Struct, frozen=True, tag_field="type", tag="drive", forbid_unknown_fields=True
 ):
-    """A person drives the simulated robot, or lets it go."""
+    """Drive the simulated robot by hand, or let it drive by itself again."""
 
     speed_m_s: _Rate = 0.0
     turn_rate_rad_s: _Rate = 0.0
@@ -82,17 +82,17 @@ class DriveRobot(
 
 
 Question: TypeAlias = ShowPast | ShowEarlier
-Command: TypeAlias = PlaceRobot | SearchAgain | LookOnce | KidnapRobot | DriveRobot
+Command: TypeAlias = PlaceRobot | SearchAgain | UpdateOnce | KidnapRobot | DriveRobot
 Request: TypeAlias = Drawn | Question | Command
 
 MAX_REQUEST_BYTES = 1000
 
 
 def parsed_request(text: str | bytes) -> Request:
-    """What a browser has sent.
+    """Parse a request of a browser.
 
     Raises:
-        MalformedMessageError: it is nothing that our page sends.
+        MalformedMessageError: it is not a request of our page.
     """
     try:
         request: Request = msgspec.json.decode(text, type=Request)
@@ -102,7 +102,7 @@ def parsed_request(text: str | bytes) -> Request:
 
 
 def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Message]:
-    """Key and message of a command."""
+    """Return the key and the message of a command."""
     match command:
         case PlaceRobot(pose, position_sigma_m, heading_sigma_rad):
             return keys.SET_POSE, SetPose(
@@ -114,7 +114,7 @@ def message_of(command: Command, sender: str, command_id: str) -> tuple[str, Mes
             )
         case SearchAgain():
             return keys.RELOCALIZE, Relocalize(sender=sender, command_id=command_id)
-        case LookOnce():
+        case UpdateOnce():
             return keys.UPDATE, Update(sender=sender, command_id=command_id)
         case KidnapRobot(pose):
             return keys.KIDNAP, Kidnap(sender=sender, command_id=command_id, map_from_robot=pose)

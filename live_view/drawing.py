@@ -1,4 +1,4 @@
-"""The map with all places on it as a picture, drawn without a browser."""
+"""Draws the map with all places as a picture, without a browser."""
 
 import math
 import zlib
@@ -20,13 +20,13 @@ _SCAN, _INK = "#c0262d", "#1a2027"
 _LONG_SIDE_PX = 1400
 _MARGIN_PX = 24
 _FINER = 2
-"""Drawn so much larger, and then made smaller: smooth edges."""
+"""Drawn larger by this factor and then reduced, for smooth edges."""
 _SIGMAS = 2.0
 _LABELLED = 8
 
 
 class _View(NamedTuple):
-    """From the map to the picture [px, before it is made smaller]."""
+    """From the map to the picture [px, before it is reduced]."""
 
     left_m: float
     top_m: float
@@ -37,10 +37,10 @@ class _View(NamedTuple):
 
 
 def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image.Image:
-    """The whole map, and a step's places, scan and true pose.
+    """Draw the whole map, and a step's places, scan and true pose.
 
     Args:
-        grid_map: small enough to be unpacked.
+        grid_map: with at most 4,096 cells a side.
         step: the frame of a step; None: there is none yet.
     """
     view, size = _view_of(grid_map)
@@ -59,7 +59,7 @@ def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image
 
 
 def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
-    """Where the picture of a map lies: left, right, lower and upper edge [m]."""
+    """Return left, right, lower and upper edge of a map's picture [m]."""
     view, (width, height) = _view_of(grid_map)
     right_m = view.left_m + width / view.px_per_m
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
@@ -84,7 +84,7 @@ def _view_of(grid_map: MapMessage) -> tuple[_View, tuple[int, int]]:
 
 
 def map_picture(grid_map: MapMessage) -> Image.Image:
-    """A pixel for each cell; its first line is the one of the lowest y."""
+    """Draw a pixel for each cell; the first line has the lowest y."""
     cells = np.frombuffer(zlib.decompress(grid_map.zlib_cells), np.int8)
     cells = cells.reshape(grid_map.rows, grid_map.cols)
     colours = np.full((*cells.shape, 3), _UNKNOWN_RGB, np.uint8)
@@ -93,11 +93,11 @@ def map_picture(grid_map: MapMessage) -> Image.Image:
 
 
 def _paste_map(canvas: Image.Image, grid_map: MapMessage, view: _View) -> None:
-    """The cells, turned as the map lies."""
+    """Draw the cells, turned by the map's heading."""
     x0, y0, heading = grid_map.map_from_grid
     c, s = math.cos(heading), math.sin(heading)
     k, cell = 1.0 / view.px_per_m, 1.0 / grid_map.cell_m
-    # Of each pixel (u, v): its place in the map, and from there its cell.
+    # From a pixel (u, v) to the map frame, and from there to its cell.
     dx, dy = view.left_m - x0, view.top_m - y0
     coefficients = (
         c * k * cell, -s * k * cell, (c * dx + s * dy) * cell,
@@ -151,7 +151,7 @@ def _draw_place(
 
 
 def percent(probability: float) -> str:
-    """As `palette.js` writes it: what is small is not 0."""
+    """Format as `palette.js` does; a small probability is not 0."""
     if probability >= 0.9995:
         return "100 %"
     if probability < 0.001:
@@ -160,7 +160,7 @@ def percent(probability: float) -> str:
 
 
 def _ellipse(view: _View, place: Mapping[str, Any]) -> list[tuple[float, float]]:
-    """Two standard deviations of the position."""
+    """The ellipse of two standard deviations of the position."""
     xx, xy, yy, _ = place["cov"]
     x_m, y_m, _ = place["pose"]
     values, axes = np.linalg.eigh(np.array([[xx, xy], [xy, yy]]))

@@ -1,4 +1,4 @@
-"""Messages as the page reads them: plain objects with short names, rounded for the screen.
+"""Messages as JSON objects for the page: short names, numbers rounded for the screen.
 
 The page's `app.js` is the only reader and is served by the same process, so these have no versions.
 """
@@ -14,19 +14,26 @@ from protocol.answers import Belief, Hypothesis, PoseAnswer, Status
 from protocol.job_events import NumberedEvent, event_text
 from protocol.message import PoseTuple
 from protocol.steps import LaserBeams, MapMessage, Scan
+from protocol.work import Particles, TrackReport
 
 Frame: TypeAlias = dict[str, Any]
 
 ROW_PLACES = 16
-"""Of a step that is past, the most probable places that are plotted, and whose way is drawn."""
+"""Most probable places of a past step that are plotted and have a trail."""
 SIMULATOR = "robot_simulator"
-"""As its process names itself in its health: it alone can be lifted and driven."""
+"""Sender of the simulator's health; only a simulated robot can be kidnapped and driven."""
 MAX_BEAMS = 360
-"""Of a scan on the page; of more, every second, third and so on is drawn."""
+"""Beams of a scan on the page; of a larger scan every second, third, ... beam is drawn."""
+MAX_PARTICLES = 250
+"""Particles of a cluster on the page, resampled by weight."""
+MARK = b"track_report/"
+"""Near the beginning of each report that may have particles; search reports are large, too."""
+MIN_BYTES = 3000
+"""A report without particles is smaller, a report of a hundred particles is larger."""
 
 
 def map_frame(message: MapMessage) -> Frame:
-    """Where the map lies and how large it is; the page fetches its cells by the digest."""
+    """Position and size of the map; the page fetches the cells by the digest."""
     return {
         "digest": message.digest,
         "rows": message.rows,
@@ -39,7 +46,7 @@ def map_frame(message: MapMessage) -> Frame:
 def step_frame(
     belief: Belief, slots: Mapping[int, int], scan: Scan | None, truth: PoseTuple | None
 ) -> Frame:
-    """All that is drawn after one step."""
+    """Everything that is drawn after one step."""
     return {
         "step": belief.step,
         "stamp_s": belief.stamp_ns / 1e9,
@@ -59,9 +66,9 @@ def step_frame(
 
 
 def elsewhere_probability(message: Belief | PoseAnswer) -> float | None:
-    """That the robot is at none of the places; None: this version's messages do not say."""
-    told: float | None = getattr(message, "elsewhere_probability", None)
-    return told
+    """Probability that the robot is at none of the places; None: not in this message."""
+    probability: float | None = getattr(message, "elsewhere_probability", None)
+    return probability
 
 
 def _place(place: Hypothesis, slot: int) -> Frame:
@@ -77,7 +84,7 @@ def _place(place: Hypothesis, slot: int) -> Frame:
 
 
 def history_row(frame: Frame) -> list[Any]:
-    """What the way and the plot need of a step: step, places as (cluster, slot, p, x, y), truth."""
+    """A step for trails and plot: step, places as (cluster, slot, p, x, y), truth."""
     places = [
         (p["cluster"], p["slot"], round(p["p"], 4), round(p["pose"][0], 2), round(p["pose"][1], 2))
         for p in frame["places"][:ROW_PLACES]
@@ -99,7 +106,7 @@ def _points_cm(scan: Scan | LaserBeams) -> list[int]:
     ranges = beams[::every]
     x, y, heading = scan.robot_from_laser
     first, apart = scan.angle_min_rad + heading, every * scan.angle_step_rad
-    returned = (ranges > 0.0) & (ranges < scan.range_max_m)  # which a NaN is not
+    returned = (ranges > 0.0) & (ranges < scan.range_max_m)  # false for NaN
     points = _directions_cm(len(ranges), first, apart)[returned] * ranges[returned, None]
     points += (100.0 * x, 100.0 * y)
     cm: list[int] = np.rint(points).astype(int).ravel().tolist()
@@ -108,13 +115,13 @@ def _points_cm(scan: Scan | LaserBeams) -> list[int]:
 
 @lru_cache(maxsize=4)
 def _directions_cm(count: int, first_rad: float, apart_rad: float) -> NDArray[np.float64]:
-    """Where beams of a metre end: (count, 2); the same for all scans of a laser."""
+    """End points (count, 2) of beams of one metre [cm]; the same for all scans of a laser."""
     angles = first_rad + apart_rad * np.arange(count)
     return 100.0 * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
 def pose_frame(answer: PoseAnswer) -> Frame:
-    """Where the robot is now."""
+    """The robot's present pose."""
     frame: Frame = {
         "state": answer.state,
         "freshness": answer.freshness,
@@ -134,7 +141,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
 
 
 def status_frame(status: Status) -> Frame:
-    """How the system is."""
+    """State and counters of the system."""
     return {
         "version": status.version,
         "state": status.state,
@@ -166,7 +173,7 @@ def _rates(name: str, status: Status) -> Frame:
 
 
 def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
-    """What began and ended, and why, oldest first."""
+    """Beginnings and ends of clusters and searches with their causes, oldest first."""
     return [
         {
             "number": numbered.number,
@@ -178,3 +185,41 @@ def events_frame(events: Iterable[NumberedEvent]) -> list[Frame]:
         }
         for numbered in events
     ]
+
+
+def may_have_particles(payload: bytes) -> bool:
+    """Whether an encoded report may have particles; nine of ten have none."""
+    return len(payload) >= MIN_BYTES and MARK in payload[:100]
+
+
+def cluster_of(report: TrackReport) -> int | None:
+    """Number of the cluster that a job tracks; None: the job tracks no cluster."""
+    number = report.job_id.removeprefix("c")
+    return int(number) if number.isascii() and number.isdigit() and len(number) < 16 else None
+
+
+def cloud_frame(cluster: int, particles: Particles) -> dict[str, Any]:
+    """The particles, which the page moves on by odometry.
+
+    ``points`` are x [cm], y [cm], heading [mrad], x, y, ...; ``odom`` is the odometry pose.
+    """
+    chosen = _drawn(particles.log_weights.array(), MAX_PARTICLES)
+    points = np.rint(particles.map_from_robot.array()[chosen] * (100.0, 100.0, 1000.0)).astype(
+        np.int64
+    )
+    return {
+        "cluster": cluster,
+        "step": particles.step,
+        "odom": particles.odom_from_robot,
+        "points": points.ravel().tolist(),
+    }
+
+
+def _drawn(log_weights: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` particles by systematic resampling without a random offset."""
+    shares = np.cumsum(np.exp(log_weights - log_weights.max()))
+    count = min(most, len(shares))
+    drawn: NDArray[np.int64] = np.searchsorted(
+        shares, (np.arange(count) + 0.5) / count * shares[-1]
+    )
+    return drawn

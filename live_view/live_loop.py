@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from live_view.commands import DriveRobot, ShowEarlier, ShowPast, message_of
+from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
-from live_view.particle_clouds import may_have_particles
 from live_view.picture import Picture
 from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, Room
 from live_view.step_latency import StepLatency
@@ -44,14 +44,14 @@ M = TypeVar("M", bound=Message)
 
 
 def answer_browser(room: Room, picture: Picture, asked: Joined | Questioned) -> None:
-    """Send one page what it asks for."""
+    """Answer the request of a page."""
     match asked:
         case Joined(browser):
-            room.tell(browser, picture.everything())
+            room.send(browser, picture.everything())
         case Questioned(browser, ShowPast(step)):
-            room.tell(browser, {"past": picture.past(step)})
+            room.send(browser, {"past": picture.past(step)})
         case Questioned(browser, ShowEarlier(before)):
-            room.tell(browser, {"earlier": picture.rows_before(before)})
+            room.send(browser, {"earlier": picture.rows_before(before)})
 
 
 class LiveLoop:
@@ -226,14 +226,14 @@ class LiveLoop:
                 self._show_done(browser, done.problem)
 
         def on_failure(problem: str) -> None:
-            self._show_done(browser, problem or "nobody answers: the system is not running")
+            self._show_done(browser, problem or "no answer: the system is not running")
 
         self.node.ask(
             key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=message
         )
 
     def _show_done(self, browser: Browser, problem: str) -> None:
-        self.room.tell(browser, {"done": {"problem": problem}})
+        self.room.send(browser, {"done": {"problem": problem}})
 
 
 def _belief_of(answer: Hypotheses) -> Belief:

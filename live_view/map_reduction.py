@@ -1,4 +1,4 @@
-"""A large map made small enough for a browser, without ever holding all of it."""
+"""Reduces a large map for a browser, without holding all of it in memory."""
 
 import zlib
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ MAX_SIDE = 4096
 
 
 def reduced(message: MapMessage) -> MapMessage:
-    """The same map with at most `MAX_SIDE` cells a side; walls win, then free cells.
+    """Return the map with at most `MAX_SIDE` cells a side; walls win, then free cells.
 
     Raises:
-        MalformedMessageError: its bytes are not so many cells.
+        MalformedMessageError: the number of bytes is not the number of cells.
     """
     every = -(-max(message.rows, message.cols) // MAX_SIDE)
     if every <= 1:
@@ -37,7 +37,7 @@ def reduced(message: MapMessage) -> MapMessage:
 
 
 def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
-    """So many rows at a time, from the lowest; of the last ones perhaps fewer."""
+    """Yield `every` rows at a time from the lowest; the last band may have fewer."""
     unpacker, left = zlib.decompressobj(), message.zlib_cells
     for row in range(0, message.rows, every):
         size = min(every, message.rows - row) * message.cols
@@ -56,7 +56,7 @@ def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
 
 
 def _small(band: NDArray[np.int8], every: int) -> NDArray[np.int8]:
-    """One row of a band of rows."""
+    """Reduce a band to one row."""
     starts = np.arange(0, band.shape[1], every)
     walls = np.logical_or.reduceat((band == OCCUPIED).any(axis=0), starts)
     free = np.logical_or.reduceat((band == FREE).any(axis=0), starts)

@@ -1,13 +1,18 @@
-"""The page's files, the map and the WebSocket, served by a thread of its own."""
+"""Serves the page's files, the map and the WebSocket in its own thread."""
 
 import asyncio
 import logging
+import secrets
 import socket
 import ssl
 import threading
-from collections.abc import Mapping, Sequence
+import webbrowser
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import dataclass
 from http import HTTPStatus
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 from urllib.parse import urlsplit
@@ -28,14 +33,14 @@ from live_view.commands import (
     parsed_request,
 )
 from live_view.room import Browser, Commanded, Joined, Questioned, Room, encoded
-from live_view.static_files import static_files
+from live_view.saved_page import static_files
 from protocol.errors import MalformedMessageError, SettingsError
 
 SOCKET_PATH = "live"
 ROBOT_PATH = "robot/"
 MAX_BROWSERS = 100
 MAX_UNREAD_BYTES = 8_000_000
-"""Of one browser; the largest message, all that there is, has a tenth."""
+"""Of one browser; the largest message, with all frames, has a tenth."""
 _STARTED_WITHIN_S = 10.0
 _CONTENT_TYPES = {
     "html": "text/html; charset=utf-8",
@@ -54,14 +59,80 @@ _SAFE = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class PageOptions:
+    """Address and features of the page."""
+
+    address: Address
+    """Except on loopback, the link holds a token."""
+    allow_commands: bool = False
+    """Accept commands from other machines too."""
+    open_browser: bool = False
+    by_hand: bool = False
+    """Begin with driving the simulated robot by the arrow keys."""
+    story: str = ""
+    """Name of the world whose captions explain what happens; empty: no captions."""
+    beside: str = ""
+    """Name of a robot that is the same one localized by AMCL, for a second map; empty: none."""
+    certificate: Path | None = None
+    """PEM file: serve by HTTPS."""
+    private_key: Path | None = None
+
+    @property
+    def obeys_commands(self) -> bool:
+        """Whether commands are offered and accepted."""
+        return self.allow_commands or self.address.is_loopback
+
+
+@contextmanager
+def opened_page(
+    options: PageOptions, rooms: Sequence[Room], on_link: Callable[[str], None]
+) -> Iterator[None]:
+    """Serve until the ``with`` block ends.
+
+    Args:
+        options: address and features of the page.
+        rooms: one for each robot.
+        on_link: called with the link once it can be opened.
+
+    Raises:
+        SettingsError: the address or the certificate cannot be used.
+    """
+    token = "" if options.address.is_loopback else secrets.token_urlsafe(18)
+    tls = _tls_context(options)
+    commands = options.obeys_commands
+    with PageServer(options.address, token, rooms, commands=commands, tls=tls) as server:
+        on_link(server.link)
+        if options.open_browser:
+            webbrowser.open(server.link)
+        yield
+
+
+def _tls_context(options: PageOptions) -> ssl.SSLContext | None:
+    certificate, key = options.certificate, options.private_key
+    if certificate is None and key is None:
+        return None
+    if certificate is None or key is None:
+        missing = "--certificate" if certificate is None else "--private-key"
+        raise SettingsError(key=missing, problem=f"{missing} is missing: HTTPS needs both")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except OSError as error:  # ssl.SSLError is one
+        problem = f"--certificate {certificate}, --private-key {key}: {error.strerror or error}"
+        raise SettingsError(key="--certificate", problem=problem) from error
+    return context
+
+
 class PageServer:
     """Serves until its ``with`` block ends. The other methods may be called from any thread.
 
     Args:
-        address: where; port 0 takes a free one.
-        token: wanted of each browser; empty: none.
-        rooms: one for each robot; the first is also the page without a name.
-        commands: whether buttons are obeyed.
+        address: port 0 takes a free one.
+        token: required of each browser; empty: none.
+        rooms: one for each robot; the first is also the page at ``/``.
+        commands: whether commands are accepted.
         tls: certificate and key; None: plain HTTP.
     """
 
@@ -88,7 +159,7 @@ class PageServer:
 
     @property
     def link(self) -> str:
-        """What a person opens."""
+        """The link for a person."""
         return self._admission.link
 
     def __enter__(self) -> Self:
@@ -105,7 +176,7 @@ class PageServer:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close all pages' sockets."""
+        """Close the connections of all pages."""
         self._loop.call_soon_threadsafe(self._stopping.set)
         self._thread.join()
 
@@ -118,7 +189,7 @@ class PageServer:
 
     async def _serve(self) -> None:
         quiet = logging.getLogger("live_view.websockets")
-        quiet.setLevel(logging.CRITICAL)  # strangers who knock are no news
+        quiet.setLevel(logging.CRITICAL)  # refused connections are not logged
         async with serve(
             self._talk,
             sock=self._listening,
@@ -134,7 +205,7 @@ class PageServer:
             await self._stopping.wait()
 
     def _answer(self, _connection: ServerConnection, request: HttpRequest) -> Response | None:
-        """Answer what is no WebSocket, or refuse; None lets the WebSocket open."""
+        """Answer or refuse an HTTP request; None: open the WebSocket."""
         headers = {name.lower(): value for name, value in request.headers.raw_items()}
         room, path = self._asked(request.path)
         opens_socket = path == SOCKET_PATH
@@ -149,7 +220,7 @@ class PageServer:
         return self._content(room, path or "index.html")
 
     def _asked(self, target: str) -> tuple[Room | None, str]:
-        """The robot whose page is meant, and what of it: ``/robot/NAME/app.js``, or ``/app.js``."""
+        """Parse ``/robot/NAME/app.js`` or ``/app.js``: the robot's room and the file."""
         path = urlsplit(target).path.removeprefix("/")
         if not path.startswith(ROBOT_PATH):
             return self._first, path
@@ -173,24 +244,24 @@ class PageServer:
 
     async def _talk(self, connection: ServerConnection) -> None:
         room, _ = self._asked(connection.request.path if connection.request else "")
-        if room is None:  # refused before
+        if room is None:  # refused by `_answer`
             return
         browser = Browser(lambda data: _send(connection, data))
         room.browsers.add(browser)
         try:
             room.on_event(Joined(browser))
             async for text in connection:
-                self._hear(room, browser, text)
+                self._on_request(room, browser, text)
         except MalformedMessageError as error:
             await connection.close(1008, str(error)[:100])
         except ConnectionClosed:
             pass
         finally:
             room.browsers.discard(browser)
-            if browser.drives:  # nobody is left to stop the robot, or to let it go
+            if browser.drives:  # the robot must not wait for keys
                 room.on_event(Commanded(browser, DriveRobot(by_hand=False)))
 
-    def _hear(self, room: Room, browser: Browser, text: str | bytes) -> None:
+    def _on_request(self, room: Room, browser: Browser, text: str | bytes) -> None:
         match parsed_request(text):
             case Drawn() as drawn:
                 browser.on_drawn(drawn)
@@ -201,12 +272,12 @@ class PageServer:
                     browser.drives = command.by_hand
                 room.on_event(Commanded(browser, command))
             case _:
-                problem = "this page may only look: start it with --allow-commands"
+                problem = "this page is read-only: start it with --allow-commands"
                 browser.offer(encoded({"done": {"problem": problem}}))
 
 
 def _send(connection: ServerConnection, data: bytes) -> None:
-    """Send without waiting; who asks for more and does not read what comes is cut off."""
+    """Send without waiting; disconnect a browser that does not read."""
     if connection.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
         connection.transport.abort()
     else:
@@ -220,10 +291,10 @@ def _response(status: HTTPStatus, body: bytes, more: Mapping[str, str]) -> Respo
 
 
 def _listening(address: Address) -> socket.socket:
-    """A socket that listens.
+    """Return a listening socket.
 
     Raises:
-        SettingsError: the address is not this machine's, or is in use.
+        SettingsError: the address is not of this machine, or in use.
     """
     try:
         return socket.create_server(

@@ -1,14 +1,15 @@
 """What the page shows, kept up to date from the messages of one robot's system."""
 
 from collections import deque
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from typing import Any
 
 import msgspec
 
-from live_view.colour_slots import ColourSlots
 from live_view.frames import (
     Frame,
+    cloud_frame,
+    cluster_of,
     events_frame,
     history_row,
     map_frame,
@@ -16,7 +17,6 @@ from live_view.frames import (
     status_frame,
     step_frame,
 )
-from live_view.particle_clouds import cloud_frame, cluster_of
 from live_view.step_archive import ArchiveEntry, StepArchive
 from protocol.answers import Belief, PoseAnswer, Status
 from protocol.job_events import JobEvents, NumberedEvent
@@ -25,24 +25,26 @@ from protocol.steps import MapMessage, Scan, TruePose
 from protocol.work import Particles, TrackReport
 
 NEWEST_ROWS = 1000
-"""Of the steps so far, what a page is given at once; older ones it asks for."""
+"""Rows of the newest steps that a page gets when it is opened; it requests older ones."""
 MAX_EVENTS = 1000
 SHOWN_EVENTS = 100
 _KEPT_STEPS = 64
 """Scans and true poses that wait for the belief of their step."""
+SLOTS = 8
+"""Number of colours; slots beyond repeat them with dashed rims."""
 
 
 class Picture:
-    """Told of messages; gives the frames that have changed, or all, by topic.
+    """Turns messages into frames by topic, and remembers which frames have changed.
 
-    Topics are states, so whoever gets the newest frame of each has everything: ``system``, ``map``,
+    Topics are states: the newest frame of each is the whole picture. They are ``system``, ``map``,
     ``step``, ``pose``, ``status``, ``events``, and ``cloud N``, the particles of cluster N, which
-    is None once the cluster is gone. Only ``history``, the newest steps and which is the oldest
-    that is kept, is given once, and again when the steps restart; the page adds each step itself.
+    is None once the cluster has ended. Only ``history``, the newest rows and the oldest kept step,
+    is sent once, and again when the steps restart; the page adds each new step itself.
 
     Args:
-        system: what does not change: the robot's name, the router, whether commands are allowed.
-        archive: for the steps that can be looked back at; None: of the usual size.
+        system: constant facts: the robot's name, the router, whether commands are allowed.
+        archive: of past steps; None: one of the usual size.
     """
 
     def __init__(self, system: Frame, archive: StepArchive | None = None) -> None:
@@ -57,11 +59,11 @@ class Picture:
         self._events_term = self._term = 0
         self._last_step = -1
         self.wanted_map = ""
-        """Digest of the map that the system localizes in; empty: not known, any will do."""
+        """Digest of the map that the system localizes in; empty: unknown, any map will do."""
 
     @property
     def has_wanted_map(self) -> bool:
-        """False: the map should be asked for."""
+        """Whether no map has to be queried."""
         shown = self._frames.get("map")
         return shown is not None and self.wanted_map in ("", shown["digest"])
 
@@ -72,13 +74,13 @@ class Picture:
         return link
 
     def changes(self) -> dict[str, Any]:
-        """The frames that have changed since this was called last."""
+        """Return the frames that have changed since the last call."""
         changed = {topic: self._frame(topic) for topic in sorted(self._changed)}
         self._changed.clear()
         return changed
 
     def past(self, step: int) -> dict[str, Any]:
-        """The frames as they were after a step; without those that are not known any more."""
+        """Return the frames as they were after a step, without those no longer archived."""
         events = [event for event in self._events.values() if event.step <= step]
         return {**self._archive.at(step), "events": events_frame(events[-SHOWN_EVENTS:])}
 
@@ -88,51 +90,51 @@ class Picture:
         return self._archive.everything()
 
     def rows_before(self, step: int) -> list[msgspec.Raw]:
-        """What the way and the plot need of the steps before one, the last of them."""
+        """Return the last rows before a step, for trails and plot."""
         rows = [row for known, row in self._rows if known < step]
         return rows[-NEWEST_ROWS:]
 
     def everything(self) -> dict[str, Any]:
-        """All frames, for a page that has just been opened."""
+        """Return all frames, for a page that was just opened."""
         return {topic: self._frame(topic) for topic in ("history", *self._frames)}
 
     def on_link(self, link: str) -> None:
-        """The router or the system behind it came or went."""
+        """The router, or the system behind it, appeared or disappeared."""
         if link != self.link:
             self._set("system", {**self._frames["system"], "link": link})
             if link != "running":
-                self._term = self._events_term = 0  # whoever comes next may count from 0
+                self._term = self._events_term = 0  # the next coordinator may count from 0
 
     def on_map(self, message: MapMessage) -> None:
-        """The map has come."""
+        """Show another map."""
         self._set("map", map_frame(message))
 
     def on_scan(self, scan: Scan) -> None:
-        """A scan, whose belief follows."""
+        """Keep a scan until its belief arrives."""
         self.wanted_map = scan.map_digest
         _keep(self._scans, scan.step, scan)
 
     def on_truth(self, truth: TruePose) -> None:
-        """Where a simulated robot really is at a step."""
+        """Show the ground truth of a simulated robot at a step."""
         _keep(self._truths, truth.step, truth.map_from_robot)
         shown = self._frames.get("step")
         if shown is not None and shown["step"] == truth.step:
             self._set_step({**shown, "truth": truth.map_from_robot})
 
     def on_report(self, report: TrackReport) -> None:
-        """What a worker made of a scan: now and then with the particles of its cluster."""
+        """Take the particles out of a worker's report, if it has any."""
         cluster = cluster_of(report)
         if report.snapshot is not None and cluster is not None:
             self.on_particles(cluster, report.snapshot)
 
     def on_particles(self, cluster: int, particles: Particles) -> None:
-        """The particles of a cluster."""
+        """Show the particles of a cluster."""
         frame = cloud_frame(cluster, particles)
         self._set(f"cloud {cluster}", frame)
         self._archive.add(self._last_step, f"cloud {cluster}", frame)
 
     def on_belief(self, belief: Belief) -> None:
-        """A step was applied, or a command changed what is believed after it."""
+        """Show a belief: a step was applied, or a command changed the belief after it."""
         if belief.term < self._term:
             return
         if belief.step < self._last_step:
@@ -144,18 +146,18 @@ class Picture:
         self._set_step(step_frame(belief, slots, scan, truth))
 
     def on_pose(self, answer: PoseAnswer) -> None:
-        """Where the robot is now."""
+        """Show the robot's present pose."""
         if answer.term >= self._term:
             frame = pose_frame(answer)
             self._set("pose", frame)
             self._archive.add(self._last_step, "pose", frame)
 
     def on_status(self, status: Status, latency: Frame | None = None) -> None:
-        """The system has answered how it is, so it is there.
+        """Show the status of the system, which is running.
 
         Args:
             status: its answer.
-            latency: of the last steps; None: it is not known.
+            latency: of the last steps; None: unknown.
         """
         self.on_link("running")
         self.wanted_map = status.map_digest or self.wanted_map
@@ -163,15 +165,17 @@ class Picture:
         self._set("status", frame)
         self._archive.add(self._last_step, "status", frame)
 
-    def on_events(self, heard: JobEvents) -> bool:
-        """What has begun and ended; False: some are missing, ask for all of them."""
-        if heard.term < self._events_term:
+    def on_events(self, published: JobEvents) -> bool:
+        """Add events; return False if some are missing, so that all have to be queried."""
+        if published.term < self._events_term:
             return True
-        if heard.term > self._events_term:
-            self._events_term = heard.term
+        if published.term > self._events_term:
+            self._events_term = published.term
             self._events.clear()
         expected = max(self._events, default=-1) + 1
-        new = {event.number: event for event in heard.events if event.number not in self._events}
+        new = {
+            event.number: event for event in published.events if event.number not in self._events
+        }
         if new:
             numbers = sorted(self._events | new)[-MAX_EVENTS:]
             self._events = {number: (self._events | new)[number] for number in numbers}
@@ -179,7 +183,7 @@ class Picture:
         return min(new, default=expected) <= expected
 
     def _forget(self) -> None:
-        """The steps begin anew: what is drawn of the old ones would only mislead."""
+        """Drop everything of the old steps: the count of steps has restarted."""
         self._rows.clear()
         self._archive.clear()
         self._events.clear()
@@ -189,7 +193,7 @@ class Picture:
         self._changed.add("history")
 
     def _set_step(self, frame: Frame) -> None:
-        """Show a step; the same step again replaces it."""
+        """Show a step; replace its frame if it is shown already."""
         step = frame["step"]
         if self._rows and self._rows[-1][0] == step:
             self._rows.pop()
@@ -216,8 +220,35 @@ class Picture:
 
 
 def _keep(of_step: dict[int, Any], step: int, value: Any) -> None:
-    """Keep the newest by step; a count that begins anew makes the older ones go all the same."""
+    """Keep the newest values by the order of arrival: a count of steps may restart."""
     of_step.pop(step, None)
     of_step[step] = value
     while len(of_step) > _KEPT_STEPS:
         del of_step[next(iter(of_step))]
+
+
+class ColourSlots:
+    """Gives each cluster the slot that has been free for longest."""
+
+    def __init__(self) -> None:
+        self._of: dict[int, int] = {}
+        self._free = list(range(SLOTS))
+        """Longest free first: a new cluster gets another colour than one that just ended."""
+
+    def assign(self, clusters: Iterable[int]) -> dict[int, int]:
+        """Return the slots of the present clusters; those of all others become free."""
+        alive = list(clusters)
+        for gone in sorted(self._of.keys() - set(alive)):
+            self._free.append(self._of.pop(gone))
+        for cluster in alive:
+            if cluster not in self._of:
+                self._of[cluster] = self._take()
+        return dict(self._of)
+
+    def _take(self) -> int:
+        """Return a slot with a colour of its own while there is one; then one beyond."""
+        if not self._free:
+            return len(self._of)
+        first = next((slot for slot in self._free if slot < SLOTS), self._free[0])
+        self._free.remove(first)
+        return first

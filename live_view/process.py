@@ -1,4 +1,4 @@
-"""The page's process: hears the systems of one robot or more, keeps their pictures, serves them."""
+"""The page's process: serves the pictures of one or several robots."""
 
 import argparse
 import logging
@@ -10,7 +10,7 @@ import msgspec
 
 from live_view.admission import DEFAULT_PORT, parsed_address
 from live_view.live_loop import LiveLoop
-from live_view.serving import PageOptions, opened_page
+from live_view.page_server import PageOptions, opened_page
 from process_runtime.main import Invocation, process_main
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
@@ -35,20 +35,28 @@ def main() -> None:
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     listen = f"127.0.0.1:{DEFAULT_PORT}"
     parser.add_argument("--listen", default=listen, help=f"HOST:PORT (default: {listen})")
-    parser.add_argument("--allow-commands", action="store_true", help="buttons also from elsewhere")
+    parser.add_argument(
+        "--allow-commands", action="store_true", help="accept commands from other machines"
+    )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
-    parser.add_argument("--by-hand", action="store_true", help="arrow keys drive at first")
+    parser.add_argument(
+        "--by-hand", action="store_true", help="begin with driving by the arrow keys"
+    )
     parser.add_argument("--story", default="", metavar="WORLD", help="captions for this world")
     parser.add_argument("--beside", default="", metavar="NAME", help="robot of a second map")
     parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM: serve by HTTPS")
     parser.add_argument("--private-key", type=Path, metavar="FILE", help="PEM, of the certificate")
     parser.add_argument(
-        "--robot", action="append", default=[], metavar="NAME", help="instead of robot.name; again"
+        "--robot",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="overrides robot.name; may be repeated",
     )
 
 
 def run_live_view(invocation: Invocation) -> None:
-    """Serve the page until told to stop; as a process of its own.
+    """Serve the page until the process is stopped.
 
     Raises:
         SettingsError: the address or a certificate cannot be used.
@@ -65,28 +73,28 @@ def run_live_view(invocation: Invocation) -> None:
         private_key=arguments.private_key,
     )
 
-    def say(link: str) -> None:
+    def on_link(link: str) -> None:
         _log.info("look at %s", link)
 
-    serve_page(invocation.settings, invocation.stop, options, say, robots=arguments.robot)
+    serve_page(invocation.settings, invocation.stop, options, on_link, robots=arguments.robot)
 
 
 def serve_page(
     settings: Settings,
     stop: StopFlag,
     options: PageOptions,
-    say: Callable[[str], None],
+    on_link: Callable[[str], None],
     *,
     robots: Sequence[str] = (),
 ) -> None:
-    """Serve the page until `stop` is set; without a running system it waits for one.
+    """Serve the page until `stop` is set; wait for a system where none is running.
 
     Args:
         settings: the router's endpoint and the robot's name.
-        stop: looked at every 0.1 s.
-        options: where, and what it offers.
-        say: told the link once it can be opened.
-        robots: names, each with a page of its own; none: the one of the settings.
+        stop: checked every 0.1 s.
+        options: address and features of the page.
+        on_link: called with the link once it can be opened.
+        robots: names, each with its own page; empty: the robot of the settings.
 
     Raises:
         SettingsError: the address, a certificate or a robot's name cannot be used.
@@ -102,7 +110,7 @@ def serve_page(
     }
     shown = [*names, options.beside] if options.beside else names
     loops = [LiveLoop(_of_robot(settings, name), about, stop) for name in shown]
-    with opened_page(options, [loop.room for loop in loops], say):
+    with opened_page(options, [loop.room for loop in loops], on_link):
         if len(loops) == 1:
             loops[0].run()
         else:
@@ -110,7 +118,7 @@ def serve_page(
 
 
 def _run_all(loops: Sequence[LiveLoop], stop: StopFlag) -> None:
-    """Each in a thread of its own; when one fails, all end."""
+    """Run each loop in its own thread; when one fails, all end."""
     with ThreadPoolExecutor(len(loops), "robot") as threads:
         running = [threads.submit(loop.run) for loop in loops]
         try:

@@ -10,10 +10,10 @@ from typing import Any
 from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
+from live_view.page_server import PageOptions, opened_page
 from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
 from live_view.saved_page import saved_run
-from live_view.serving import PageOptions, opened_page
 from live_view.step_archive import StepArchive
 from process_runtime.stop import StopFlag
 from protocol.answers import Belief, PoseAnswer

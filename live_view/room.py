@@ -1,4 +1,4 @@
-"""The pages that are open on one robot: what they say, and what they are sent."""
+"""The pages of one robot that are open in browsers: their requests, and frames for them."""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -7,15 +7,55 @@ from typing import Any
 
 import msgspec
 
-from live_view.backlog import Backlog
 from live_view.commands import Command, Drawn, Question
+
+MESSAGES_AHEAD = 6
+"""Messages under way to a page that keeps up; it acknowledges several at once."""
+
+
+class Backlog:
+    """Holds frames back while the browser has not drawn the last ones.
+
+    All frames are states: a newer one of the same topic replaces an older one that waits. A slow
+    browser skips pictures, and its backlog is never larger than one picture.
+
+    Args:
+        frames: first frames to send: topic to encoded frame.
+    """
+
+    def __init__(self, frames: Mapping[str, bytes]) -> None:
+        self._owed = dict(frames)
+        self._under_way, self._ahead = 0, MESSAGES_AHEAD
+
+    def offer(self, frames: Mapping[str, bytes]) -> None:
+        """Add newer frames."""
+        self._owed.update(frames)
+
+    def on_drawn(self, count: int, *, slow: bool) -> None:
+        """The browser has drawn more messages.
+
+        Args:
+            count: number of them since its last acknowledgement.
+            slow: drawing takes long, so each message waits until the last one is drawn.
+        """
+        self._under_way = max(self._under_way - count, 0)
+        self._ahead = 1 if slow else MESSAGES_AHEAD
+
+    def take(self) -> list[bytes]:
+        """Return the frames to send now, in the order of their topics; none while it draws."""
+        if self._under_way >= self._ahead or not self._owed:
+            return []
+        frames = list(self._owed.values())
+        self._owed.clear()
+        self._under_way += 1
+        return frames
 
 
 class Browser:
-    """One open page, as a handle for whoever answers it; used on the server's own thread.
+    """One open page; used on the server's own thread.
 
     Args:
-        send: told what goes to the page now; it shall not wait, few messages are under way.
+        send: sends a message to the page without waiting.
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
@@ -25,12 +65,12 @@ class Browser:
         self._send = send
 
     def offer(self, frames: Mapping[str, bytes]) -> None:
-        """Give it newer frames."""
+        """Send newer frames, now or when the page has drawn the last ones."""
         self._backlog.offer(frames)
         self._send_owed()
 
     def on_drawn(self, drawn: Drawn) -> None:
-        """It has drawn what it was sent."""
+        """The page has drawn messages."""
         self._backlog.on_drawn(drawn.count, slow=drawn.slow)
         self._send_owed()
 
@@ -41,14 +81,14 @@ class Browser:
 
 @dataclass(frozen=True)
 class Joined:
-    """A page was opened: it wants everything."""
+    """A page was opened, and needs all frames."""
 
     browser: Browser
 
 
 @dataclass(frozen=True)
 class Commanded:
-    """A person has pressed a button."""
+    """A person pressed a button of a page."""
 
     browser: Browser
     command: Command
@@ -56,7 +96,7 @@ class Commanded:
 
 @dataclass(frozen=True)
 class Questioned:
-    """A page wants to know something of the past."""
+    """A page requests frames or rows of the past."""
 
     browser: Browser
     question: Question
@@ -66,11 +106,11 @@ FromBrowser = Joined | Commanded | Questioned
 
 
 class Room:
-    """One robot's pages. `set_map`, `publish` and `tell` may be called from any thread.
+    """One robot's pages. `set_map`, `publish` and `send` may be called from any thread.
 
     Args:
         name: the robot's; part of its link.
-        on_event: told what browsers do, on the server's thread: put, and return.
+        on_event: called on the server's thread for each request; must not block.
     """
 
     def __init__(self, name: str, on_event: Callable[[FromBrowser], object]) -> None:
@@ -79,18 +119,18 @@ class Room:
         self.map: tuple[str, bytes] = ("", b"")
         """Digest and packed cells."""
         self.loop: asyncio.AbstractEventLoop | None = None
-        """The server's, once it serves."""
+        """The server's event loop, once it serves."""
 
     def set_map(self, digest: str, zlib_cells: bytes) -> None:
-        """The cells that the page fetches next, packed."""
+        """Set the map's packed cells, which pages fetch by their digest."""
         self.map = (digest, zlib_cells)
 
     def publish(self, frames: Mapping[str, Any]) -> None:
-        """Send frames to every page; a slow one skips those that are replaced meanwhile."""
+        """Send frames to every page; a slow page skips frames that newer ones replace."""
         if self.browsers:
             self._soon(self._offer_all, encoded(frames))
 
-    def tell(self, browser: Browser, frames: Mapping[str, Any]) -> None:
+    def send(self, browser: Browser, frames: Mapping[str, Any]) -> None:
         """Send frames to one page."""
         self._soon(browser.offer, encoded(frames))
 
@@ -106,7 +146,7 @@ class Room:
 
 
 def encoded(frames: Mapping[str, Any]) -> dict[str, bytes]:
-    """Each frame as a member of a JSON object; once for all browsers."""
+    """Encode each frame as a member of a JSON object, once for all browsers."""
     return {
         topic: b'"%s":%s' % (topic.encode(), msgspec.json.encode(frame))
         for topic, frame in frames.items()

@@ -1,6 +1,7 @@
 """The page as one file that needs no server: a moment, or a run that plays."""
 
 import base64
+import importlib.resources
 import re
 import zlib
 from collections.abc import Mapping
@@ -9,26 +10,25 @@ from typing import Any
 import msgspec
 
 from live_view.picture import Picture
-from live_view.static_files import static_files
 from protocol.steps import MapMessage
 
 _IMPORTED = re.compile(r'from "\./(\w+)\.js"')
 
 
 def saved_page(frames: Mapping[str, Any], grid_map: MapMessage | None, saved_at: str) -> str:
-    """A page of HTML.
+    """Return a page of HTML.
 
     Args:
-        frames: all topics, as a page gets them when it is opened.
+        frames: of all topics, as for a page that was just opened.
         grid_map: small enough for a browser; None: none is drawn.
-        saved_at: when, in words.
+        saved_at: the time, for people.
     """
     system = {**frames["system"], "link": "saved", "commands": False, "saved_at": saved_at}
     return _page({**frames, "system": system}, grid_map)
 
 
 def saved_run(picture: Picture, grid_map: MapMessage | None) -> str:
-    """A page of HTML that plays all steps that a picture holds; its run has ended."""
+    """Return a page of HTML that plays all archived steps of a run that has ended."""
     packed = zlib.compress(msgspec.json.encode(picture.archived), 9)
     past = base64.b64encode(packed).decode()
     return _page({**picture.everything(), "past": past}, grid_map)
@@ -51,7 +51,7 @@ def _page(shown: dict[str, Any], grid_map: MapMessage | None) -> str:
 
 
 def _import_map(files: Mapping[str, str]) -> str:
-    """All scripts by their names; a script that is part of a file finds no other by its path."""
+    """Map each script's name to its content: inline scripts cannot import by a path."""
     scripts = {
         name.removesuffix(".js"): "data:text/javascript;base64,"
         + base64.b64encode(_IMPORTED.sub(r'from "\1"', text).encode()).decode()
@@ -59,3 +59,9 @@ def _import_map(files: Mapping[str, str]) -> str:
         if name.endswith(".js")
     }
     return msgspec.json.encode({"imports": scripts}).decode()
+
+
+def static_files() -> dict[str, bytes]:
+    """Return the files of the page by their names."""
+    folder = importlib.resources.files("live_view") / "static"
+    return {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}

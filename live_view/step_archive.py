@@ -1,4 +1,4 @@
-"""The last steps as they were drawn, for those who look back."""
+"""The frames of the last steps, for looking back."""
 
 import zlib
 from collections import deque
@@ -9,11 +9,11 @@ import msgspec
 
 MAX_STEPS = 10_000
 MAX_BYTES = 20_000_000
-"""Of all that is kept; with very many clusters, fewer steps fit."""
+"""Of all archived frames; with very many clusters, fewer steps fit."""
 LOOK_BACK_STEPS = 100
-"""So long a frame stands for the steps after it: particles come every tenth step or so."""
+"""A frame holds for this many later steps: particles arrive about every tenth step."""
 PACKED_TOGETHER_BYTES = 32_000
-"""About a second's frames: deflate takes longer to set up than to pack one, and they are alike."""
+"""About a second of frames: similar ones, whose set-up costs more than packing one."""
 _FAST = 1
 
 ArchiveEntry: TypeAlias = tuple[int, str, msgspec.Raw]
@@ -28,10 +28,10 @@ class _Pack(NamedTuple):
 
 
 class StepArchive:
-    """Keeps frames by step and topic, packed; the oldest give way.
+    """Keeps compressed frames by step and topic; drops the oldest.
 
     Args:
-        max_steps: that lie between the first and the last.
+        max_steps: most steps between the first and the last.
         max_bytes: of the packed frames.
     """
 
@@ -41,7 +41,7 @@ class StepArchive:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all."""
+        """Drop all frames."""
         self._packs: deque[_Pack] = deque()
         self._packed_bytes = self._newest_bytes = 0
         self._newest: list[ArchiveEntry] = []
@@ -49,12 +49,12 @@ class StepArchive:
         self._newest_step = 0
 
     def add(self, step: int, topic: str, frame: Any) -> None:
-        """Keep a frame; it stands for its step and those after it, until the next of its topic.
+        """Keep a frame; it holds for its step and later ones, until the next of its topic.
 
         Args:
-            step: not lower than any before.
-            topic: as the page knows it.
-            frame: what is drawn.
+            step: not less than in earlier calls.
+            topic: see `Picture`.
+            frame: a JSON object.
         """
         encoded = msgspec.json.encode(frame)
         self._newest.append((step, topic, msgspec.Raw(encoded)))
@@ -69,7 +69,7 @@ class StepArchive:
             self._packed_bytes -= len(self._packs.popleft().packed)
 
     def at(self, step: int) -> dict[str, msgspec.Raw]:
-        """The newest frame of each topic that is not newer than a step, encoded."""
+        """Return the newest encoded frame of each topic that is not newer than a step."""
         found: dict[str, msgspec.Raw] = {}
         oldest = max(step - LOOK_BACK_STEPS, self._newest_step - self.max_steps + 1)
         for entries in self._entries_between(oldest, step):
@@ -84,7 +84,7 @@ class StepArchive:
         return [entry for entries in (*packs, self._newest) for entry in entries]
 
     def _entries_between(self, first: int, last: int) -> Iterator[Sequence[ArchiveEntry]]:
-        """Entries of these steps and some around them, the newest pack first."""
+        """Yield the entries of these steps and some around them, the newest pack first."""
         yield self._newest
         for pack in reversed(self._packs):
             if pack.last_step < first:

@@ -1,4 +1,4 @@
-"""How long the last steps took, from a scan to its belief, as one process hears both."""
+"""Time from a scan to its belief, measured by the process that receives both."""
 
 import statistics
 from collections import deque
@@ -9,26 +9,26 @@ _WAITING_SCANS = 64
 
 
 class StepLatency:
-    """Told when scans and beliefs have come; both by one clock, so no two need agree."""
+    """Measures by one clock, so that no clocks have to agree."""
 
     def __init__(self) -> None:
         self._scans_ns: dict[int, int] = {}
         self._late_ms: deque[float] = deque(maxlen=LAST_STEPS)
 
     def on_scan(self, step: int, at_ns: int) -> None:
-        """A scan has come, whose belief follows."""
+        """A scan has arrived; its belief follows."""
         self._scans_ns[step] = at_ns
         while len(self._scans_ns) > _WAITING_SCANS:
             del self._scans_ns[next(iter(self._scans_ns))]
 
     def on_belief(self, step: int, at_ns: int) -> None:
-        """A belief has come. Only the first of its step counts: commands make others."""
+        """A belief has arrived. Only the first of its step counts: commands publish more."""
         scan_ns = self._scans_ns.pop(step, None)
         if scan_ns is not None:
             self._late_ms.append((at_ns - scan_ns) / 1e6)
 
     def frame(self) -> dict[str, Any] | None:
-        """As the page reads it [ms]; None: nothing has been heard yet."""
+        """Return the times for the page [ms]; None: no belief has arrived yet."""
         late_ms = self._late_ms
         if not late_ms:
             return None

@@ -1,4 +1,4 @@
-// What the server tells goes where it is shown; what a person does goes to the server.
+// Distributes the frames of the server to map and panel, and sends commands to the server.
 import { Beside } from "./beside.js";
 import { showCaption } from "./captions.js";
 import { Connection } from "./connection.js";
@@ -13,11 +13,11 @@ import { TimeTravel } from "./time_travel.js";
 
 const $ = (id) => document.getElementById(id);
 const CONFIRMED_MS = 4000, BESIDES_EVERY_MS = 200, SLOW_MS = 50;
-const RECORDED = ["replaying", "finished", "saved"]; // links to what does not go on by itself
+const RECORDED = ["replaying", "finished", "saved"]; // links without a running system
 
 const view = new MapView($("map"));
 const beside = new Beside(view);
-const slots = new Map(); // of every cluster there has been
+const slots = new Map(); // colour slot of each cluster so far
 const now = { clouds: new Map() }; // the newest frames: step, pose, status, events; clouds by cluster
 let system = {};
 let hovered = null; // step of the plot under the pointer
@@ -87,7 +87,7 @@ const TAKE = {
   past: (frames) => travel.onPast(frames),
   step(frame) {
     now.step = frame;
-    const likely = frame.places.slice(0, ROW_PLACES); // as in the rows that the server tells
+    const likely = frame.places.slice(0, ROW_PLACES); // as in the rows of the server
     known.add([frame.step, likely.map((p) => [p.cluster, p.slot, p.p, ...p.pose]), frame.truth]);
     const isNews = learnSlots(frame.places.map((place) => [place.cluster, place.slot]));
     if (travel.at !== null) {
@@ -96,7 +96,7 @@ const TAKE = {
     }
     showMap(now);
     [now.elsewhere, now.offMap] = [frame.elsewhere, frame.off_map];
-    if (isNews) now.eventsDue = true; // which are told before the step they belong to
+    if (isNews) now.eventsDue = true; // events arrive before their step
     showBesidesSoon();
   },
   pose(frame) {
@@ -125,7 +125,7 @@ const TAKE = {
 };
 const ORDER = ["system", "map", "history", "past", "step", "pose", "status", "events", "done"];
 
-/** What stands beside the map is read, not watched: it follows the map, five times a second. */
+/** The panel follows the map five times a second, which is enough for reading. */
 let soon = 0;
 function showBesidesSoon() {
   soon ||= setTimeout(showBesides, BESIDES_EVERY_MS);
@@ -159,7 +159,7 @@ function learnSlots(places) {
   return slots.size > known;
 }
 
-// --- what is shown: of now, or of a step that is looked back at ---------------------------------
+// --- what is shown: the newest step, or a past one ----------------------------------------------
 
 function showNow() {
   showMap(now);
@@ -168,7 +168,7 @@ function showNow() {
   showBesides();
 }
 
-/** The story once more: a run that has ended from its first step, else from a search on. */
+/** Play a run that has ended from its first step; else search again. */
 function again() {
   if (now.step.last) travel.play(true);
   else connection.send({ type: "relocalize" });
@@ -177,7 +177,7 @@ function again() {
 function showPast(frames) {
   if (system.story) showCaption(null);
   if (!frames.step) {
-    hint("That step is not kept any more.", true, CONFIRMED_MS);
+    hint("That step is no longer kept.", true, CONFIRMED_MS);
     return;
   }
   const clouds = Object.entries(frames).filter(([topic]) => topic.startsWith("cloud "));
@@ -218,7 +218,7 @@ function showRows() {
   known.askForGaps(travel.at === null ? Infinity : travel.at + SHOWN_STEPS / 2);
 }
 
-/** Up to the step that is shown. */
+/** The rows up to the shown step. */
 function rowsShown() {
   const { rows } = known;
   if (travel.at === null) return rows;
@@ -233,10 +233,10 @@ function isLive() {
 function showLink() {
   const isPast = connection.isOpen && RECORDED.includes(system.link);
   let text = "";
-  if (!connection.isOpen) text = "The page's server does not answer: trying again. Is `clustermcl view` still running?";
+  if (!connection.isOpen) text = "The page's server does not answer; trying again. Is `clustermcl view` still running?";
   else if (system.link === "no router") text = `No router at ${system.router}: waiting for the system to start.`;
-  else if (system.link === "no system") text = `The router is there, but nobody localizes ${system.robot} yet: waiting.`;
-  else if (system.link === "replaying") text = "Reading the recording: more steps come.";
+  else if (system.link === "no system") text = `The router answers, but no coordinator localizes ${system.robot} yet: waiting.`;
+  else if (system.link === "replaying") text = "Reading the recording: more steps follow.";
   else if (isLive() && now.status?.workers.length === 0) text = "No worker is alive: odometry alone moves the pose.";
   $("banner").hidden = !text;
   $("banner-text").textContent = text;
@@ -248,7 +248,7 @@ function showLink() {
   view.redraw();
 }
 
-// --- what a person does beside the map ----------------------------------------------------------
+// --- input in the panel -------------------------------------------------------------------------
 
 $("clusters").addEventListener("click", ({ target }) => {
   const cluster = Number(target.closest("li")?.dataset.cluster);
@@ -299,5 +299,5 @@ showClusters([], view);
 showEvents([], slots);
 connection.open();
 
-/** For tests, and for whoever is curious on the console. */
+/** For tests and for the console. */
 window.liveView = { view, beside, take, travel, history: () => known.rows };

@@ -1,4 +1,4 @@
-// How each beam of a scan fits a place: it ends at a wall, has gone through one, or ends short of any.
+// Classifies each beam of a scan at a place: it hits a wall, passes through one, or ends short of all.
 export const HIT = 0, THROUGH = 1, SHORT = 2;
 export const BEAM_COLOURS = ["--good", "--through", "--short"];
 const NEAR_M = 0.2;
@@ -6,8 +6,8 @@ const NEAR_M = 0.2;
 /**
  * @param map its frame and cells
  * @param pose of the place: x, y, heading
- * @param step has the scan [cm, in the robot's frame] and where its laser is
- * @return of each end point its place on the map and its kind
+ * @param step with its scan [cm, in the robot's frame] and the laser's position
+ * @return the position in the map and the class of each end point
  */
 export function judgedBeams(map, [x, y, heading], { scan, laser }) {
   const c = Math.cos(heading) / 100, s = Math.sin(heading) / 100, judged = [];

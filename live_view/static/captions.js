@@ -5,7 +5,7 @@ const PROBABLE = 0.04;
 const SEEN = { cross_feature: "Localized: it has seen the cabinet, which only one arm has." };
 const ALIKE = { cross: "arms", cross_feature: "arms" };
 
-/** @return the sentence, and whether the story can be told again from there */
+/** @return the sentence, and whether "Again" is offered */
 export function captionOf({ state, places, last }, world) {
   const count = places.filter((place) => place.p > PROBABLE).length;
   if (last) return ["The run has ended.", true];
@@ -16,7 +16,7 @@ export function captionOf({ state, places, last }, world) {
 }
 
 /**
- * @param step the newest; null: there is none yet, or another one is looked back at
+ * @param step the newest; null: there is none, or a past step is shown
  * @param world where the robot drives
  */
 export function showCaption(step, world) {

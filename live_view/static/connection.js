@@ -1,15 +1,15 @@
-// The socket to the server. It is opened again whenever it closes; a page that was saved as a file has none.
+// The WebSocket to the server, reopened whenever it closes. A page saved as a file has none.
 import { unpacked } from "./map_picture.js";
 
 const LOOK_BACK_STEPS = 100; // as in `step_archive.py`
 const LONGEST_PAUSE_MS = 4000, FIRST_PAUSE_MS = 250;
-const DRAWN_EVERY = 3, DRAWN_WITHIN_MS = 250; // so the server hears of what was drawn
+const DRAWN_EVERY = 3, DRAWN_WITHIN_MS = 250; // acknowledgement of drawn messages
 
 export class Connection {
   /**
-   * @param take gets the frames of each message
-   * @param changed is told when the server comes or goes
-   * @param isSlow whether drawing takes so long that messages had better wait for it
+   * @param take called with the frames of each message
+   * @param changed called when the connection opens or closes
+   * @param isSlow whether messages should wait until the last one is drawn
    * @param path of the robot's page
    */
   constructor(take, changed, isSlow, path = location.pathname) {
@@ -33,8 +33,8 @@ export class Connection {
     this.socket.onmessage = async ({ data }) => {
       await this.take(JSON.parse(data));
       this.drawn += 1;
-      if (this.drawn >= DRAWN_EVERY || this.isSlow()) this.tellDrawn();
-      else this.timer ||= setTimeout(() => this.tellDrawn(), DRAWN_WITHIN_MS);
+      if (this.drawn >= DRAWN_EVERY || this.isSlow()) this.acknowledge();
+      else this.timer ||= setTimeout(() => this.acknowledge(), DRAWN_WITHIN_MS);
     };
     this.socket.onclose = () => {
       this.isOpen = false;
@@ -59,7 +59,7 @@ export class Connection {
     return frames;
   }
 
-  tellDrawn() {
+  acknowledge() {
     clearTimeout(this.timer);
     this.timer = 0;
     if (this.drawn) this.send({ type: "drawn", count: this.drawn, slow: this.isSlow() });

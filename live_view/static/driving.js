@@ -1,4 +1,4 @@
-// Driving the simulated robot with the arrow keys. It stands still a second after the last word.
+// Drives the simulated robot with the arrow keys. It stops a second after the last command.
 import { hint } from "./panel.js";
 
 const REPEATED_EVERY_MS = 150;
@@ -14,29 +14,29 @@ export class Driving {
     this.isOn = on;
     this.held.clear();
     clearInterval(this.timer);
-    if (on) this.timer = setInterval(() => this.held.size && this.tell(), REPEATED_EVERY_MS);
-    this.tell();
+    if (on) this.timer = setInterval(() => this.held.size && this.sendRates(), REPEATED_EVERY_MS);
+    this.sendRates();
     document.getElementById("drive").setAttribute("aria-pressed", String(on));
-    hint(on ? "Drive with the arrow keys. D: the robot goes on by itself." : "");
+    hint(on ? "Drive with the arrow keys. D: the robot drives by itself again." : "");
   }
 
-  /** Whether a key was one to drive with. */
+  /** Return whether a key is used for driving. */
   onKey(key, isDown) {
     if (!this.isOn || !(key in RATES)) return false;
     const held = this.held.size;
     if (isDown) this.held.add(key);
     else this.held.delete(key);
-    if (this.held.size !== held) this.tell();
+    if (this.held.size !== held) this.sendRates();
     return true;
   }
 
   letGo() {
     if (!this.held.size) return;
     this.held.clear();
-    this.tell();
+    this.sendRates();
   }
 
-  tell() {
+  sendRates() {
     const rates = [...this.held].map((key) => RATES[key]);
     const sum = (index) => rates.reduce((total, rate) => total + rate[index], 0);
     this.send({ type: "drive", speed_m_s: sum(0), turn_rate_rad_s: sum(1), by_hand: this.isOn });

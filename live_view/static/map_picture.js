@@ -3,14 +3,14 @@ import { themed } from "./palette.js";
 
 const MAX_SIDE = 4096; // a larger map is reduced, walls win
 
-/** The cells of a map, one byte each; null: the server has another map by now. */
+/** Fetch the cells of a map, one byte each; null: the server has another map now. */
 export async function fetchedCells({ digest, rows, cols, packed }) {
   const answer = packed ? unpacked(packed) : await fetch(`map/${digest}`);
   const cells = new Uint8Array(await answer.arrayBuffer());
   return answer.ok && cells.length === rows * cols ? cells : null;
 }
 
-/** Of a page that was saved as a file: base64 of zlib. */
+/** Unpack the cells of a saved page: base64 of zlib. */
 export function unpacked(packed) {
   const bytes = Uint8Array.from(atob(packed), (letter) => letter.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate")));

@@ -1,4 +1,4 @@
-// The map with everything in it: drawn when something has changed, never twice in a frame.
+// Draws the map and everything on it when something has changed, at most once in a frame.
 import { BEAM_COLOURS, judgedBeams } from "./beams.js";
 import { pictureOf } from "./map_picture.js";
 import { prepared, themed } from "./palette.js";
@@ -6,30 +6,30 @@ import { drawParticles } from "./particles.js";
 import { drawLabels, drawOther, drawPlace, drawPlacing, drawRuler, drawTruth } from "./symbols.js";
 import { drawWays } from "./ways.js";
 
-const LABELLED = 8; // clusters that say their percentage, where there is room; the others are small
-const MARGIN = 16; // around the map, and what stands over it [px]
-const ZOOM_RANGE = [0.5, 2000]; // pixels a metre
+const LABELLED = 8; // clusters with a percentage, where there is room
+const MARGIN = 16; // around the map and the controls over it [px]
+const ZOOM_RANGE = [0.5, 2000]; // pixels per metre
 
 export class MapView {
   constructor(canvas) {
     this.canvas = canvas;
     this.map = null; // { frame, cells, picture }
-    this.view = { x: 0, y: 0, scale: 40 }; // what is in the middle [m]; pixels a metre
+    this.view = { x: 0, y: 0, scale: 40 }; // middle [m]; pixels per metre
     this.step = null;
-    this.rows = []; // of the steps so far, up to that one
+    this.rows = []; // of the steps up to the shown one
     this.clouds = new Map(); // particles by cluster
     this.layers = new Set(["ellipses", "particles", "trails", "scan", "truth", "map"]);
-    this.radius = 0; // of the robot's footprint [m]; 0: not known
+    this.radius = 0; // of the robot's footprint [m]; 0: unknown
     this.others = []; // robots in the same map: { name, pose }
     this.pointed = null; // cluster under the pointer
-    this.selected = null; // the cluster whose beams are judged
+    this.selected = null; // the cluster whose beams are classified
     this.ruler = null; // { from: [x, y], to: [x, y] }
     this.placing = null; // { from: [x, y], to: [x, y], spread [m] } while an arrow is dragged
     this.follow = this.isFitted = false;
     this.faded = false;
     this.onChange = this.onPointed = () => {};
     this.due = false;
-    this.drawMs = 0; // that drawing took the last time
+    this.drawMs = 0; // duration of the last drawing
     this.onDrawn = () => {};
     const resized = new ResizeObserver(() => (this.isFitted ? this.fit() : this.redraw()));
     resized.observe(canvas);
@@ -40,7 +40,7 @@ export class MapView {
     });
   }
 
-  // --- what there is to draw ---
+  // --- data ---
 
   setMap(frame, cells) {
     const another = !this.map || this.map.frame.cell_m * this.map.frame.cols !== frame.cell_m * frame.cols;
@@ -56,7 +56,7 @@ export class MapView {
     this.redraw();
   }
 
-  // --- where one looks ---
+  // --- the visible section ---
 
   screenOf([x, y]) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
@@ -107,7 +107,7 @@ export class MapView {
     this.redraw();
   }
 
-  /** Zoom, and keep what is at a point of the screen there. */
+  /** Zoom about a point of the screen. */
   zoom(factor, at = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2]) {
     const before = this.mapOf(at);
     this.view.scale = bounded(this.view.scale * factor);
@@ -118,7 +118,7 @@ export class MapView {
     this.redraw();
   }
 
-  /** A round length that fits into so many pixels [m]. */
+  /** The largest round length that fits into this width [m]. */
   roundLength(pixels) {
     const most = pixels / this.view.scale, power = 10 ** Math.floor(Math.log10(most));
     return power * [5, 2, 1].find((digit) => digit * power <= most);
@@ -142,7 +142,7 @@ export class MapView {
     this.redraw();
   }
 
-  /** Judge the beams of a cluster; null: of none. */
+  /** Classify the beams of a cluster; null: of none. */
   select(cluster) {
     this.selected = cluster;
     this.onPointed();
@@ -155,7 +155,7 @@ export class MapView {
     return this.layers.has(layer);
   }
 
-  /** As it is drawn, on the ground of unknown cells: a PNG. */
+  /** A PNG of the map as it is drawn. */
   picture() {
     this.draw();
     const copy = document.createElement("canvas"), context = copy.getContext("2d");
@@ -240,7 +240,7 @@ export class MapView {
     context.stroke();
   }
 
-  /** Which beams speak for a place, and which against it. */
+  /** Draw the beams for and against a place. */
   drawBeams(place) {
     const { context } = this, usual = context.globalAlpha;
     const { from, judged } = judgedBeams(this.map, place.pose, this.step);

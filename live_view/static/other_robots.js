@@ -1,13 +1,13 @@
-// The other robots behind the same router: where each most probably is, on the map of this one.
+// The most probable poses of the other robots behind the same router.
 import { Connection } from "./connection.js";
 
 export class OtherRobots {
-  /** @param changed called when one of them has moved, or has another state */
+  /** @param changed called when a pose or a state has changed */
   constructor(changed) {
     Object.assign(this, { changed, robots: new Map() });
   }
 
-  /** @param names of all robots; each but the own one is listened to, once */
+  /** @param names of all robots; a connection is opened to each other one, once */
   listen(names, own) {
     for (const name of names) {
       if (name === own || this.robots.has(name)) continue;
@@ -25,7 +25,7 @@ export class OtherRobots {
     if (system || map || step) this.changed();
   }
 
-  /** Those that localize in a map. */
+  /** The robots that are localized in a map. */
   in(digest) {
     return [...this.robots.values()].filter((robot) => robot.pose && robot.digest === digest);
   }

@@ -1,5 +1,5 @@
-// Okabe and Ito's colours, which the colour-blind tell apart; the last one stands for their yellow
-// and black, which vanish on one of the two grounds. Clusters beyond them are drawn dashed.
+// Okabe and Ito's colours, which colour-blind people can distinguish; the last two replace yellow and
+// black, which are invisible in one of the themes. Further clusters are drawn dashed.
 export const PALETTE = [
   "#E69F00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6BB1", "#9A8B4F",
 ];
@@ -10,7 +10,7 @@ export const isDashed = (slot) => slot >= PALETTE.length;
 const values = new Map(); // of colour variables, until the theme changes
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => values.clear());
 
-/** The value of a colour variable of style.css in the theme of now. */
+/** The value of a colour variable of style.css in the present theme. */
 export function themed(name) {
   if (!values.has(name)) {
     values.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());

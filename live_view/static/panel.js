@@ -1,4 +1,4 @@
-// What stands beside the map.
+// Fills the panel next to the map.
 import { BEAM_COLOURS } from "./beams.js";
 import { colourOf, isDashed, percent } from "./palette.js";
 
@@ -7,11 +7,11 @@ const $ = (id) => document.getElementById(id);
 const STALE_AFTER_S = 3;
 const PROBABLY = 0.5; // as `clustermcl pose` says it
 
-let pose = null, poseAt = null; // when it came [ms]; null: it is of the past, or recorded
-let before = ""; // how long before now a step that is looked back at was
-let hasEnded = false; // the step that is shown is the run's last
+let pose = null, poseAt = null; // time of arrival [ms]; null: a past or recorded pose
+let before = ""; // age of a past step, in words
+let hasEnded = false; // the shown step is the last of the run
 
-/** All robots behind the same router, each with a page of its own; of the others, their states. */
+/** Links to the pages of all robots behind the router, with the states of the others. */
 export function showRobots(names, own, others) {
   $("robots").hidden = !names.length;
   $("robots").replaceChildren(...names.map((name) => {
@@ -41,24 +41,24 @@ export function showStep(frame) {
 }
 
 /**
- * @param at when it came [ms]; null: it is of the past, or recorded
- * @param ago how long before now that was, in words; empty: it is of now
+ * @param at time of arrival [ms]; null: a past or recorded pose
+ * @param ago age of a past step, in words; empty: it is the newest
  */
 export function showPose(frame, at, ago = "") {
   [pose, poseAt, before] = [frame, at, ago];
   const [x, y, heading] = pose.pose ?? [];
   const sigma = pose.sigma ?? [];
-  const told = (value, error, unit) => value === undefined ? ["–"]
+  const shown = (value, error, unit) => value === undefined ? ["–"]
     : [value, element("small", error === undefined ? ` ${unit}` : ` ± ${error} ${unit}`)];
-  $("x").replaceChildren(...told(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
-  $("y").replaceChildren(...told(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
+  $("x").replaceChildren(...shown(x?.toFixed(2), sigma[0]?.toFixed(2), "m"));
+  $("y").replaceChildren(...shown(y?.toFixed(2), sigma[1]?.toFixed(2), "m"));
   const degrees = (value) => value && (value * 180 / Math.PI).toFixed(0);
-  $("heading").replaceChildren(...told(degrees(heading), degrees(sigma[2]), "°"));
+  $("heading").replaceChildren(...shown(degrees(heading), degrees(sigma[2]), "°"));
   $("probability").textContent = pose.pose ? percent(pose.p) : "–";
   showAge();
 }
 
-/** How old the pose is; one that is looked back at was so old then. */
+/** The age of the pose; of a past step, its age then. */
 export function showAge() {
   if (!pose) return;
   const since = poseAt === null ? 0 : (performance.now() - poseAt) / 1000, age = pose.age_s + since;
@@ -92,27 +92,27 @@ export function showClusters(places, view, elsewhere, offMap) {
   const rows = places.map((place) => {
     const row = element("li"), button = element("button", "", "row");
     row.style.setProperty("--chip", colourOf(place.slot));
-    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to look there, and at its beams`;
+    row.title = `(${place.pose[0].toFixed(2)}, ${place.pose[1].toFixed(2)}) m, ${place.age} steps old; click to show it and its beams`;
     row.dataset.cluster = place.cluster;
     row.append(button);
     button.append(chip(place.slot), `c${place.cluster}`, barOf(place.p), element("b", percent(place.p)));
     return row;
   });
-  if (!places.length) rows.push(element("li", "no place is held possible yet", "more"));
+  if (!places.length) rows.push(element("li", "no places yet", "more"));
   if (elsewhere != null) {
     const row = element("li", "", "elsewhere"), cells = element("span", "", "row");
-    row.title = "the probability that the robot is at none of these places";
+    row.title = "probability that the robot is at none of these places";
     row.append(cells);
     cells.append(element("span"), element("span", "elsewhere"), barOf(elsewhere), element("b", percent(elsewhere)));
     if (offMap > 0.005) cells.append(element("span", `${percent(offMap)} not on this map`, "more"));
-    rows.unshift(row); // in sight, however many places there are
+    rows.unshift(row); // visible also with many places
   }
   $("clusters").replaceChildren(...rows);
   if (focused) document.querySelector(`#clusters li[data-cluster="${focused}"] button`)?.focus({ preventScroll: true });
   markRows(view);
 }
 
-/** The row whose cluster is pointed at, here or on the map, and the one whose beams are judged. */
+/** Mark the rows of the cluster under the pointer and of the selected one. */
 export function markRows({ pointed, selected }) {
   for (const row of $("clusters").children) {
     row.classList.toggle("pointed", row.dataset.cluster === String(pointed));
@@ -120,19 +120,19 @@ export function markRows({ pointed, selected }) {
   }
 }
 
-/** How many beams speak for the place that is selected, and against it. */
+/** Count the beams for and against the selected place. */
 export function showBeams(cluster, counts) {
   $("beams").hidden = !counts;
   if (!counts) return;
   const words = ["hit", "through a wall", "short of one"].map((word, kind) => {
-    const told = element("b", `${counts[kind]} ${word}`);
-    told.style.color = `var(${BEAM_COLOURS[kind]})`;
-    return told;
+    const shown = element("b", `${counts[kind]} ${word}`);
+    shown.style.color = `var(${BEAM_COLOURS[kind]})`;
+    return shown;
   });
   $("beams").replaceChildren(`beams of c${cluster}:`, ...words);
 }
 
-export function showEvents(events, slots, nothing = "nothing has begun or ended yet") {
+export function showEvents(events, slots, nothing = "no events yet") {
   const rows = grouped(events).reverse().map((event) => {
     const cluster = /^c(\d+)$/.exec(event.job), slot = cluster && slots.get(Number(cluster[1]));
     const row = element("li", "", event.kind);
@@ -143,7 +143,7 @@ export function showEvents(events, slots, nothing = "nothing has begun or ended 
   $("events").replaceChildren(...(rows.length ? rows : [element("li", nothing, "empty")]));
 }
 
-/** What happened at one step for one cause is one line. */
+/** Join events of one step and one cause into one line. */
 function grouped(events) {
   const lines = [];
   for (const event of events) {
@@ -201,7 +201,7 @@ function element(tag, text = "", className = "") {
   return made;
 }
 
-/** A line at the map's lower edge; it goes after a while, if it shall. */
+/** Show a line at the map's lower edge, for some time or until the next one. */
 let hintEnds = 0;
 export function hint(text, bad = false, forMs = 0) {
   clearTimeout(hintEnds);

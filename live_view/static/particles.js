@@ -1,16 +1,16 @@
-// Particles of each cluster. They come every tenth step or so; odometry carries them on to the step that is drawn.
+// Particles of each cluster. They arrive about every tenth step; odometry moves them to the shown step.
 import { colourOf } from "./palette.js";
 
 const SIDE = 2.5; // of a particle [px]
-const MOST = 4000; // of all clusters together; of more, every second, third and so on is drawn
+const MOST = 4000; // of all clusters; with more, every second, third, ... particle is drawn
 
-/** Where the robot stands at a step, seen from where it stood when the particles were taken. */
+/** The robot's motion from the step of the particles to the shown step. */
 export function motionBetween([x0, y0, heading0], [x1, y1]) {
   const c = Math.cos(heading0), s = Math.sin(heading0);
   return [c * (x1 - x0) + s * (y1 - y0), c * (y1 - y0) - s * (x1 - x0)];
 }
 
-/** Where each particle is at a step, or each `every`-th: x, y, x, y, ... [m]. */
+/** Position of every `every`-th particle at a step: x, y, x, y, ... [m]. */
 export function carried(cloud, odom, every = 1) {
   const [ahead, aside] = motionBetween(cloud.odom, odom), points = cloud.points;
   const places = new Float64Array(2 * Math.ceil(points.length / (3 * every)));

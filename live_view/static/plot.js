@@ -3,9 +3,9 @@ import { colourOf, isDashed, percent, prepared, themed } from "./palette.js";
 
 const LEFT = 40, RIGHT = 8, TOP = 6, BOTTOM = 18;
 export const SHOWN_STEPS = 300;
-const FULL_SCALES = [0.1, 0.2, 0.4, 1]; // of many improbable clusters, more than a line at the bottom
+const FULL_SCALES = [0.1, 0.2, 0.4, 1]; // so that many improbable clusters are visible
 
-/** The first and last step of the plot: of the newest, or around the one that is looked back at. */
+/** The first and last step of the plot: the newest, or those around a past step. */
 function span(rows, oldest, at) {
   if (!rows.length) return [0, 0];
   const newest = rows[rows.length - 1][0];
@@ -13,7 +13,7 @@ function span(rows, oldest, at) {
   return [Math.max(oldest, last - SHOWN_STEPS), last];
 }
 
-/** The step at a place of the plot [px from its left]; null: there are no steps. */
+/** The step at a position of the plot [px from its left]; null: there are no steps. */
 export function stepAt(canvas, rows, oldest, at, left) {
   const [first, last] = span(rows, oldest, at), right = canvas.clientWidth - RIGHT;
   if (!rows.length) return null;
@@ -22,8 +22,8 @@ export function stepAt(canvas, rows, oldest, at, left) {
 }
 
 /**
- * @param oldest step that may be looked back at, though its row may not have come yet
- * @param at the step that is looked back at; null: none
+ * @param oldest archived step; its row may not have arrived yet
+ * @param at the past step that is shown; null: none
  * @param hovered the step under the pointer; null: none
  */
 export function drawPlot(canvas, rows, oldest, at, hovered) {
@@ -80,12 +80,12 @@ export function drawPlot(canvas, rows, oldest, at, hovered) {
   context.stroke();
 }
 
-const TOLD_PLACES = 3;
+const NAMED_PLACES = 3;
 
 /** A step and its most probable places in words. */
 export function rowText([step, places]) {
-  const told = places.slice(0, TOLD_PLACES).map(([cluster, , p]) => `c${cluster} ${percent(p)}`);
-  return `step ${step}: ${told.join(", ")}${places.length > TOLD_PLACES ? ", …" : ""}`;
+  const named = places.slice(0, NAMED_PLACES).map(([cluster, , p]) => `c${cluster} ${percent(p)}`);
+  return `step ${step}: ${named.join(", ")}${places.length > NAMED_PLACES ? ", …" : ""}`;
 }
 
 function rowsBetween(rows, first, last) {

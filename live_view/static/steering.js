@@ -1,11 +1,11 @@
-// Pointer, wheel, keys and buttons: where one looks, and the commands.
+// Pointer, wheel, keys and buttons: the visible section, and commands.
 import { Driving } from "./driving.js";
 import { hint } from "./panel.js";
 
 const $ = (id) => document.getElementById(id);
 const KEY_PAN = 60, KEY_ZOOM = 1.3, CLICK_PX = 4;
 const USUAL_SPREAD_M = 0.5, SPREAD_RANGE_M = [0.05, 20];
-const PLACING = { // what an arrow that is dragged on the map says
+const PLACING = { // meanings of an arrow dragged on the map
   "set_pose": ["set-pose", "Press where the robot is, drag to where it looks; wheel, + and −: how sure you are. Esc: no."],
   "ruler": ["ruler", "Press and drag to measure. Esc: done."],
   "kidnap": ["kidnap", "Press where the robot shall be put, drag to where it looks. K again: somewhere far away. Esc: no."],
@@ -16,7 +16,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   const driving = new Driving(send);
   let placing = null; // one of PLACING
   let pressedAt = [0, 0];
-  let drivesAtFirst = null; // whether driving has yet to be switched on; null: nobody has asked for it
+  let drivesAtFirst = null; // whether driving has yet to be switched on; null: it was not requested
 
   const setPlacing = (what) => {
     placing = what === "ruler" || mayCommand() ? what : null;
@@ -59,7 +59,7 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
     if (mayCommand() && !$("confirm").open) $("confirm").showModal();
   };
   const at = (event) => [event.offsetX, event.offsetY];
-  /** Zoom; while an arrow is dragged, say how far from there the robot may be instead. */
+  /** Zoom; while an arrow is dragged, change its uncertainty instead. */
   const widen = (factor, where) => {
     if (!view.placing?.spread) {
       view.zoom(factor, where);
@@ -182,18 +182,18 @@ export function steer(view, { send, mayCommand, isSimulated, travel }) {
   };
   view.onChange = () => $("follow").setAttribute("aria-pressed", String(view.follow));
   return {
-    /** The demo was started to be driven. */
+    /** Switch driving on, once there is a simulated robot. */
     driveAtFirst() {
       drivesAtFirst ??= true;
     },
-    /** Without a system there is nothing to command. */
+    /** Disable the commands while no system is running. */
     onLink() {
       for (const button of $("actions").children) button.disabled = !mayCommand();
       if (mayCommand()) return;
       if (placing !== "ruler" && placing) setPlacing(null);
       if (!driving.isOn) return;
       drive(false);
-      hint("Driving has ended: the robot goes on by itself.", true);
+      hint("Driving has ended: the robot drives by itself again.", true);
     },
     onStatus() {
       $("kidnap").hidden = $("drive").hidden = !isSimulated();

@@ -1,15 +1,15 @@
-// What trails and plot need of the steps so far. Missing steps, old or skipped by a slow page, are
-// requested piece by piece: first those around the step that is shown.
+// The rows of the steps so far, for trails and plot. Missing rows, old or skipped by a slow page, are
+// requested in pieces, those around the shown step first.
 const USUAL_ROWS = 10000, PIECE_ROWS = 1000, ASKED_AFTER_MS = 500;
 export const ROW_PLACES = 16;
 
 export class StepRows {
-  /** @param ask wants the rows before a step; they come to onEarlier */
+  /** @param ask requests the rows before a step; onEarlier takes them */
   constructor(ask) {
     Object.assign(this, { ask, rows: [], oldest: 0, gaps: [], most: USUAL_ROWS, asked: null, until: null, timer: 0 });
   }
 
-  /** The oldest and the newest step that may be shown; null: there is none. */
+  /** The oldest and the newest archived step; null: there is none. */
   get range() {
     return this.rows.length ? [this.oldest, this.rows[this.rows.length - 1][0]] : null;
   }
@@ -27,7 +27,7 @@ export class StepRows {
     this.forgetOld();
   }
 
-  /** The rows before the step that was asked for, so far as one piece holds them. */
+  /** Add the rows before the requested step, as many as one piece holds. */
   onEarlier(piece) {
     const before = this.asked, first = piece[0]?.[0] ?? before;
     this.asked = null;

@@ -1,7 +1,7 @@
-// What stands on the map: clusters, the truth, the arrow that is dragged.
+// Symbols on the map: clusters, ground truth, ruler, the dragged arrow.
 import { colourOf, isDashed, percent, themed } from "./palette.js";
 
-/** A cluster: a disc with a nose where the robot would look, its area by probability, and its ellipse. */
+/** A cluster: its ellipse, and a disc with a nose in its heading, whose area shows the probability. */
 export function drawPlace(view, place) {
   const { context } = view;
   const usual = context.globalAlpha;
@@ -10,7 +10,6 @@ export function drawPlace(view, place) {
   const radius = radiusOf(place);
   if (view.layers.has("ellipses")) drawEllipse(view, place, x, y, colour, usual);
   if (view.radius) drawFootprint(view, x, y, colour);
-  // The arrow: a disc with a nose; its area tells the probability.
   context.save();
   context.translate(x, y);
   context.rotate(-place.pose[2]);
@@ -43,7 +42,7 @@ function drawFootprint({ context, radius, view }, x, y, colour) {
 
 const radiusOf = (place) => 6 + 8 * Math.sqrt(place.p);
 
-/** Percentages, the most important first; one that would hide another before it is left out. */
+/** Percentages in order of importance; labels that would hide earlier ones are left out. */
 export function drawLabels(view, places) {
   const drawn = [];
   view.context.font = "600 12px system-ui, sans-serif";
@@ -73,7 +72,7 @@ function drawEllipse(view, place, x, y, colour, usual) {
   context.fillStyle = context.strokeStyle = colour;
   context.globalAlpha = usual * (0.1 + 0.2 * place.p);
   context.fill();
-  context.globalAlpha = usual * Math.min(1, 0.35 + 4 * place.p); // of many improbable ones, none hides the map
+  context.globalAlpha = usual * Math.min(1, 0.35 + 4 * place.p); // so that many improbable clusters do not hide the map
   context.lineWidth = 1.5;
   context.setLineDash(isDashed(place.slot) ? [4, 3] : []);
   context.stroke();
@@ -95,7 +94,7 @@ function drawLabel({ context }, text, { x, y, width }, colour) {
   context.fillText(text, x, y + 0.5);
 }
 
-/** Where the robot really is: a ring with a stroke. */
+/** The ground truth: a ring with a stroke. */
 export function drawTruth(view, pose) {
   const { context } = view;
   const [x, y] = view.screenOf(pose);
@@ -114,7 +113,7 @@ export function drawTruth(view, pose) {
   context.restore();
 }
 
-/** Where another robot most probably is: a square with its name, and a stroke where it looks. */
+/** The most probable pose of another robot: a square with a stroke and its name. */
 export function drawOther(view, { name, pose }) {
   const { context } = view;
   const [x, y] = view.screenOf(pose);
@@ -133,7 +132,7 @@ export function drawOther(view, { name, pose }) {
   drawLabel(view, name, { x, y: y - 22, width: context.measureText(name).width + 12 }, themed("--soft"));
 }
 
-/** A distance that is measured, and the direction [degrees, counter-clockwise from x]. */
+/** The ruler: distance, and direction [degrees, counter-clockwise from x]. */
 export function drawRuler(view, { from, to }) {
   const { context } = view;
   const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);
@@ -154,7 +153,7 @@ export function drawRuler(view, { from, to }) {
   drawLabel(view, text, { x: (x + toX) / 2, y: (y + toY) / 2 - 16, width }, themed("--accent"));
 }
 
-/** The arrow that a person is dragging, and two standard deviations of where the robot may be [m]. */
+/** The dragged arrow, and two standard deviations of its position [m]. */
 export function drawPlacing(view, { from, to, spread }) {
   const { context } = view;
   const [x, y] = view.screenOf(from), [toX, toY] = view.screenOf(to);

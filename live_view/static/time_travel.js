@@ -4,9 +4,9 @@ const PLAYED_EVERY_MS = 100;
 
 export class TimeTravel {
   /**
-   * @param ask wants the frames of a step; they come to onPast
-   * @param range the oldest and the newest step that may be shown; null: there is none
-   * @param show draws frames of the past; null: of now
+   * @param ask requests the frames of a step; onPast takes them
+   * @param range the oldest and the newest archived step; null: there is none
+   * @param show draws frames of a past step; null: the newest
    */
   constructor(ask, range, show) {
     Object.assign(this, { ask, range, show, at: null, asked: null, timer: 0, newest: "Now", isSaved: false });
@@ -17,13 +17,13 @@ export class TimeTravel {
     this.linked = linkedStep();
   }
 
-  /** The step that the link names, once the steps so far are known. */
+  /** Show the step of the link, once the steps so far are known. */
   followLink() {
     const step = linkedStep();
     if (step !== null && step !== this.at) this.goTo(step);
   }
 
-  /** What the newest step is: of now, or the end of a finished run; a saved page has but one. */
+  /** Set whether the newest step is the end of a finished run; a saved page has a single step. */
   setEnd(link) {
     this.isSaved = link === "saved";
     this.newest = ["finished", "replaying"].includes(link) ? "End" : "Now";
@@ -51,7 +51,7 @@ export class TimeTravel {
     this.at = step;
     history.replaceState(null, "", `#step=${step}`);
     this.onRows();
-    if (this.asked === null) this.askFor(step); // else when the last answer has come: the newest wish alone
+    if (this.asked === null) this.askFor(step); // else after the last answer, for the newest request only
   }
 
   askFor(step) {
@@ -67,7 +67,7 @@ export class TimeTravel {
     if (this.at !== asked) this.askFor(this.at);
   }
 
-  /** The server has gone, and with it what was asked. */
+  /** The connection was lost, and with it the request. */
   onLost() {
     this.asked = null;
   }
@@ -79,10 +79,10 @@ export class TimeTravel {
     else this.goTo(step);
   }
 
-  /** Step after step, from the first where one is not looking back; it ends at the newest. */
+  /** Play from the shown past step, or from the first one, up to the newest. */
   play(on) {
     clearInterval(this.timer);
-    const shown = () => this.asked === null; // none is left out, however slow server or browser are
+    const shown = () => this.asked === null; // no step is skipped
     this.timer = on ? setInterval(() => shown() && this.next(), PLAYED_EVERY_MS) : 0;
     if (on && this.at === null && this.range()) this.goTo(this.range()[0]);
     $("play").textContent = on ? "❚❚" : "▶";

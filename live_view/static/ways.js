@@ -1,4 +1,4 @@
-// The way that each cluster has come, and the robot's true one.
+// Trails of the clusters, and of the ground truth.
 import { colourOf, themed } from "./palette.js";
 
 const SHOWN_PLACES = 16; // the most probable ones
@@ -36,7 +36,7 @@ export function drawWays(view, rows, places) {
   context.globalAlpha = usual;
 }
 
-/** A line through places; one that was set elsewhere jumps, and is not joined. */
+/** A line through positions, interrupted at jumps. */
 function line(view, points) {
   const { context } = view;
   context.beginPath();

@@ -8,7 +8,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from live_view.backlog import MESSAGES_AHEAD
+from live_view.room import MESSAGES_AHEAD
 from tests.integration.live_view.stage import Stage
 from tests.integration.waiting import wait_until
 from tests.unit.live_view.messages import belief

@@ -158,7 +158,7 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
 @pytest.mark.parametrize(
     ("show", "facts"),
     [
-        (waiting, {"banner": "nobody localizes"}),
+        (waiting, {"banner": "no coordinator localizes"}),
         (searching, {"state": "searching", "probability": "–", "freshness": "0."}),
         (ambiguous, {"state": "ambiguous, 4 places", "probability": "2", "freshness": "0."}),
         (many, {"state": "ambiguous, 64 places", "probability": "9.0 %", "freshness": "0."}),

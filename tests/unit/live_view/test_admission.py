@@ -46,7 +46,7 @@ def test_a_page_of_this_machine_may_listen() -> None:
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "", "http://127.0.0.1:1"])
 def test_a_foreign_page_may_not_listen(origin: str) -> None:
     headers = {"host": "127.0.0.1:8350", "origin": origin}
-    assert "may not listen" in HERE.problem("/live", headers, socket=True)
+    assert "may not connect" in HERE.problem("/live", headers, socket=True)
 
 
 def test_a_strangers_name_that_points_here_is_refused() -> None:
@@ -76,7 +76,7 @@ def test_the_page_brings_the_token_as_a_cookie() -> None:
 def test_a_foreign_page_may_not_listen_even_with_the_cookie() -> None:
     cookie = THERE.cookie.partition(";")[0]
     headers = {"host": "r:8350", "origin": "http://evil.example", "cookie": cookie}
-    assert "may not listen" in THERE.problem("/live", headers, socket=True)
+    assert "may not connect" in THERE.problem("/live", headers, socket=True)
 
 
 def test_on_loopback_no_cookie_is_set() -> None:

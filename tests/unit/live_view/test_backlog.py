@@ -1,6 +1,6 @@
 """A slow browser skips frames and takes no more memory for it."""
 
-from live_view.backlog import MESSAGES_AHEAD, Backlog
+from live_view.room import MESSAGES_AHEAD, Backlog
 
 
 def test_a_page_is_sent_everything_first() -> None:

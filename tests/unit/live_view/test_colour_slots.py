@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from live_view.colour_slots import SLOTS, ColourSlots
+from live_view.picture import SLOTS, ColourSlots
 
 
 @given(st.lists(st.sets(st.integers(0, 40), max_size=20), max_size=30))

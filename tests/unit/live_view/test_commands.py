@@ -6,11 +6,11 @@ from live_view.commands import (
     Drawn,
     DriveRobot,
     KidnapRobot,
-    LookOnce,
     PlaceRobot,
     SearchAgain,
     ShowEarlier,
     ShowPast,
+    UpdateOnce,
     message_of,
     parsed_request,
 )
@@ -24,7 +24,7 @@ def test_what_the_page_sends_is_understood() -> None:
     assert parsed_request('{"type": "drawn", "count": 3, "slow": true}') == Drawn(3, slow=True)
     assert parsed_request('{"type": "relocalize"}') == SearchAgain()
     assert parsed_request('{"type": "set_pose", "pose": [1, 2.5, -3]}') == PlaceRobot((1, 2.5, -3))
-    assert parsed_request('{"type": "update"}') == LookOnce()
+    assert parsed_request('{"type": "update"}') == UpdateOnce()
     assert parsed_request('{"type": "kidnap"}') == KidnapRobot()
     assert parsed_request('{"type": "kidnap", "pose": [1, 2, 3]}') == KidnapRobot((1, 2, 3))
     assert parsed_request('{"type": "past", "step": 7}') == ShowPast(7)
@@ -73,7 +73,7 @@ def test_a_command_becomes_the_systems_own_message() -> None:
         keys.RELOCALIZE,
         Relocalize(sender="me", command_id="id"),
     )
-    assert message_of(LookOnce(), "me", "id") == (
+    assert message_of(UpdateOnce(), "me", "id") == (
         keys.UPDATE,
         Update(sender="me", command_id="id"),
     )

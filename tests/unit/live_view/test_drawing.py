@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 import pytest
 
-from live_view.colour_slots import SLOTS
 from live_view.drawing import PALETTE, drawn_picture, percent
-from live_view.static_files import static_files
+from live_view.picture import SLOTS
+from live_view.saved_page import static_files
 from protocol.steps import MapMessage
 from tests.unit.live_view.messages import map_message
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from live_view.particle_clouds import (
+from live_view.frames import (
     MAX_PARTICLES,
     cloud_frame,
     cluster_of,
