@@ -47,7 +47,7 @@ _RESEMBLING, _FOREIGN = _Kind((9.0, 1.8), (2.0, 9.0)), _Kind((1.5, 1.0), (1.3, 1
 _KINDS = (_CLEAR, _CRUDE, _RESEMBLING, _FOREIGN)
 _CRUDE_SHARE, _RESEMBLING_SHARE = 0.1, 0.5
 """Before anything was seen."""
-_SHORT_SHARE, _SHORT_LEARNED = 0.05, 0.2
+_SHORT_SHARE, _SHORT_LEARNED = 0.2, 0.5
 """Before anything was seen; what a view says of it, against all earlier ones."""
 _ODD_VIEW = 0.05
 """Share of the views of a right place that look like those of a wrong one."""
@@ -85,12 +85,7 @@ def log_odds_of_here(
     """
     if new_view == 0.0:
         return 0.0, quality
-    logs = np.array([_log_likelihoods(each) for each in classes])
-    log_wrong = np.logaddexp(
-        math.log(quality.resembling) + logs[:, 2], math.log1p(-quality.resembling) + logs[:, 3]
-    )
-    relative = logs - log_wrong[:, None]
-    relative[:, :2] = np.logaddexp(math.log1p(-_ODD_VIEW) + relative[:, :2], math.log(_ODD_VIEW))
+    relative = _relative(quality, classes)
     with np.errstate(divide="ignore"):
         log_probabilities = np.log(probabilities)[:, None]
     told = new_view * np.logaddexp.reduce(log_probabilities + relative, axis=0)
@@ -98,13 +93,36 @@ def log_odds_of_here(
     here, crude_now = _mixture(quality.crude, crude, clear)
     nowhere, resembling_now = _mixture(quality.resembling, resembling, foreign)
     forgotten = _FORGOTTEN * new_view
-    short = float(probabilities @ [each.other / sum(each) for each in classes])
+    seen = new_view * _SHORT_LEARNED * probabilities
+    short = np.array([each.other / sum(each) for each in classes])
     learned = MapQuality(
         crude_now + forgotten * (_CRUDE_SHARE - crude_now),
         resembling_now + forgotten * (_RESEMBLING_SHARE - resembling_now),
-        quality.short + _SHORT_LEARNED * new_view * (short - quality.short),
+        quality.short + float(seen @ (short - quality.short)),
     )
     return here - nowhere, learned
+
+
+def probability_right(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
+    """(K,) that places are right, by the classes of a scan's beams alone and with even odds."""
+    return _right(quality, _relative(quality, classes))
+
+
+def _relative(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
+    """(K, 4) log-likelihoods of the counts for each kind of place, less that of a wrong one."""
+    logs = np.array([_log_likelihoods(each) for each in classes])
+    log_wrong = np.logaddexp(
+        math.log(quality.resembling) + logs[:, 2], math.log1p(-quality.resembling) + logs[:, 3]
+    )
+    relative = logs - log_wrong[:, None]
+    relative[:, :2] = np.logaddexp(math.log1p(-_ODD_VIEW) + relative[:, :2], math.log(_ODD_VIEW))
+    return relative
+
+
+def _right(quality: MapQuality, relative: NDArray[np.float64]) -> NDArray[np.float64]:
+    clear, crude = relative[:, 0], relative[:, 1]
+    log_odds = np.logaddexp(math.log1p(-quality.crude) + clear, math.log(quality.crude) + crude)
+    return np.asarray(np.exp(-np.logaddexp(0.0, -log_odds)))
 
 
 def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from particle_filter.evidence_model import (
     way,
 )
 from particle_filter.motion_noise import composed_covariance, motion_covariance
-from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
+from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here, probability_right
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -316,10 +316,20 @@ class ClusterSet:
         that has been improbable so far.
         """
         ordered = [reports.get(job_id) for job_id in self.job_ids]
-        fit = np.array([r.log_likelihood_per_beam if r else math.nan for r in ordered])
+        fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
         misfits = [misfit(best, self.sensor) for best in fit.tolist()]
         return np.array([share_that_counts(new_view, each, self._rules) for each in misfits])
+
+    def _fit_beside_people(self, report: TrackReport) -> float:
+        """The best particle's fit per beam; as many beams may be short as usually are."""
+        beams = sum(report.beam_classes)
+        if self._rules.off_map_probability == 0.0 or beams == 0:
+            return report.log_likelihood_per_beam
+        classes = BeamClasses(*report.beam_classes)
+        short = min(classes.other / beams, self.quality.short)
+        right = float(probability_right(self.quality, [classes])[0])
+        return report.log_likelihood_per_beam + short * right * through_beam_loss(self.sensor)
 
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings

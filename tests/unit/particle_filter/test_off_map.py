@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here
+from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here, probability_right
 
 ALL = np.array([1.0])
 RIGHT, WRONG = BeamClasses(58, 1, 1, 0), BeamClasses(12, 10, 30, 8)
@@ -60,6 +60,16 @@ def test_the_share_of_beams_that_people_cut_short_is_learned() -> None:
     assert after([among_people] * 30)[1].short == pytest.approx(1.0 / 3.0, abs=0.01)
     assert after([alone] * 30)[1].short < 0.001
     assert after([alone] * 30, new_view=0.0)[1] == MapQuality()
+
+
+def test_beams_alone_tell_right_places_from_wrong_ones() -> None:
+    right, people, wrong = probability_right(
+        MapQuality(), [RIGHT, BeamClasses(20, 0, 0, 40), WRONG]
+    )
+    assert right > 0.9
+    assert people > 0.6
+    assert wrong < 0.2
+    assert probability_right(MapQuality(), [BeamClasses(0, 0, 0, 60)])[0] == pytest.approx(0.5)
 
 
 def test_one_right_place_among_many_speaks_for_the_map() -> None:

@@ -16,7 +16,7 @@ from coordinator.belief.cluster_set import (
     Newcomer,
     news_of,
 )
-from particle_filter.evidence_model import misfit
+from particle_filter.evidence_model import misfit, through_beam_loss
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
 from protocol.message import PoseTuple
@@ -190,6 +190,22 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
         report = replace(told(likelihood)["c0"], beam_classes=beams)
         made.weigh({"c0": report}, elsewhere, new_view=0.25, news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
+
+
+def test_places_are_told_apart_among_people_where_the_other_beams_fit() -> None:
+    """Three of ten beams end at people, at the true place as at another."""
+    made = first(
+        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_misfit=0.25
+    )
+    hit = through_beam_loss(SensorSettings())
+    fits = (0.69 - 0.3 * hit, 0.2 - 0.3 * hit)
+    for _ in range(20):
+        reports = told(math.exp(1.0), 1.0)
+        for (job, report), fit in zip(reports.items(), fits, strict=True):
+            beams = (42, 0, 0, 18) if job == "c0" else (24, 8, 10, 18)
+            reports[job] = replace(report, beam_classes=beams, log_likelihood_per_beam=fit)
+        made.weigh(reports, -17.0, new_view=0.5)
+    assert made.all()[0].probability > 0.95
 
 
 def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
