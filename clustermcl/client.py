@@ -1,10 +1,8 @@
 """The Python client of a running system: queries and commands."""
 
 import asyncio
-import math
 import os
 import time
-import uuid
 from collections.abc import AsyncIterator, Iterator
 from contextlib import ExitStack
 from types import TracebackType
@@ -12,6 +10,7 @@ from typing import Self, TypeVar
 
 import zenoh
 
+from clustermcl.robot_commands import RobotCommands, new_id
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import from_message
 from process_runtime.settings import ROBOT_VARIABLE, ROUTER_VARIABLE, Settings
@@ -29,10 +28,10 @@ from protocol.answers import (
     Status,
     Update,
 )
-from protocol.codec import decode, refusal_of
+from protocol.codec import decode
 from protocol.errors import ClusterMclError, CommandRefusedError, UnreachableError
 from protocol.job_events import JobEvents, NumberedEvent
-from protocol.message import Circle, Covariance, Message, PoseTuple
+from protocol.message import Message, PoseTuple
 from protocol.steps import MapMessage
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
@@ -57,7 +56,7 @@ class NotLocalizedError(ClusterMclError):
         )
 
 
-class Client:
+class Client(RobotCommands):
     """A connection to the system of one robot; use it in a ``with`` or ``async with`` block.
 
     Queries and commands are repeated until they are answered or time out; a command has an id, so
@@ -188,69 +187,13 @@ class Client:
         """
         return from_message(self._ask(keys.MAP, MapMessage, timeout_s=timeout_s))
 
-    def set_pose(
-        self,
-        map_from_robot: PoseTuple,
-        *,
-        position_sigma_m: float = 0.5,
-        heading_sigma_rad: float = 0.26,
-        covariance: Covariance | None = None,
-        stamp_ns: int | None = None,
-    ) -> None:
-        """Give the robot's pose; its probability becomes `belief.set_pose_probability`.
-
-        The state is `searching` until a scan confirms it. Before the first scan or the map arrives,
-        the pose is kept and applied then.
-
-        Args:
-            map_from_robot: x [m], y [m], heading [rad].
-            position_sigma_m: standard deviation of x and of y.
-            heading_sigma_rad: standard deviation of the heading.
-            covariance: 3 x 3, row by row; replaces both sigmas.
-            stamp_ns: time of the pose by the robot's clock; the odometry since then is added.
-                None: now.
-
-        Raises:
-            CommandRefusedError: the map has no free space within 3 sigma, or the odometry of that
-                time is no longer known.
-            ValueError: a number is not finite, a sigma is not positive, or the covariance is not
-                positive semi-definite.
-        """
-        command = SetPose(
-            sender=_SENDER,
-            command_id=_new_id(),
-            map_from_robot=map_from_robot,
-            position_sigma_m=position_sigma_m,
-            heading_sigma_rad=heading_sigma_rad,
-            covariance=covariance,
-            stamp_ns=stamp_ns,
-        )
-        if problem := refusal_of(command):
-            raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
-        self._send(keys.SET_POSE, command)
-
-    def relocalize(self, near: Circle | None = None, region: str = "") -> None:
-        """Forget all places, including the stored last pose, and search.
-
-        Args:
-            near: x, y and radius of the circle to search [m]; None: everywhere.
-            region: the one of `search.regions` to search; empty: everywhere.
-
-        Raises:
-            ValueError: `near` is not a circle.
-        """
-        if near is not None and not (all(map(math.isfinite, near)) and near[2] > 0.0):
-            raise ValueError(f"a circle is two finite numbers and a positive radius: {near}")
-        command = Relocalize(sender=_SENDER, command_id=_new_id(), near=near, region=region)
-        self._send(keys.RELOCALIZE, command)
-
     def update(self) -> None:
         """Make a step of the next scan although the robot stands."""
-        self._send(keys.UPDATE, Update(sender=_SENDER, command_id=_new_id()))
+        self._send(keys.UPDATE, Update(sender=_SENDER, command_id=new_id()))
 
     def kidnap(self, map_from_robot: PoseTuple | None = None) -> None:
         """Move the simulated robot without odometry; None: to a random pose far away."""
-        command = Kidnap(sender=_SENDER, command_id=_new_id(), map_from_robot=map_from_robot)
+        command = Kidnap(sender=_SENDER, command_id=new_id(), map_from_robot=map_from_robot)
         self._send(keys.KIDNAP, command)
 
     def wait_until_localized(self, timeout_s: float = 60.0) -> PoseAnswer:
@@ -358,6 +301,9 @@ class Client:
             raise ValueError("the client is not connected: use it in a with block")
         return self._open
 
+    def _carry_out(self, command: SetPose | Relocalize) -> None:
+        self._send(keys.SET_POSE if isinstance(command, SetPose) else keys.RELOCALIZE, command)
+
     def _send(self, key: str, command: SetPose | Relocalize | Update | Kidnap) -> None:
         done = self._ask(key, CommandDone, command)
         if done.problem:
@@ -416,7 +362,3 @@ def _of_newest_term(beliefs: Iterator[Belief | None]) -> Iterator[Belief | None]
 
 def _without_pauses(messages: Iterator[A | None]) -> Iterator[A]:
     return (message for message in messages if message is not None)
-
-
-def _new_id() -> str:
-    return uuid.uuid4().hex

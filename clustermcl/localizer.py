@@ -1,7 +1,6 @@
 """The library: Cluster-MCL in the caller's process, with the same classes as the service."""
 
 import io
-import uuid
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ import msgspec
 import numpy as np
 
 from clustermcl.readings import Reading
+from clustermcl.robot_commands import RobotCommands
 from coordinator.belief.outcome import Outcome, belief_after
 from coordinator.checkpoint import commands_problem
 from coordinator.commands import Commands, CommandsState
@@ -27,9 +27,8 @@ from process_runtime.settings import Settings
 from process_runtime.settings_file import with_setting
 from protocol import answers
 from protocol.answers import Relocalize, SetPose
-from protocol.codec import refusal_of
 from protocol.errors import CommandRefusedError, StateFileError
-from protocol.message import Circle, Covariance, PoseTuple
+from protocol.message import PoseTuple
 from protocol.reading_checks import odometry_problem
 from protocol.steps import OdometryReading, Scan
 from sensor_bridge.step_maker import StepMaker
@@ -95,7 +94,7 @@ class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
         return file.getvalue()
 
 
-class ClusterMCL:
+class ClusterMCL(RobotCommands):
     """Localizes one robot in a known map.
 
         mcl = ClusterMCL(load_map("map.yaml"), robot_from_laser=(0.25, 0.0, 0.0))
@@ -235,41 +234,6 @@ class ClusterMCL:
         self._commands.restore(state.commands)
         self._odometry.add(*state.odometry)
         self._told(resumed.ensemble.again(scan.step, ()), scan)
-
-    def set_pose(
-        self,
-        map_from_robot: PoseTuple,
-        *,
-        position_sigma_m: float = 0.5,
-        heading_sigma_rad: float = 0.26,
-        covariance: Covariance | None = None,
-    ) -> None:
-        """Give a pose from elsewhere, as `Client.set_pose` does.
-
-        Raises:
-            CommandRefusedError: it cannot be where the robot is.
-            ValueError: a number is not finite, a sigma not positive, or the covariance none.
-        """
-        command = SetPose(
-            sender=_SENDER,
-            command_id=uuid.uuid4().hex,
-            map_from_robot=map_from_robot,
-            position_sigma_m=position_sigma_m,
-            heading_sigma_rad=heading_sigma_rad,
-            covariance=covariance,
-        )
-        if problem := refusal_of(command):
-            raise ValueError(f"pose {map_from_robot} is invalid: {problem}")
-        self._carry_out(command)
-
-    def relocalize(self, near: Circle | None = None, region: str = "") -> None:
-        """Forget all places and search, as `Client.relocalize` does.
-
-        Raises:
-            CommandRefusedError: there is no such region.
-        """
-        command = Relocalize(sender=_SENDER, command_id=uuid.uuid4().hex, near=near, region=region)
-        self._carry_out(command)
 
     def _carry_out(self, command: SetPose | Relocalize) -> None:
         outcome = self._commands.carry_out(
