@@ -23,6 +23,8 @@ MOST_OVERLAPPING_BYTES = 2**27
 """Of all chunks that hold messages of one moment: they are unpacked together."""
 MOST_FILE_BYTES = 2**33
 """Of a whole bag that is packed or damaged; it is unpacked to the disk."""
+_MOST_DEFINED_BYTES = 2**24
+"""Of all schemas and names of topics of an MCAP file."""
 _MOST_RECORD_BYTES = 2**30
 """An MCAP record with a larger length is damaged; the library would allocate it."""
 
@@ -111,10 +113,14 @@ def mcap_records(file: BinaryIO) -> Iterator[McapRecord]:
         Exception: of many kinds: from here on the file is cut off or damaged.
     """
     reader = StreamReader(file, emit_chunks=True, record_size_limit=_MOST_RECORD_BYTES)
-    for record in reader.records:
-        if isinstance(record, Chunk):
-            yield from _chunk_records(record)
-        else:
+    defined: dict[tuple[type, int], int] = {}
+    for outer in reader.records:
+        for record in _chunk_records(outer) if isinstance(outer, Chunk) else (outer,):
+            if isinstance(record, (Schema, Channel)):  # readers keep them
+                size = len(record.data) if isinstance(record, Schema) else len(record.topic)
+                defined[type(record), record.id] = size
+                if size > _MOST_DEFINED_BYTES or sum(defined.values()) > _MOST_DEFINED_BYTES:
+                    raise ValueError("its schemas and names of topics are too long")
             yield record
 
 

@@ -43,6 +43,10 @@ _JSON_SCHEMA = msgspec.json.encode({"type": "object", "properties": {"data": _BA
 CHUNK_BYTES = 2**18
 MAX_MAP_CELLS = 40_000_000
 """As JSON they fill the largest chunk that is read."""
+MAX_MESSAGE_BYTES = 2**24
+"""Of a message that is no map: decoded, it needs about ten times its bytes."""
+MAX_PLAYBACK_BYTES = 2**31
+"""Of all messages of a run that is played back: some 30 hours."""
 
 
 class RunLog:
@@ -225,6 +229,8 @@ class LogFile:
                             channels[record.id] = record.topic
                         case Message():
                             topic = channels[record.channel_id]
+                            if len(record.data) > MAX_MESSAGE_BYTES and topic != GRID:
+                                raise ValueError(f"a message of {topic} is too long")
                             yield LogMessage(topic, record.log_time, record.data)
         except RecordingError:
             raise
@@ -275,10 +281,13 @@ def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:
     Raises:
         RecordingError: a file is no run log, or a message is malformed.
     """
-    entries, skipped = list[Entry](), list[SkippedLine]()
+    entries, skipped, size = list[Entry](), list[SkippedLine](), 0
     for file in log_files(path):
         log, number = LogFile(file), 0
         for number, message in enumerate(log.messages(), start=1):
+            size += len(message.data)
+            if size > MAX_PLAYBACK_BYTES:
+                raise RecordingError(file, f"longer than {MAX_PLAYBACK_BYTES} bytes unpacked")
             if message.topic.startswith(SCAN):
                 entries.append(_laser_entry(number, message, file))
             elif message.topic == ODOMETRY:

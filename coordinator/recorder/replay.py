@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
@@ -43,7 +44,7 @@ Happening: TypeAlias = Happened | CoordinatorActs | Believed
 def replayed(
     folder: Path, version: str, map_digest: str | None = None
 ) -> Iterator[tuple[int, Happening]]:
-    """Replay a folder, coordinator by coordinator in the order of their terms.
+    """Replay a folder, coordinator by coordinator in the order of their start.
 
     Args:
         folder: of the recording.
@@ -56,7 +57,7 @@ def replayed(
     Raises:
         RecordingError: there is no recording, or one that cannot be read.
     """
-    series = _by_term(folder)
+    series = _by_series(folder)
     if not any(_head_of(path, version) for files in series for path in files):
         raise RecordingError(folder, "all files in it are cut off within their beginning")
     for files in series:
@@ -211,14 +212,12 @@ def _head_of(path: Path, version: str) -> Head | None:
     return first and _head(path, first, version)
 
 
-def _by_term(folder: Path) -> list[list[Path]]:
+def _by_series(folder: Path) -> list[list[Path]]:
     """The files of each coordinator."""
-    series: dict[int, list[Path]] = {}
-    for path in (path for path in files_in(folder) if path.suffix == ".mcap"):
-        series.setdefault(series_of(path)[0], []).append(path)
-    if not series:
+    files = [path for path in files_in(folder) if path.suffix == ".mcap"]
+    if not files:
         raise RecordingError(folder, _nothing_in(folder))
-    return sorted(series.values(), key=_term)
+    return [list(series) for _, series in groupby(files, lambda path: series_of(path)[0])]
 
 
 def _nothing_in(folder: Path) -> str:
@@ -230,15 +229,6 @@ def _nothing_in(folder: Path) -> str:
         if below.is_dir() and files_in(below):
             return f"no flight recording is in it; there is one in {below}"
     return "no flight recording is in it"
-
-
-def _term(files: list[Path]) -> int:
-    """Of the first belief; before there was one, the term that the coordinator meant to have."""
-    for path in files:
-        for message in LogFile(path).messages():
-            if message.topic == BELIEF:
-                return decoded(message, Belief, path).term
-    return series_of(files[0])[0]
 
 
 def _begins(instructions: list[Instruction]) -> CoordinatorActs:

@@ -19,6 +19,7 @@ from protocol.arrays import ArrayBlob
 from protocol.errors import MapFileError, RecordingError
 from protocol.job_events import JobEvents
 from protocol.steps import LaserBeams, LaserReading, OdometryReading, Scan
+from recordings import run_log
 from recordings.map_file import load_map
 from recordings.recording import open_recording
 from recordings.run_log import (
@@ -264,6 +265,28 @@ def test_a_run_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     assert sum(1 for _ in LogFile(path).messages()) == 1_000
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 200_000
+
+
+def test_endless_topics_messages_and_runs_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each file has some kilobytes, and unpacks chunk by chunk to more than any memory."""
+    path = tmp_path / "run.mcap"
+    with RunLog(path) as log:
+        for number in range(400):
+            log.write("/" + chr(97 + number % 26) * 60_000 + str(number), {}, 0)
+    names = LogFile(path)
+    assert 200 < len(list(names.messages())) < 400
+    assert "names of topics are too long" in names.cut
+    with RunLog(path) as log:
+        log.write(BELIEF, msgspec.Raw(b"[" + b"0," * 2**23 + b"0]"), 0)
+    long = LogFile(path)
+    assert list(long.messages()) == []
+    assert "a message of /belief is too long" in long.cut
+    write_run(path)
+    monkeypatch.setattr(run_log, "MAX_PLAYBACK_BYTES", 10_000)
+    with pytest.raises(RecordingError, match="longer than 10000 bytes"):
+        open_recording(path, BridgeSettings())
 
 
 @pytest.mark.parametrize(
