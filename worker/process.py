@@ -13,6 +13,7 @@ import numpy as np
 
 from grid_maps.map_message import from_message
 from particle_filter.branch_and_bound import free_leaves
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
 from process_runtime.latency_trace import mark, start_trace
 from process_runtime.main import Invocation, process_main
@@ -24,21 +25,10 @@ from protocol.errors import ClusterMclError, MalformedMessageError, UnreachableE
 from protocol.steps import MapMessage, Scan, ScanHistory
 from protocol.terms import check_term
 from protocol.work import Checkpoint, TakeOver, WorkOrder
-from worker.events import (
-    BrokenOrderAsked,
-    CheckpointHeard,
-    Event,
-    HistoryArrived,
-    HistoryFailed,
-    MapArrived,
-    MapFailed,
-    ModelBuilt,
-    OrderAsked,
-    ScanArrived,
-    StateAsked,
-    TimeToSearch,
-)
-from worker.instructions import (
+from worker.map_model import default_cache_folder, sensor_model
+from worker.search_queue import SearchPause
+from worker.warm_up import compile_kernels
+from worker.worker import (
     Answer,
     BuildModel,
     FetchMap,
@@ -46,11 +36,8 @@ from worker.instructions import (
     Instruction,
     PublishReport,
     Warn,
+    Worker,
 )
-from worker.map_model import default_cache_folder, sensor_model
-from worker.search_queue import SearchPause
-from worker.warm_up import compile_kernels
-from worker.worker import Worker
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked, Received
 
@@ -138,15 +125,12 @@ class WorkerLoop:
                 unread_scans = 0
                 self._node.drain(self._checkpoints, self._on_checkpoint)
                 if self._worker.searches and not self._pause.left_ns(time.monotonic_ns()):
-                    self._handle(TimeToSearch())
+                    self._carry_out(self._worker.search())
 
     def _wait_s(self) -> float:
         if self._worker.searches:
             return min(self._pause.left_ns(time.monotonic_ns()) / 1e9, PAUSE_S)
         return POLL_S
-
-    def _handle(self, event: Event) -> None:
-        self._carry_out(self._worker.handle(event))
 
     # --- messages
 
@@ -154,25 +138,26 @@ class WorkerLoop:
         self._node.health.happened("scans")
         self._pause.on_scan(scan.step, time.monotonic_ns())
         dropped = self._node.inbox.dropped().get("scan", 0)
-        instructions = self._worker.handle(ScanArrived(scan, dropped))
+        instructions = self._worker.on_scan(scan, dropped)
         mark("computed", scan)
         self._carry_out(instructions)
 
     def _on_checkpoint(self, payload: bytes) -> None:
         checkpoint = _with_term(payload, Checkpoint)
         self._pause.on_checkpoint(checkpoint.step, founded=checkpoint.founded)
-        self._handle(CheckpointHeard(checkpoint))
+        self._carry_out(self._worker.on_checkpoint(checkpoint))
 
     def _on_order(self, asked: Asked) -> None:
         try:
-            event: Event = OrderAsked(asked, _with_term(asked.payload, WorkOrder))
+            order = _with_term(asked.payload, WorkOrder)
         except MalformedMessageError as error:
-            event = BrokenOrderAsked(asked, error)
-        self._handle(event)
+            self._carry_out(self._worker.on_broken_order(asked, error))
+        else:
+            self._carry_out(self._worker.on_order(asked, order))
 
     def _on_state(self, asked: Asked) -> None:
         take_over = _with_term(asked.payload, TakeOver) if asked.payload else None
-        self._handle(StateAsked(asked, take_over))
+        self._carry_out(self._worker.on_state_query(asked, take_over))
         self._node.heap.on_large_message(time.monotonic())
 
     # --- instructions
@@ -201,41 +186,46 @@ class WorkerLoop:
         def on_failure(refused: str) -> None:
             problem = f"no answer on {keys.MAP!r}: {refused or 'there is no bridge'}"
             error = UnreachableError(who=keys.MAP, problem=problem, waited_s=MAP_TIMEOUT_S)
-            self._handle(MapFailed(error))
+            self._carry_out(self._worker.on_map_failure(error))
 
         self._node.ask(
             keys.MAP,
             MapMessage,
-            lambda message: self._handle(MapArrived(message)),
+            lambda message: self._carry_out(self._worker.on_map(message)),
             on_failure,
             timeout_s=MAP_TIMEOUT_S,
         )
 
     def _fetch_scans(self, fetch: FetchScans) -> None:
-        missing = fetch.missing
+        missing, worker = fetch.missing, self._worker
+
+        def on_failure(refused: str) -> None:
+            self._carry_out(worker.on_no_history(missing, refused or "there is no bridge"))
+
         self._node.ask(
             keys.scan_history(missing.first, missing.last),
             ScanHistory,
-            lambda history: self._handle(HistoryArrived(missing, history.scans)),
-            lambda refused: self._handle(HistoryFailed(missing, refused or "there is no bridge")),
+            lambda history: self._carry_out(worker.on_history(missing, history.scans)),
+            on_failure,
             timeout_s=fetch.timeout_s,
             repeat_for_s=REPEAT_FOR_S,
         )
 
     def _build(self, build: BuildModel) -> None:
-        def built() -> ModelBuilt:
+        def built() -> SensorModel:
             model = sensor_model(from_message(build.map), build.settings, self._cache_folder)
             free_leaves(model.grid, model.pyramid.leaf_cells)  # slow; kept for searches
-            return ModelBuilt(build.map.digest, model)
+            return model
 
-        self._node.in_background(built, self._on_built)
+        def on_built(outcome: Future[SensorModel]) -> None:
+            try:
+                model = outcome.result()
+            except (ClusterMclError, ValueError) as error:
+                self._carry_out(self._worker.on_map_failure(error))
+            else:
+                self._carry_out(self._worker.on_model(build.map.digest, model))
 
-    def _on_built(self, outcome: Future[ModelBuilt]) -> None:
-        try:
-            event: Event = outcome.result()
-        except (ClusterMclError, ValueError) as error:
-            event = MapFailed(error)
-        self._handle(event)
+        self._node.in_background(built, on_built)
 
 
 def _with_term(payload: bytes, kind: type[T]) -> T:

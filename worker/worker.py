@@ -1,40 +1,18 @@
-"""The decisions of one worker: it takes events and returns instructions."""
+"""The decisions of one worker: it is called with events and returns instructions."""
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 
+from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings, filter_with
 from protocol.codec import encode
 from protocol.errors import MalformedMessageError, MapMismatchError, OldTermError, printable
 from protocol.live_settings import AS_STARTED
 from protocol.steps import MapMessage, Scan
 from protocol.work import Checkpoint, OrderAnswer, Report, TakeOver, WorkerState, WorkOrder
-from worker.events import (
-    BrokenOrderAsked,
-    CheckpointHeard,
-    Event,
-    HistoryArrived,
-    HistoryFailed,
-    MapArrived,
-    MapFailed,
-    ModelBuilt,
-    OrderAsked,
-    ScanArrived,
-    StateAsked,
-    TimeToSearch,
-)
-from worker.instructions import (
-    Answer,
-    BuildModel,
-    FetchMap,
-    FetchScans,
-    Instruction,
-    PublishReport,
-    Warn,
-)
 from worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
@@ -42,6 +20,58 @@ LOST_SCANS_TIMEOUT_S = 0.5
 """The bridge has just sent a scan, so it answers soon or never."""
 KEPT_TERMS = 16
 """Terms remembered: more than coordinators that ask before one of them begins."""
+
+
+@dataclass(frozen=True)
+class PublishReport:
+    """Publish a job's report of a step."""
+
+    report: Report
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Answer a query, once."""
+
+    question: Any
+    message: OrderAnswer | WorkerState
+
+
+@dataclass(frozen=True)
+class FetchMap:
+    """Query the bridge for the map; `on_map` or `on_map_failure` follows."""
+
+
+@dataclass(frozen=True)
+class BuildModel:
+    """Compute the sensor model of a map, or read it; `on_model` or `on_map_failure`
+    follows.
+
+    It takes up to a minute for a large map.
+    """
+
+    map: MapMessage
+    settings: SensorSettings
+
+
+@dataclass(frozen=True)
+class FetchScans:
+    """Query the bridge for past steps; `on_history` or `on_no_history` follows."""
+
+    missing: MissingScans
+    timeout_s: float
+
+
+@dataclass(frozen=True)
+class Warn:
+    """Count a fault, and log each cause at most once a period."""
+
+    cause: str
+    """A constant."""
+    detail: str
+
+
+Instruction: TypeAlias = PublishReport | Answer | FetchMap | BuildModel | FetchScans | Warn
 
 
 class TermFence:
@@ -103,7 +133,7 @@ class _WaitingOrder:
 class Worker:
     """One worker: its jobs, the coordinator that it obeys, and the map's sensor model.
 
-    It never waits. It requests the map and past scans by an instruction, which an event answers;
+    It never waits. It requests the map and past scans by an instruction, and gets them by a call;
     meanwhile it does what it can.
 
     Args:
@@ -114,7 +144,9 @@ class Worker:
         self._name = name
         self._table, self._fence = JobTable(name), TermFence()
         self._map: MapMessage | None = None
-        self._built: ModelBuilt | None = None
+        self._model: SensorModel | None = None
+        self._model_digest = ""
+        """The map that it is a model of."""
         self._preparing = False
         """The map was requested, or its sensor model is being built."""
         self._waiting: _WaitingOrder | None = None
@@ -131,41 +163,27 @@ class Worker:
 
     @property
     def searches(self) -> bool:
-        """Whether there is work for `TimeToSearch`."""
+        """Whether there is work for `search`."""
         return self._table.searches
 
-    def handle(self, event: Event) -> list[Instruction]:  # noqa: PLR0911 - one for each event
-        """Take an event; return instructions in the order of their execution."""
-        match event:
-            case ScanArrived(scan, dropped):
-                return self._on_scan(scan, dropped)
-            case CheckpointHeard(checkpoint):
-                self._fence.on_checkpoint(checkpoint)
-                return []
-            case OrderAsked(question, order):
-                return self._on_order(question, order)
-            case BrokenOrderAsked(question, error):
-                return self._refused(question, error)
-            case StateAsked(question, take_over):
-                return [Answer(question, self._state(take_over) if take_over else self._answer())]
-            case MapArrived(message):
-                return self._on_map(message)
-            case MapFailed(error):
-                self._preparing, self._map = False, None
-                return self._refuse_waiting(error)
-            case ModelBuilt():
-                self._preparing, self._built = False, event
-                return self._go_on()
-            case HistoryArrived(missing, scans):
-                return self._on_history(missing, scans)
-            case HistoryFailed(missing, problem):
-                return [Warn("no scan history", problem), *self._on_history(missing, ())]
-            case TimeToSearch():
-                return _published(self._table.search_on())
+    def on_checkpoint(self, checkpoint: Checkpoint) -> list[Instruction]:
+        """Note a coordinator's published state."""
+        self._fence.on_checkpoint(checkpoint)
+        return []
+
+    def search(self) -> list[Instruction]:
+        """Compute one slice of a search, when there is time."""
+        return _published(self._table.search_on())
 
     # --- scans
 
-    def _on_scan(self, scan: Scan, dropped: int) -> list[Instruction]:
+    def on_scan(self, scan: Scan, dropped: int = 0) -> list[Instruction]:
+        """Take a step of the bridge.
+
+        Args:
+            scan: the step.
+            dropped: scans that this process dropped from a full inbox since its start.
+        """
         if self._is_of_another_map(scan):
             detail = f"step {scan.step} is of map {printable(scan.map_digest, 12)}"
             return [Warn("scan of another map", detail)]
@@ -184,20 +202,20 @@ class Worker:
         if self._held:
             return False
         self._live = scan.settings
-        if self._built is None or self._ordered is None:
+        if self._model is None or self._ordered is None:
             return True
         settings = filter_with(self._ordered, scan.settings)
-        if self._built.model.settings != settings.sensor:
+        if self._model.settings != settings.sensor:
             return False
         if self._in_force != settings:
             self._in_force = settings
-            self._table.use(self._built.model, settings)
+            self._table.use(self._model, settings)
         return True
 
     def _release(self) -> list[Instruction]:
         """Take the held scans."""
         held, self._held = self._held, deque(maxlen=RECENT_SCANS)
-        return [do for scan in held for do in self._on_scan(scan, self._dropped)]
+        return [do for scan in held for do in self.on_scan(scan, self._dropped)]
 
     def _is_of_another_map(self, scan: Scan) -> bool:
         return self._map is not None and scan.map_digest != self._map.digest
@@ -214,7 +232,12 @@ class Worker:
         self._fetching = missing
         return [FetchScans(missing, timeout_s)]
 
-    def _on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
+    def on_no_history(self, missing: MissingScans, problem: str) -> list[Instruction]:
+        """Continue without past scans, because `FetchScans` failed."""
+        return [Warn("no scan history", problem), *self.on_history(missing, ())]
+
+    def on_history(self, missing: MissingScans, scans: tuple[Scan, ...]) -> list[Instruction]:
+        """Take the past scans that `FetchScans` requested."""
         if missing != self._fetching:
             return []  # more was requested since
         self._fetching = None
@@ -224,7 +247,17 @@ class Worker:
 
     # --- orders
 
-    def _on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
+    def on_broken_order(self, question: Any, error: MalformedMessageError) -> list[Instruction]:
+        """Refuse an order that cannot be decoded."""
+        return self._refused(question, error)
+
+    def on_order(self, question: Any, order: WorkOrder) -> list[Instruction]:
+        """Follow an order as soon as there is a sensor model for it.
+
+        Args:
+            question: handle of the query, for its `Answer`.
+            order: a coordinator's.
+        """
         try:
             settings = msgspec.convert(order.filter_settings, FilterSettings)
             if not self._fence.check(order):
@@ -245,8 +278,8 @@ class Worker:
         waiting, settings = self._waiting, self._ordered
         if waiting is not None:
             settings, digest = waiting.settings, waiting.order.map_digest
-        elif self._held and self._built is not None:
-            digest = self._built.map_digest
+        elif self._held and self._model is not None:
+            digest = self._model_digest
         else:
             return []
         assert settings is not None  # scans are held only after an order was followed
@@ -264,15 +297,28 @@ class Worker:
         return [BuildModel(self._map, sensor)]
 
     def _has_model(self, map_digest: str, sensor: SensorSettings) -> bool:
-        built = self._built
-        if built is None or built.map_digest != map_digest:
-            return False
-        return built.model.settings == sensor
+        model = self._model
+        return model is not None and (self._model_digest, model.settings) == (map_digest, sensor)
 
-    def _on_map(self, message: MapMessage) -> list[Instruction]:
+    def on_map_failure(self, error: Exception) -> list[Instruction]:
+        """Refuse the waiting order, because `FetchMap` or `BuildModel` failed.
+
+        Args:
+            error: a `ClusterMclError`, or a `ValueError` if the map has no obstacle.
+        """
+        self._preparing, self._map = False, None
+        return self._refuse_waiting(error)
+
+    def on_model(self, map_digest: str, model: SensorModel) -> list[Instruction]:
+        """Take the sensor model that `BuildModel` requested."""
+        self._preparing, self._model, self._model_digest = False, model, map_digest
+        return self._go_on()
+
+    def on_map(self, message: MapMessage) -> list[Instruction]:
+        """Take the map that `FetchMap` requested."""
         self._preparing = False
-        if self._waiting is None and self._built is not None and self._held:
-            expected = self._built.map_digest
+        if self._waiting is None and self._model is not None and self._held:
+            expected = self._model_digest
         elif self._waiting is not None:
             expected = self._waiting.order.map_digest
         else:
@@ -290,9 +336,9 @@ class Worker:
         try:
             if not self._fence.check(order):  # again: it may have waited
                 return self._overtaken(waiting.question, order)
-            if self._built is not None:
+            if self._model is not None:
                 settings = filter_with(waiting.settings, self._live)
-                self._table.follow(order, self._built.model, settings)
+                self._table.follow(order, self._model, settings)
                 self._ordered = waiting.settings
         except (OldTermError, ValueError) as error:
             return self._refused(waiting.question, error)
@@ -324,10 +370,12 @@ class Worker:
             problem=problem,
         )
 
-    def _state(self, take_over: TakeOver) -> WorkerState:
-        """Return what a new coordinator needs to continue."""
+    def on_state_query(self, question: Any, take_over: TakeOver | None = None) -> list[Instruction]:
+        """Answer with the jobs, or with all that a new coordinator needs to continue."""
+        if take_over is None:
+            return [Answer(question, self._answer())]
         self._fence.on_term(take_over.term)
-        return WorkerState(
+        state = WorkerState(
             sender=self._name,
             term=self._fence.term,
             holds=self._table.holds(),
@@ -335,6 +383,7 @@ class Worker:
             founded=self._fence.founded,
             reports=tuple(map(encode, self._table.reports_since(take_over.since))),
         )
+        return [Answer(question, state)]
 
 
 def _published(reports: list[Report]) -> list[Instruction]:

@@ -10,7 +10,8 @@ from protocol.steps import MapMessage, OdometryReading, Scan
 from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
 from tests.simulation.network import Action, Asker, Node
 from tests.simulation.world import MAP, scan_of
-from worker import events, instructions
+from tests.unit.worker import events
+from worker import worker as instructions
 from worker.job_table import MissingScans
 from worker.worker import Worker
 
@@ -93,7 +94,7 @@ class WorkerNode(Node):
 
     def on_scan(self, scan: Scan) -> None:
         """A step."""
-        self._tell(events.ScanArrived(scan))
+        self._tell(events.on_scan(scan))
         self.later(QUIET_S, self._read_checkpoints)
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
@@ -104,17 +105,17 @@ class WorkerNode(Node):
     def on_order(self, asker: Asker, order: WorkOrder) -> None:
         """A coordinator asks for work."""
         self._read_checkpoints()
-        self._tell(events.OrderAsked(self._question(asker), order))
+        self._tell(events.on_order(self._question(asker), order))
 
     def on_take_over(self, asker: Asker, take_over: TakeOver) -> None:
         """A coordinator asks what there is."""
         self._read_checkpoints()
-        self._tell(events.StateAsked(self._question(asker), take_over))
+        self._tell(events.on_state_query(self._question(asker), take_over))
 
     def jobs(self) -> set[tuple[str, int]]:
         """(job id, epoch) of what it does; nothing changes by asking."""
         nobody = TakeOver(sender="nobody", term=0)
-        (answer,) = self.core.handle(events.StateAsked(-1, nobody))
+        (answer,) = self.core.on_state_query(-1, nobody)
         assert isinstance(answer, instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return {(held.job_id, held.epoch) for held in answer.message.holds}
@@ -129,10 +130,10 @@ class WorkerNode(Node):
             checkpoint = self._unread.popleft()
             if checkpoint.founded:
                 self.heard_term = max(self.heard_term, checkpoint.term)
-            self._tell(events.CheckpointHeard(checkpoint))
+            self._tell(events.on_checkpoint(checkpoint))
 
     def _tell(self, event: events.Event) -> None:
-        for instruction in self.core.handle(event):
+        for instruction in event(self.core):
             self._carry_out(instruction)
         if self.core.searches and not self._is_searching:
             self._is_searching = True
@@ -140,7 +141,7 @@ class WorkerNode(Node):
 
     def _search_on(self) -> None:
         self._is_searching = False
-        self._tell(events.TimeToSearch())
+        self._tell(events.search())
 
     def _carry_out(self, instruction: instructions.Instruction) -> None:
         simulation = self._simulation
@@ -154,7 +155,7 @@ class WorkerNode(Node):
             case instructions.FetchMap():
                 self._fetch_map()
             case instructions.BuildModel(map_message):
-                built = events.ModelBuilt(map_message.digest, simulation.model)
+                built = events.on_model(map_message.digest, simulation.model)
                 self.later(simulation.rng.uniform(0.0, 0.1), lambda: self._tell(built))
             case instructions.FetchScans(missing):
                 self._fetch_scans(missing)
@@ -167,13 +168,13 @@ class WorkerNode(Node):
         def arrived() -> None:
             if not answered:
                 answered.append(MAP)
-                self._tell(events.MapArrived(MAP))
+                self._tell(events.on_map(MAP))
 
         def failed() -> None:
             if not answered:
                 answered.append(MAP)
                 error = UnreachableError(who="map", problem="nobody", waited_s=FETCH_TIMEOUT_S)
-                self._tell(events.MapFailed(error))
+                self._tell(events.on_map_failure(error))
 
         self._simulation.ask_bridge(self, lambda _: arrived)
         self.later(FETCH_TIMEOUT_S, failed)
@@ -187,14 +188,14 @@ class WorkerNode(Node):
             def arrived() -> None:
                 if not answered:
                     answered.append(True)
-                    self._tell(events.HistoryArrived(missing, scans))
+                    self._tell(events.on_history(missing, scans))
 
             return arrived
 
         def failed() -> None:
             if not answered:
                 answered.append(True)
-                self._tell(events.HistoryFailed(missing, "nobody is there"))
+                self._tell(events.on_no_history(missing, "nobody is there"))
 
         self._simulation.ask_bridge(self, with_scans)
         self.later(FETCH_TIMEOUT_S, failed)

@@ -60,8 +60,8 @@ from protocol.work import (
     WorkOrder,
 )
 from tests.unit.coordinator.reports import free_everywhere
-from worker import events as worker_events
-from worker import instructions as worker_instructions
+from tests.unit.worker import events as worker_events
+from worker import worker as worker_instructions
 from worker.worker import Worker
 
 SETTINGS = FilterSettings(
@@ -188,7 +188,7 @@ class Living:
         self.scans.append(scan)
         self._tell(lambda c, now: c.handle(ScanArrived(scan), now))
         for worker in list(self.workers):
-            self.tell_worker(worker, worker_events.ScanArrived(scan))
+            self.tell_worker(worker, worker_events.on_scan(scan))
         self.settle()
 
     def kill_worker(self, name: str) -> None:
@@ -247,7 +247,7 @@ class Living:
             case PublishCheckpoint(checkpoint=checkpoint):
                 self._keep(checkpoint)
                 payload = encode(checkpoint)
-                heard = worker_events.CheckpointHeard(decode(payload, Checkpoint))
+                heard = worker_events.on_checkpoint(decode(payload, Checkpoint))
                 for worker in self.workers:
                     self.tell_worker(worker, heard)
             case FetchScans(first=first, last=last):
@@ -262,7 +262,7 @@ class Living:
             case SendOrder(worker=name, order=order):
                 if name in self.workers:
                     copy = decode(encode(order), WorkOrder)
-                    self.tell_worker(name, worker_events.OrderAsked(self._question(), copy))
+                    self.tell_worker(name, worker_events.on_order(self._question(), copy))
 
     def _history(self, first: int, last: int | None) -> tuple[Scan, ...]:
         end = 2**60 if last is None else last
@@ -275,9 +275,9 @@ class Living:
     def tell_worker(self, name: str, event: worker_events.Event) -> None:
         """Something happens to a worker; what comes of it happens in its turn."""
         worker = self.workers[name]
-        instructions = worker.handle(event)
+        instructions = event(worker)
         while worker.searches:
-            instructions += worker.handle(worker_events.TimeToSearch())
+            instructions += worker.search()
         for instruction in instructions:
             self._carry_out_for(name, instruction)
 
@@ -292,16 +292,14 @@ class Living:
                 self.answer_order(name, answer)
             case worker_instructions.FetchMap():
                 told = msgspec.structs.replace(MAP, digest=self.map_digest)
-                self._tell_later(name, worker_events.MapArrived(told))
+                self._tell_later(name, worker_events.on_map(told))
             case worker_instructions.BuildModel(settings=settings):
                 if settings != self._model.settings:
                     self._model = computed_model(self._model.grid, settings)
-                self._tell_later(
-                    name, worker_events.ModelBuilt(instruction.map.digest, self._model)
-                )
+                self._tell_later(name, worker_events.on_model(instruction.map.digest, self._model))
             case worker_instructions.FetchScans(missing):
                 scans = self._history(missing.first, missing.last)
-                self._tell_later(name, worker_events.HistoryArrived(missing, scans))
+                self._tell_later(name, worker_events.on_history(missing, scans))
             case worker_instructions.Warn(cause):
                 self.warnings.append(cause)
 
@@ -319,8 +317,8 @@ class Living:
 
     def state(self, name: str, take_over: TakeOver = NOBODY) -> WorkerState:
         """What a worker tells a coordinator that takes over."""
-        asked = worker_events.StateAsked(self._question(), take_over)
-        (answer,) = self.workers[name].handle(asked)
+        asked = worker_events.on_state_query(self._question(), take_over)
+        (answer,) = asked(self.workers[name])
         assert isinstance(answer, worker_instructions.Answer)
         assert isinstance(answer.message, WorkerState)
         return answer.message

@@ -19,22 +19,26 @@ from protocol.work import (
     WorkerState,
     WorkOrder,
 )
+from tests.unit.worker.events import (
+    Event,
+    on_broken_order,
+    on_checkpoint,
+    on_history,
+    on_map,
+    on_map_failure,
+    on_model,
+    on_no_history,
+    on_order,
+    on_scan,
+    on_state_query,
+)
 from tests.unit.worker.test_job_table import SETTINGS, cloud, scan, track
 from tests.unit.worker.test_job_table import model as model  # noqa: PLC0414 - a fixture
-from worker.events import (
-    BrokenOrderAsked,
-    CheckpointHeard,
-    Event,
-    HistoryArrived,
-    HistoryFailed,
-    MapArrived,
-    MapFailed,
-    ModelBuilt,
-    OrderAsked,
-    ScanArrived,
-    StateAsked,
-)
-from worker.instructions import (
+from worker.job_table import MissingScans
+from worker.jobs import running
+from worker.worker import (
+    HISTORY_TIMEOUT_S,
+    LOST_SCANS_TIMEOUT_S,
     Answer,
     BuildModel,
     FetchMap,
@@ -42,17 +46,15 @@ from worker.instructions import (
     Instruction,
     PublishReport,
     Warn,
+    Worker,
 )
-from worker.job_table import MissingScans
-from worker.jobs import running
-from worker.worker import HISTORY_TIMEOUT_S, LOST_SCANS_TIMEOUT_S, Worker
 
 NOBODY = UnreachableError(who="map", problem="no answer on 'map': nobody is there", waited_s=30.0)
 
 
 def told(worker: Worker, *events: Event) -> list[Instruction]:
     """The instructions after the last of some events."""
-    return [worker.handle(event) for event in events][-1]
+    return [event(worker) for event in events][-1]
 
 
 def grid(digest: str = "map") -> MapMessage:
@@ -65,14 +67,14 @@ def grid(digest: str = "map") -> MapMessage:
 def asked(
     number: int, *begin: Assignment, term: int = 1, digest: str = "map",
     keep: tuple[tuple[str, int], ...] = (), sensor: dict[str, object] | None = None,
-) -> OrderAsked:  # fmt: skip
+) -> Event:  # fmt: skip
     """An order; its question has its number."""
     settings = msgspec.to_builtins(SETTINGS) | ({"sensor": sensor} if sensor else {})
     order = WorkOrder(
         sender="coordinator", order=number, term=term, map_digest=digest,
         filter_settings=settings, snapshot_every_steps=0, keep=keep, begin=begin,
     )  # fmt: skip
-    return OrderAsked(number, order)
+    return on_order(number, order)
 
 
 def answers(instructions: list[Instruction]) -> dict[int, OrderAnswer]:
@@ -92,7 +94,7 @@ def causes(instructions: list[Instruction]) -> list[str]:
 
 
 def jobs(worker: Worker) -> list[str]:
-    (answer,) = answers(worker.handle(StateAsked(0))).values()
+    (answer,) = answers(on_state_query(0)(worker)).values()
     return [job_id for job_id, _, _ in answer.jobs]
 
 
@@ -104,8 +106,8 @@ def fresh() -> Worker:
 @pytest.fixture
 def tracking(fresh: Worker, model: SensorModel) -> Worker:
     """Has the map, and a job that begins after step 0."""
-    told(fresh, asked(1, track("c0", cloud())), MapArrived(grid()), ModelBuilt("map", model))
-    assert told(fresh, HistoryArrived(MissingScans(1, None), ())) == []
+    told(fresh, asked(1, track("c0", cloud())), on_map(grid()), on_model("map", model))
+    assert told(fresh, on_history(MissingScans(1, None), ())) == []
     return fresh
 
 
@@ -113,71 +115,71 @@ def tracking(fresh: Worker, model: SensorModel) -> Worker:
 
 
 def test_every_scan_is_answered_with_the_reports_of_all_jobs(tracking: Worker) -> None:
-    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
-    assert reported(told(tracking, ScanArrived(scan(2)))) == [("c0", 2)]
+    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
+    assert reported(told(tracking, on_scan(scan(2)))) == [("c0", 2)]
 
 
 def test_a_scan_of_another_map_is_counted_and_nothing_else(tracking: Worker) -> None:
     other = msgspec.structs.replace(scan(1), map_digest="another")
     expected = Warn("scan of another map", "step 1 is of map another")
-    assert told(tracking, ScanArrived(other)) == [expected]
-    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
+    assert told(tracking, on_scan(other)) == [expected]
+    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
 
 
 def test_a_scan_said_again_has_its_reports_said_again(tracking: Worker) -> None:
-    first = told(tracking, ScanArrived(scan(1)))
+    first = told(tracking, on_scan(scan(1)))
     assert reported(first) == [("c0", 1)]
-    assert told(tracking, ScanArrived(scan(1))) == first
-    assert told(tracking, ScanArrived(scan(2)), ScanArrived(scan(1))) == [], "it is past"
+    assert told(tracking, on_scan(scan(1))) == first
+    assert told(tracking, on_scan(scan(2)), on_scan(scan(1))) == [], "it is past"
 
 
 def test_jobs_wait_for_scans_that_were_lost_and_take_them_in_order(tracking: Worker) -> None:
     lost = MissingScans(2, 4)
-    asking = told(tracking, ScanArrived(scan(1)), ScanArrived(scan(5)))
+    asking = told(tracking, on_scan(scan(1)), on_scan(scan(5)))
     assert asking == [FetchScans(lost, LOST_SCANS_TIMEOUT_S)]
-    assert told(tracking, ScanArrived(scan(6))) == []
-    caught_up = told(tracking, HistoryArrived(lost, (scan(2), scan(3), scan(4))))
+    assert told(tracking, on_scan(scan(6))) == []
+    caught_up = told(tracking, on_history(lost, (scan(2), scan(3), scan(4))))
     assert reported(caught_up) == [("c0", step) for step in range(2, 7)]
-    assert reported(told(tracking, ScanArrived(scan(7)))) == [("c0", 7)]
+    assert reported(told(tracking, on_scan(scan(7)))) == [("c0", 7)]
 
 
 def test_lost_scans_change_no_number_once_they_have_come(model: SensorModel) -> None:
     reports: list[list[Instruction]] = []
     for lossy in (False, True):
         worker = Worker("w")
-        worker.handle(asked(1, track("c0", cloud())))
-        worker.handle(MapArrived(grid()))
-        worker.handle(ModelBuilt("map", model))
-        worker.handle(HistoryArrived(MissingScans(1, None), ()))
-        events: list[Event] = [ScanArrived(scan(step)) for step in range(1, 8)]
+        told(worker, asked(1, track("c0", cloud())))
+        on_map(grid())(worker)
+        on_model("map", model)(worker)
+        on_history(MissingScans(1, None), ())(worker)
+        events: list[Event] = [on_scan(scan(step)) for step in range(1, 8)]
         if lossy:
             events[2:4] = []
-            events.insert(4, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4))))
-        done = [do for event in events for do in worker.handle(event)]
+            events.insert(4, on_history(MissingScans(3, 4), (scan(3), scan(4))))
+        done = [do for event in events for do in event(worker)]
         reports.append([do for do in done if isinstance(do, PublishReport)])
     assert len(reports[0]) == 7
     assert reports[0] == reports[1]
 
 
 def test_scans_that_cannot_be_had_cost_their_steps_and_no_more(tracking: Worker) -> None:
-    told(tracking, ScanArrived(scan(1)), ScanArrived(scan(5)))
-    failed = told(tracking, HistoryFailed(MissingScans(2, 4), "nobody is there"))
+    told(tracking, on_scan(scan(1)), on_scan(scan(5)))
+    failed = told(tracking, on_no_history(MissingScans(2, 4), "nobody is there"))
     assert failed[0] == Warn("no scan history", "nobody is there")
     assert reported(failed) == [("c0", 5)]
-    assert reported(told(tracking, ScanArrived(scan(6)))) == [("c0", 6)]
+    assert reported(told(tracking, on_scan(scan(6)))) == [("c0", 6)]
 
 
 def test_a_worker_that_falls_behind_skips_scans_and_requests_none(tracking: Worker) -> None:
-    told(tracking, ScanArrived(scan(1)))
-    assert reported(told(tracking, ScanArrived(scan(5), dropped=3))) == [("c0", 5)]
-    later = told(tracking, ScanArrived(scan(8), dropped=3))
+    told(tracking, on_scan(scan(1)))
+    assert reported(told(tracking, on_scan(scan(5), dropped=3))) == [("c0", 5)]
+    later = told(tracking, on_scan(scan(8), dropped=3))
     assert later == [FetchScans(MissingScans(6, 7), LOST_SCANS_TIMEOUT_S)], "lost on the way"
 
 
 def test_past_scans_of_another_map_are_left_out(tracking: Worker) -> None:
-    told(tracking, ScanArrived(scan(1)), ScanArrived(scan(4)))
+    told(tracking, on_scan(scan(1)), on_scan(scan(4)))
     other = msgspec.structs.replace(scan(2), map_digest="another")
-    caught_up = told(tracking, HistoryArrived(MissingScans(2, 3), (other, scan(3))))
+    caught_up = told(tracking, on_history(MissingScans(2, 3), (other, scan(3))))
     assert reported(caught_up) == [("c0", 3), ("c0", 4)]
 
 
@@ -195,9 +197,9 @@ def reports(instructions: list[Instruction]) -> list[Report]:
 def test_another_motion_model_holds_from_the_scan_on_that_brings_it(
     tracking: Worker, model: SensorModel
 ) -> None:
-    told(tracking, ScanArrived(scan(1)))
+    told(tracking, on_scan(scan(1)))
     noisy = {"drive_noise_per_metre": 0.5, "turn_noise_per_metre": 0.7}
-    (report,) = reports(told(tracking, ScanArrived(live(2, **noisy))))
+    (report,) = reports(told(tracking, on_scan(live(2, **noisy))))
     motion = msgspec.structs.replace(SETTINGS.motion, **noisy)
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
@@ -211,14 +213,14 @@ def test_scans_with_another_sensor_model_wait_for_it_and_each_is_answered_by_its
 ) -> None:
     wide = msgspec.structs.replace(SETTINGS.sensor, hit_sigma_m=0.4, max_beams=9)
     values = {"hit_sigma_m": 0.4, "max_beams": 9}
-    told(tracking, ScanArrived(scan(1)))
-    (build,) = told(tracking, ScanArrived(live(2, **values)))
+    told(tracking, on_scan(scan(1)))
+    (build,) = told(tracking, on_scan(live(2, **values)))
     assert isinstance(build, BuildModel)
     assert build.settings == wide
-    assert told(tracking, ScanArrived(live(3, **values))) == []
-    assert told(tracking, ScanArrived(scan(4))) == []  # and back again
+    assert told(tracking, on_scan(live(3, **values))) == []
+    assert told(tracking, on_scan(scan(4))) == []  # and back again
     other = computed_model(model.grid, wide)
-    *published, again = told(tracking, ModelBuilt("map", other))
+    *published, again = told(tracking, on_model("map", other))
     alone = running(track("c0", cloud()), model, SETTINGS, sender="w")
     alone.advance(scan(1))
     alone.use(other, msgspec.structs.replace(SETTINGS, sensor=wide))
@@ -226,7 +228,7 @@ def test_scans_with_another_sensor_model_wait_for_it_and_each_is_answered_by_its
     assert isinstance(again, BuildModel)
     assert again.settings == SETTINGS.sensor
     alone.use(model, SETTINGS)
-    assert reports(told(tracking, ModelBuilt("map", model))) == [alone.advance(scan(4))]
+    assert reports(told(tracking, on_model("map", model))) == [alone.advance(scan(4))]
 
 
 def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorModel) -> None:
@@ -234,13 +236,13 @@ def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorM
     fewer = msgspec.structs.replace(SETTINGS.sensor, max_beams=9)
     told(
         tracking,
-        ScanArrived(live(1, **values)),
-        ModelBuilt("map", computed_model(model.grid, fewer)),
+        on_scan(live(1, **values)),
+        on_model("map", computed_model(model.grid, fewer)),
     )
     answered = told(tracking, asked(2, track("c1", cloud()), keep=(("c0", 1),)))
     assert not any(isinstance(one, BuildModel) for one in answered)
     assert answers(answered)[2].problem == ""
-    assert {one.job_id for one in reports(told(tracking, ScanArrived(live(2, **values))))} == {
+    assert {one.job_id for one in reports(told(tracking, on_scan(live(2, **values))))} == {
         "c0",
         "c1",
     }
@@ -249,14 +251,14 @@ def test_a_job_that_begins_goes_by_what_is_live(tracking: Worker, model: SensorM
 def test_a_model_that_cannot_be_built_is_asked_for_again_with_the_next_scan(
     tracking: Worker, model: SensorModel
 ) -> None:
-    told(tracking, ScanArrived(live(1, max_beams=9)))
-    assert told(tracking, MapFailed(NOBODY)) == []
-    (fetch,) = told(tracking, ScanArrived(live(2, max_beams=9)))
+    told(tracking, on_scan(live(1, max_beams=9)))
+    assert told(tracking, on_map_failure(NOBODY)) == []
+    (fetch,) = told(tracking, on_scan(live(2, max_beams=9)))
     assert fetch == FetchMap()
-    (build,) = told(tracking, MapArrived(grid()))
+    (build,) = told(tracking, on_map(grid()))
     assert isinstance(build, BuildModel)
     built = computed_model(model.grid, build.settings)
-    assert reported(told(tracking, ModelBuilt("map", built))) == [("c0", 1), ("c0", 2)]
+    assert reported(told(tracking, on_model("map", built))) == [("c0", 1), ("c0", 2)]
 
 
 # --- orders
@@ -267,8 +269,8 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
 ) -> None:
     order = asked(1, track("c0", cloud()))
     assert told(fresh, order) == [FetchMap()]
-    assert told(fresh, MapArrived(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
-    done = told(fresh, ModelBuilt("map", model))
+    assert told(fresh, on_map(grid())) == [BuildModel(grid(), SETTINGS.sensor)]
+    done = told(fresh, on_model("map", model))
     expected = OrderAnswer(sender="w", order=1, term=1, jobs=(("c0", 1, 0),))
     assert done == [
         Answer(1, expected),
@@ -279,16 +281,16 @@ def test_an_order_is_answered_when_the_map_and_its_model_are_there(
 def test_scans_that_come_while_the_map_is_fetched_are_not_lost(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, ScanArrived(scan(0)), asked(1, track("c0", cloud())), ScanArrived(scan(1)))
-    told(fresh, MapArrived(grid()), ScanArrived(scan(2)))
-    assert reported(told(fresh, ModelBuilt("map", model))) == [("c0", 1), ("c0", 2)]
+    told(fresh, on_scan(scan(0)), asked(1, track("c0", cloud())), on_scan(scan(1)))
+    told(fresh, on_map(grid()), on_scan(scan(2)))
+    assert reported(told(fresh, on_model("map", model))) == [("c0", 1), ("c0", 2)]
 
 
 def test_state_is_answered_while_the_map_is_fetched(fresh: Worker) -> None:
     told(fresh, asked(4, track("c0", cloud())))
     nothing = OrderAnswer(sender="w", order=0, term=1, jobs=())
-    assert told(fresh, StateAsked(9)) == [Answer(9, nothing)]
-    (answer,) = told(fresh, StateAsked(10, TakeOver(sender="next", term=2)))
+    assert told(fresh, on_state_query(9)) == [Answer(9, nothing)]
+    (answer,) = told(fresh, on_state_query(10, TakeOver(sender="next", term=2)))
     assert isinstance(answer, Answer)
     assert isinstance(answer.message, WorkerState)
     assert (answer.message.term, answer.message.holds) == (2, ())
@@ -301,7 +303,7 @@ def test_an_order_repeated_while_the_map_is_fetched_fetches_it_once(
     again = told(fresh, asked(2, track("c0", cloud())))
     before = OrderAnswer(sender="w", order=0, term=1, jobs=())
     assert again == [Answer(1, before)], "and the map is not asked for again"
-    done = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    done = told(fresh, on_map(grid()), on_model("map", model))
     assert [(question, a.order) for question, a in answers(done).items()] == [(2, 2)]
 
 
@@ -309,7 +311,7 @@ def test_an_order_superseded_while_it_waits_is_never_followed(
     fresh: Worker, model: SensorModel
 ) -> None:
     told(fresh, asked(1, track("c0", cloud())), asked(2, track("c1", cloud())))
-    told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    told(fresh, on_map(grid()), on_model("map", model))
     assert jobs(fresh) == ["c1"]
 
 
@@ -321,7 +323,7 @@ def test_an_order_that_needs_no_map_supersedes_one_that_waits_for_it(
     assert [type(do) for do in asking] == [BuildModel]
     done = told(tracking, asked(3, keep=(("c0", 1),)))
     assert {question: a.order for question, a in answers(done).items()} == {2: 1, 3: 3}
-    assert told(tracking, ModelBuilt("map", model)) == []
+    assert told(tracking, on_model("map", model)) == []
     assert jobs(tracking) == ["c0"]
 
 
@@ -329,32 +331,32 @@ def test_an_order_without_new_jobs_is_followed_without_a_map(fresh: Worker) -> N
     told(fresh, asked(1, track("c0", cloud())))
     done = told(fresh, asked(2))
     assert {question: a.order for question, a in answers(done).items()} == {1: 0, 2: 2}
-    assert told(fresh, MapArrived(grid())) == [], "nobody wants it any more"
+    assert told(fresh, on_map(grid())) == [], "nobody wants it any more"
 
 
 def test_jobs_go_on_while_an_order_waits_for_the_map(tracking: Worker) -> None:
     assert told(tracking, asked(2, track("c1", cloud()), digest="new")) == [FetchMap()]
-    assert reported(told(tracking, ScanArrived(scan(1)))) == [("c0", 1)]
+    assert reported(told(tracking, on_scan(scan(1)))) == [("c0", 1)]
 
 
 def test_a_map_that_never_comes_refuses_the_order_and_the_next_asks_again(fresh: Worker) -> None:
     told(fresh, asked(1, track("c0", cloud())))
-    refused = told(fresh, MapFailed(NOBODY))
+    refused = told(fresh, on_map_failure(NOBODY))
     assert causes(refused) == ["order refused"]
     assert answers(refused)[1].problem == str(NOBODY)
     assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
 
 
 def test_another_map_than_the_orders_is_refused_with_both_digests(fresh: Worker) -> None:
-    refused = told(fresh, asked(1, track("c0", cloud())), MapArrived(grid("another")))
+    refused = told(fresh, asked(1, track("c0", cloud())), on_map(grid("another")))
     assert causes(refused) == ["order for another map"]
     assert answers(refused)[1].problem == "'w' has map another, expected map"
     assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()]
 
 
 def test_a_map_of_which_no_model_can_be_built_refuses_the_order(fresh: Worker) -> None:
-    told(fresh, asked(1, track("c0", cloud())), MapArrived(grid()))
-    refused = told(fresh, MapFailed(ValueError("the map has no obstacle")))
+    told(fresh, asked(1, track("c0", cloud())), on_map(grid()))
+    refused = told(fresh, on_map_failure(ValueError("the map has no obstacle")))
     assert answers(refused)[1].problem == "the map has no obstacle"
     assert told(fresh, asked(2, track("c0", cloud()))) == [FetchMap()], "it may be another by now"
 
@@ -363,10 +365,10 @@ def test_an_order_for_another_map_fetches_that_and_its_model(
     tracking: Worker, model: SensorModel
 ) -> None:
     told(tracking, asked(2, track("c1", cloud()), digest="new"))
-    assert told(tracking, MapArrived(grid("new"))) == [BuildModel(grid("new"), SETTINGS.sensor)]
-    told(tracking, ModelBuilt("new", model))
+    assert told(tracking, on_map(grid("new"))) == [BuildModel(grid("new"), SETTINGS.sensor)]
+    told(tracking, on_model("new", model))
     assert jobs(tracking) == ["c1"]
-    assert causes(told(tracking, ScanArrived(scan(1)))) == ["scan of another map"]
+    assert causes(told(tracking, on_scan(scan(1)))) == ["scan of another map"]
 
 
 def test_other_settings_of_the_sensor_build_another_model_of_the_same_map(
@@ -387,8 +389,8 @@ def test_an_order_of_an_old_term_is_refused_with_the_new_term(tracking: Worker) 
 def test_an_order_whose_coordinator_is_taken_over_from_while_it_waits_is_refused(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, asked(1, track("c0", cloud())), StateAsked(9, TakeOver(sender="next", term=2)))
-    refused = told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    told(fresh, asked(1, track("c0", cloud())), on_state_query(9, TakeOver(sender="next", term=2)))
+    refused = told(fresh, on_map(grid()), on_model("map", model))
     assert causes(refused) == ["order of an old term"]
     assert jobs(fresh) == []
 
@@ -405,12 +407,12 @@ def test_one_that_comes_late_does_not_replace_a_later_one_that_waits(
 ) -> None:
     told(fresh, asked(2, track("c1", cloud())))
     assert causes(told(fresh, asked(1, track("c0", cloud())))) == ["order overtaken"]
-    told(fresh, MapArrived(grid()), ModelBuilt("map", model))
+    told(fresh, on_map(grid()), on_model("map", model))
     assert jobs(fresh) == ["c1"]
 
 
 def test_an_order_that_changes_nothing_has_the_last_reports_said_again(tracking: Worker) -> None:
-    (report,) = told(tracking, ScanArrived(scan(1)))
+    (report,) = told(tracking, on_scan(scan(1)))
     assert told(tracking, asked(2, keep=(("c0", 1),)))[1:] == [report]
 
 
@@ -431,7 +433,7 @@ def test_a_cloud_that_is_none_is_refused_and_changes_nothing(tracking: Worker) -
 
 def test_an_order_that_cannot_be_read_is_refused_with_the_reason(fresh: Worker) -> None:
     error = MalformedMessageError(expected="WorkOrder", problem="no", kind="field")
-    refused = told(fresh, BrokenOrderAsked(3, error))
+    refused = told(fresh, on_broken_order(3, error))
     assert causes(refused) == ["malformed WorkOrder: field"]
     assert answers(refused)[3].problem == str(error)
 
@@ -443,23 +445,23 @@ def test_one_that_begins_behind_waits_for_history_while_the_others_go_on(
     tracking: Worker,
 ) -> None:
     for step in range(1, 71):  # more than are kept at hand
-        tracking.handle(ScanArrived(scan(step)))
+        on_scan(scan(step))(tracking)
     begun = told(tracking, asked(2, track("c1", cloud(step=3)), keep=(("c0", 1),)))
     missing = MissingScans(4, 6)
     assert begun[1:] == [FetchScans(missing, HISTORY_TIMEOUT_S)]
-    assert reported(told(tracking, ScanArrived(scan(71)))) == [("c0", 71)]
-    caught_up = told(tracking, HistoryArrived(missing, tuple(map(scan, (4, 5, 6)))))
+    assert reported(told(tracking, on_scan(scan(71)))) == [("c0", 71)]
+    caught_up = told(tracking, on_history(missing, tuple(map(scan, (4, 5, 6)))))
     assert reported(caught_up) == [("c1", step) for step in range(4, 72)]
 
 
 def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
-    begun = told(fresh, ModelBuilt("map", model))
+    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    begun = told(fresh, on_model("map", model))
     assert begun[1:] == [FetchScans(MissingScans(3, 4), HISTORY_TIMEOUT_S)]
-    assert told(fresh, ScanArrived(scan(6))) == []
-    failed = told(fresh, HistoryFailed(MissingScans(3, 4), "nobody is there"))
+    assert told(fresh, on_scan(scan(6))) == []
+    failed = told(fresh, on_no_history(MissingScans(3, 4), "nobody is there"))
     assert causes(failed) == ["no scan history"]
     assert reported(failed) == [("c0", 5), ("c0", 6)]
 
@@ -467,21 +469,21 @@ def test_history_that_never_comes_lets_the_job_begin_with_what_there_is(
 def test_past_scans_are_asked_for_once_however_often_an_order_comes(
     fresh: Worker, model: SensorModel
 ) -> None:
-    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
-    told(fresh, ModelBuilt("map", model))
+    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    told(fresh, on_model("map", model))
     again = told(fresh, asked(2, track("c0", cloud(step=2))))
     assert [type(do) for do in again] == [Answer]
-    caught_up = told(fresh, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4))))
+    caught_up = told(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4))))
     assert reported(caught_up) == [("c0", 3), ("c0", 4), ("c0", 5)]
 
 
 def test_an_answer_to_a_repeated_query_is_not_awaited(fresh: Worker, model: SensorModel) -> None:
-    told(fresh, ScanArrived(scan(5)), asked(1, track("c0", cloud(step=2))), MapArrived(grid()))
-    told(fresh, ModelBuilt("map", model))
-    wider = told(fresh, ScanArrived(scan(8)))
+    told(fresh, on_scan(scan(5)), asked(1, track("c0", cloud(step=2))), on_map(grid()))
+    told(fresh, on_model("map", model))
+    wider = told(fresh, on_scan(scan(8)))
     assert wider == [FetchScans(MissingScans(3, 7), LOST_SCANS_TIMEOUT_S)]
-    assert told(fresh, HistoryArrived(MissingScans(3, 4), (scan(3), scan(4)))) == []
-    caught_up = told(fresh, HistoryArrived(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
+    assert told(fresh, on_history(MissingScans(3, 4), (scan(3), scan(4)))) == []
+    caught_up = told(fresh, on_history(MissingScans(3, 7), tuple(map(scan, range(3, 8)))))
     assert reported(caught_up) == [("c0", step) for step in range(3, 9)]
 
 
@@ -492,9 +494,9 @@ def test_a_new_coordinator_gets_jobs_terms_and_the_reports_since(
     tracking: Worker,
 ) -> None:
     checkpoint = Checkpoint(sender="c", term=1, serial=1, step=1, founded=True, state=b"")
-    said = [do for step in (1, 2, 3) for do in tracking.handle(ScanArrived(scan(step)))]
-    assert told(tracking, CheckpointHeard(checkpoint)) == []
-    (answer,) = told(tracking, StateAsked(9, TakeOver(sender="next", term=2, since=1)))
+    said = [do for step in (1, 2, 3) for do in on_scan(scan(step))(tracking)]
+    assert told(tracking, on_checkpoint(checkpoint)) == []
+    (answer,) = told(tracking, on_state_query(9, TakeOver(sender="next", term=2, since=1)))
     assert isinstance(answer, Answer)
     state = answer.message
     assert isinstance(state, WorkerState)

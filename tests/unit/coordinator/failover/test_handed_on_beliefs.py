@@ -10,7 +10,6 @@ from protocol.answers import Belief, SetPose
 from protocol.message import MAX_SCAN_STEP
 from protocol.step_reset_detector import HUGE_JUMP
 from tests.unit.coordinator.living import Living, symmetric_room
-from worker.events import ScanArrived
 
 STEPS = 26
 
@@ -140,7 +139,7 @@ def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     for name, worker in reachable.items():
         living.workers[name] = worker
         for step in (16, 17):
-            worker.handle(ScanArrived(living.scans[step]))
+            worker.on_scan(living.scans[step])
         living.join(name)
     for step in range(18, STEPS):
         living.drive(step)
