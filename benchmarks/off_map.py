@@ -31,7 +31,6 @@ from coordinator.belief.outcome import Outcome
 from evaluation.experiments.case import Case, RecordedRobot
 from evaluation.experiments.course import TrueStep, course_of
 from evaluation.in_process import InProcess
-from evaluation.mirrored import mirrored
 from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
@@ -39,7 +38,7 @@ from particle_filter.kernels import to_cells
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
-from protocol.steps import Scan
+from protocol.steps import Scan, mirrored
 from recordings.map_file import load_map
 from robot_simulator.lidar import LidarModel
 from robot_simulator.simulation import Simulation

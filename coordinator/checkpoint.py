@@ -13,6 +13,7 @@ import msgspec
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.ensemble import ELSEWHERE, EnsembleState
 from coordinator.belief.prior_pose import PriorPose
+from coordinator.belief.search_course import DecoyState
 from coordinator.belief.search_pool import SearchState
 from coordinator.commands import CommandsState
 from coordinator.jobs import JobState
@@ -43,7 +44,8 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
     if state.clusters and applied is None:
         return "no cluster can be tracked before the first step"
     if problem := items_problem(state.clusters) or first_problem(
-        _cluster_problem(cluster, applied) for cluster in state.clusters
+        "a decoy among the clusters" if cluster.mirrored else _cluster_problem(cluster, applied)
+        for cluster in state.clusters
     ):
         return problem
     numbers = [cluster.cluster for cluster in state.clusters]
@@ -64,8 +66,21 @@ def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
         _count_problem("next cluster", state.next_cluster)
         or _count_problem("searches", state.searches)
         or (_search_problem(search, state.searches, applied) if search else None)
+        or _decoy_problem(state.decoy, applied)
         or (_prior_problem(prior) if prior else None)
         or state.seen.problem
+    )
+
+
+def _decoy_problem(decoy: DecoyState, applied: Scan | None) -> str | None:
+    search, begun = decoy.search.search, decoy.search.searches
+    if not all(place.mirrored for place in decoy.places):
+        return "a decoy that follows the robot itself"
+    return (
+        items_problem(decoy.places)
+        or _count_problem("searches", begun)
+        or (_search_problem(search, begun, applied) if search else None)
+        or first_problem(_cluster_problem(place, applied) for place in decoy.places)
     )
 
 
@@ -88,12 +103,14 @@ def jobs_problem(
 ) -> str | None:
     """Why these cannot be the jobs of this belief: each cluster has one, and the search some."""
     ids = [job.job_id for job in jobs]
-    clusters = {cluster.job_id for cluster in ensemble.clusters}
+    tracked = (*ensemble.clusters, *ensemble.decoy.places)
+    clusters = {cluster.job_id for cluster in tracked}
     if len(set(ids)) < len(ids):
         return "a job that is there twice"
     if clusters - set(ids):
         return "a cluster that has no job"
-    return first_problem(_job_problem(job, clusters, ensemble.search, applied) for job in jobs)
+    searches = (ensemble.search, ensemble.decoy.search.search)
+    return first_problem(_job_problem(job, clusters, searches, applied) for job in jobs)
 
 
 def collector_problem(state: StepCollectorState) -> str | None:
@@ -156,6 +173,7 @@ def _search_problem(state: SearchState, searches: int, applied: Scan | None) -> 
         or (None if 0.0 <= state.evidence.explained <= 1.0 else "a search that explains too much")
         or (None if 0.0 <= state.progress <= 1.0 else "a search beyond its end")
         or _elsewhere_problem(state.evidence.log_elsewhere)
+        or _elsewhere_problem(state.evidence.log_off_map)
     )
 
 
@@ -166,7 +184,9 @@ def _elsewhere_problem(log_probability: float) -> str | None:
 
 
 def _quality_problem(quality: MapQuality) -> str | None:
-    possible = all(0.0 < share < 1.0 for share in (quality.crude, quality.resembling))
+    possible = all(
+        0.0 < share < 1.0 for share in (quality.crude, quality.resembling, quality.alike)
+    )
     return None if possible and 0.0 <= quality.short <= 1.0 else f"a map of {quality}"
 
 
@@ -192,7 +212,10 @@ def _prior_problem(prior: PriorPose) -> str | None:
 
 
 def _job_problem(
-    state: JobState, clusters: set[str], search: SearchState | None, applied: Scan | None
+    state: JobState,
+    clusters: set[str],
+    searches: tuple[SearchState | None, SearchState | None],
+    applied: Scan | None,
 ) -> str | None:
     if len(state.job_id) > MAX_ID_CHARACTERS or not (state.worker is None or is_name(state.worker)):
         return "a job or a worker with no name"
@@ -201,13 +224,15 @@ def _job_problem(
         case None:
             fits = state.job_id in clusters
         case TrackJob():
-            fits = state.job_id in clusters and state.job_id == f"c{job.cluster}"
+            kind = "d" if job.mirrored else "c"
+            fits = state.job_id in clusters and state.job_id == f"{kind}{job.cluster}"
         case ElsewhereJob():
             due = applied is None or job.first_step <= applied.step + 1
             fits = state.job_id == ELSEWHERE and due
         case SearchJob():
+            search, kind = searches[job.mirrored], "m" if job.mirrored else "s"
             begun = search and (search.search, search.first_step) == (job.search, job.first_step)
-            fits = bool(begun) and state.job_id == f"s{job.search}.{job.shard}"
+            fits = bool(begun) and state.job_id == f"{kind}{job.search}.{job.shard}"
     if not fits:
         return "a job that has no cluster, no search and no step"
     if job is None:
@@ -243,7 +268,7 @@ def finite_problem(name: str, value: float) -> str | None:
     return None if math.isfinite(value) else f"{name} is {value}"
 
 
-STATE_VERSION = 5
+STATE_VERSION = 6
 
 
 class ImpossibleStateError(ValueError):

@@ -37,7 +37,7 @@ from protocol.answers import Relocalize, SetPose
 from protocol.job_events import EndedCause, JobEvent, NumberedEvent
 from protocol.live_settings import AS_STARTED, LiveSettings
 from protocol.message import Covariance, PoseTuple
-from protocol.steps import Scan
+from protocol.steps import Scan, mirrored
 from protocol.work import Checkpoint, Place, Report, TrackJob
 
 STEPS = 20
@@ -495,9 +495,11 @@ class CoordinatorState:
         """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
         applied = state.collector.applied
         assert applied is not None  # `state_checks` has looked
-        cluster = next(c for c in state.ensemble.clusters if c.job_id == job_id)
+        tracked = (*state.ensemble.clusters, *state.ensemble.decoy.places)
+        cluster = next(c for c in tracked if c.job_id == job_id)
+        scan = mirrored(applied) if cluster.mirrored else applied
         again = self._drawn_anew(
-            cluster.cluster, 1.0, cluster.mean, cluster.covariance, applied, applied.step
+            cluster.cluster, 1.0, cluster.mean, cluster.covariance, scan, applied.step
         )
         return TrackJob(
             cluster=cluster.cluster,
@@ -505,6 +507,7 @@ class CoordinatorState:
             exact=False,
             particles=cluster.particles,
             particles_from=cluster.particles_from,
+            mirrored=cluster.mirrored,
         )
 
     def _drawn_anew(

@@ -51,8 +51,18 @@ _SHORT_SHARE, _SHORT_LEARNED = 0.2, 0.5
 """Before anything was seen; what a view says of it, against all earlier ones."""
 _ODD_VIEW = 0.05
 """Share of the views of a right place that look like those of a wrong one."""
+_LEAST_SHARE = 1e-12
+"""Of a mixture, so that logarithms are finite."""
 _FORGOTTEN = 0.002
 """What a view takes from what was learned of the map."""
+
+_DIFFERENCE = 1.0
+"""Larger differences between the robot's fit and the decoy's count as this one [nat/beam]."""
+_DECOY_RIGHT, _DECOY_WRONG, _DECOY_ALIKE = (0.8, 0.45), (-0.25, 0.5), (0.0, 0.12)
+"""Mean and standard deviation of that difference [nat/beam]: at right places, at wrong ones, and at
+all places of a map that is its own mirror image."""
+_ALIKE_SHARE = 0.5
+"""Before anything was seen."""
 
 
 class MapQuality(msgspec.Struct, frozen=True):
@@ -64,6 +74,44 @@ class MapQuality(msgspec.Struct, frozen=True):
     """Probability that wrong places look as in a building much like this one."""
     short: float = _SHORT_SHARE
     """Share of the beams that are cut short."""
+    alike: float = _ALIKE_SHARE
+    """Probability that the map is its own mirror image."""
+
+
+def log_odds_by_decoy(
+    quality: MapQuality, difference: float, log_here: float, new_view: float
+) -> tuple[float, MapQuality]:
+    """What a decoy says for the robot being at one of its places, against at none.
+
+    What the mirrored scans reach is what a robot reaches that is not there, unless the map is its
+    own mirror image: then both reach the same, and this tells nothing.
+
+    Args:
+        quality: as learned so far.
+        difference: how much better the scan fits at the best place than the mirrored scan does
+            where the decoy is [nat/beam].
+        log_here: log of the probability that the robot is at one of its places.
+        new_view: how much of a new view of the building the scan is, from 0 to 1.
+
+    Returns:
+        What the log-odds grow by, and what is known of the map now.
+
+    References:
+        Elias and Gygi (2007), target-decoy search, Nature Methods 4.
+    """
+    d = min(max(difference, -_DIFFERENCE), _DIFFERENCE)
+    right, wrong, alike = (
+        -0.5 * ((d - mean) / sigma) ** 2 - math.log(sigma)
+        for mean, sigma in (_DECOY_RIGHT, _DECOY_WRONG, _DECOY_ALIKE)
+    )
+    right = float(np.logaddexp(math.log1p(-_ODD_VIEW) + right, math.log(_ODD_VIEW) + wrong))
+    right, wrong, alike = new_view * right, new_view * wrong, new_view * alike
+    here, _ = _mixture(quality.alike, alike, right)
+    nowhere, _ = _mixture(quality.alike, alike, wrong)
+    either, _ = _mixture(math.exp(log_here), right, wrong)
+    _, alike_now = _mixture(quality.alike, alike, either)
+    kept = alike_now + _FORGOTTEN * new_view * (_ALIKE_SHARE - alike_now)
+    return here - nowhere, msgspec.structs.replace(quality, alike=kept)
 
 
 def log_odds_of_here(
@@ -99,6 +147,7 @@ def log_odds_of_here(
         crude_now + forgotten * (_CRUDE_SHARE - crude_now),
         resembling_now + forgotten * (_RESEMBLING_SHARE - resembling_now),
         quality.short + float(seen @ (short - quality.short)),
+        quality.alike,
     )
     return here - nowhere, learned
 
@@ -127,6 +176,7 @@ def _right(quality: MapQuality, relative: NDArray[np.float64]) -> NDArray[np.flo
 
 def _mixture(share: float, log_one: float, log_other: float) -> tuple[float, float]:
     """Log-likelihood of a mixture of two, and the share of the first afterwards."""
+    share = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     one, other = math.log(share) + log_one, math.log1p(-share) + log_other
     total = float(np.logaddexp(one, other))
     return total, math.exp(one - total)

@@ -109,6 +109,38 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     """Live settings that apply from this step on."""
 
 
+def mirrored(scan: Scan) -> Scan:
+    """Return the step mirrored at the robot's x axis, as a mirror-image building would show it.
+
+    The mirrored robot has the same sensor noise, driver and building statistics, but is nowhere
+    on the map, unless the map is its own mirror image.
+    """
+    others = tuple(
+        msgspec.structs.replace(other, **_mirrored_beams(other)) for other in scan.others
+    )
+    return msgspec.structs.replace(
+        scan,
+        odom_from_robot=_reflected(scan.odom_from_robot),
+        others=others,
+        **_mirrored_beams(scan),
+    )
+
+
+def _mirrored_beams(laser: Scan | LaserBeams) -> dict[str, object]:
+    """Return the ranges in reverse order, and the angle of the first."""
+    last_rad = laser.angle_min_rad + laser.angle_step_rad * (laser.ranges.shape[0] - 1)
+    return {
+        "ranges": ArrayBlob.of(laser.ranges.array()[::-1], "float32"),
+        "angle_min_rad": -last_rad,
+        "robot_from_laser": _reflected(laser.robot_from_laser),
+    }
+
+
+def _reflected(pose: PoseTuple) -> PoseTuple:
+    x, y, heading = pose
+    return x, -y, -heading
+
+
 class ScanHistory(Message, frozen=True, kw_only=True, tag="scan_history/1"):
     """Past steps. The bridge's answer to a query on ``scans``; query again after a loss."""
 

@@ -59,6 +59,8 @@ class TrackJob(
     """How many track it; None: the number in the settings."""
     particles_from: NumberOrNone = -1
     """An exact start is resampled to `particles` at this step or later, when it next resamples."""
+    mirrored: bool = False
+    """Use the mirrored scans: the job of a decoy."""
 
 
 class SearchJob(
@@ -79,6 +81,8 @@ class SearchJob(
     """Search in this circle only; None: everywhere."""
     corners: Corners = ()
     """Search in this region only; empty: everywhere."""
+    mirrored: bool = False
+    """Use the mirrored scans: the job of a decoy."""
 
 
 class ElsewhereJob(

@@ -25,7 +25,7 @@ from particle_filter.uniform_poses import UniformPoses
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
 from protocol.pose_arrays import covariance_tuple, pose_tuple
-from protocol.steps import LaserBeams, Scan
+from protocol.steps import LaserBeams, Scan, mirrored
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -132,6 +132,7 @@ class Tracking(RunningJob):
     ) -> None:
         super().__init__(assignment, model, settings, sender, job.start.step)
         self._cluster, self._snapshot_every = job.cluster, snapshot_every_steps
+        self._mirrored = job.mirrored
         self._odom_from_robot = np.array(job.start.odom_from_robot)
         self._is_new = not job.exact
         poses = job.start.map_from_robot.array().astype(np.float64)
@@ -152,6 +153,7 @@ class Tracking(RunningJob):
 
     def advance(self, scan: Scan) -> TrackReport:
         """Move and weigh the particles; report the cluster's evidence."""
+        scan = mirror_image(scan) if self._mirrored else scan
         rng = self._rng(Purpose.TRACK, self._cluster, scan.step)
         after = np.array(scan.odom_from_robot)
         model, beams = self._model, scan_beams(scan, self._model)
@@ -195,6 +197,7 @@ class Tracking(RunningJob):
             exact=True,
             particles=particles,
             particles_from=first_step,
+            mirrored=self._mirrored,
         )
         return replace(self.assignment, job=job)
 
@@ -245,6 +248,7 @@ class Searching(RunningJob):
     def slices(self, scan: Scan) -> Slices[SearchReport]:
         """Do as `advance`, in slices; the step counts as done from the first on."""
         self._search.use(self._model, self._settings)
+        scan = mirror_image(scan) if self._job.mirrored else scan
         before, after = self._odom_from_robot, np.array(scan.odom_from_robot)
         beams, rng = scan_beams(scan, self._model), self._search_rng(scan.step, 1)
         self._odom_from_robot, self.step = after, scan.step
@@ -308,19 +312,32 @@ class Elsewhere(RunningJob):
 
 
 _latest: list[tuple[Scan, SensorModel, Beams]] = []
-"""The last beams, compared by identity: hashing a scan takes longer than selecting its beams."""
+"""The beams of the last scan and of its mirror image, compared by identity: hashing a scan takes
+longer than selecting its beams."""
+_mirrored: list[tuple[Scan, Scan]] = []
+"""The last scan and its mirror image."""
 
 
 def scan_beams(scan: Scan, model: SensorModel) -> Beams:
     """Return the beams of a scan to score; all jobs of a process share those of the last scan."""
-    for last, its_model, beams in _latest[:1]:
+    for last, its_model, beams in _latest:
         if last is scan and its_model is model:
             return beams
     others = tuple(map(_laser_scan, scan.others))
     measured = _laser_scan(scan)
     beams = model.beams(dataclasses.replace(measured, others=others) if others else measured)
-    _latest[:] = [(scan, model, beams)]
+    _latest[:] = [(scan, model, beams), *_latest[:1]]
     return beams
+
+
+def mirror_image(scan: Scan) -> Scan:
+    """Return the mirrored step; all decoys of a process share that of the last scan."""
+    for last, image in _mirrored:
+        if last is scan:
+            return image
+    image = mirrored(scan)
+    _mirrored[:] = [(scan, image)]
+    return image
 
 
 def _laser_scan(beams: Scan | LaserBeams) -> LaserScan:

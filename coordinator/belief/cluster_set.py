@@ -22,7 +22,13 @@ from particle_filter.evidence_model import (
     way,
 )
 from particle_filter.motion_noise import composed_covariance, motion_covariance
-from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here, probability_right
+from particle_filter.off_map import (
+    BeamClasses,
+    MapQuality,
+    log_odds_by_decoy,
+    log_odds_of_here,
+    probability_right,
+)
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
@@ -68,11 +74,13 @@ class Cluster(msgspec.Struct, frozen=True):
     """First step that may resample to `particles`; -1: since it began."""
     confirmed: bool = True
     """Whether a scan was likelier there than elsewhere; a pose that was given waits for one."""
+    mirrored: bool = False
+    """A decoy: the mirrored scans are tracked here."""
 
     @property
     def job_id(self) -> str:
         """The job that tracks it."""
-        return f"c{self.cluster}"
+        return f"{'d' if self.mirrored else 'c'}{self.cluster}"
 
     @property
     def probability(self) -> float:
@@ -164,6 +172,8 @@ class ClusterSet:
         *,
         new_view: float = 1.0,
         news: float = 1.0,
+        decoy: TrackReport | None = None,
+        awaits_decoy: bool = False,
     ) -> float:
         """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
@@ -176,6 +186,8 @@ class ClusterSet:
                 it is not known.
             new_view: share of the scan that shows what none before has shown (`ViewMemory`).
             news: share of it that is news of whether the robot is at any cluster (`news_of`).
+            decoy: report of a job that tracks the mirrored scans; None: there is none.
+            awaits_decoy: a decoy is searched for; until it is found, classes of beams do not count.
 
         Returns:
             Log of the scan's likelihood before it was known where the robot is: what a hypothesis
@@ -213,6 +225,10 @@ class ClusterSet:
         log_scan += cut_short
         self._follow_fit(log_scan - through, float(among.max()) + log_here, news)
         odds = self._log_odds_of_here(among, reports, new_view)
+        if decoy is not None:
+            odds = self._beside_decoy(odds, among, reports, decoy, new_view)
+        elif awaits_decoy:
+            odds = 0.0
         if not math.isnan(elsewhere):
             fits_better = elsewhere - log_scan
             # People stand before the laser: where what is left of the beams fits, nothing is odd.
@@ -249,6 +265,28 @@ class ClusterSet:
             new_view,
         )
         return odds
+
+    def _beside_decoy(
+        self,
+        odds: float,
+        among: NDArray[np.float64],
+        reports: Mapping[str, TrackReport],
+        decoy: TrackReport,
+        new_view: float,
+    ) -> float:
+        """What a scan says for the clusters beyond what the mirrored scan says for a decoy."""
+        best = reports.get(self.job_ids[int(np.argmax(among))])
+        difference = (
+            best.log_likelihood_per_beam - decoy.log_likelihood_per_beam if best else math.nan
+        )
+        if math.isnan(difference) or not any(decoy.beam_classes):
+            return odds
+        classes = [BeamClasses(*decoy.beam_classes)]
+        of_decoy, _ = log_odds_of_here(self.quality, np.ones(1), classes, new_view)
+        log_here = math.log1p(-min(self.nowhere, 1.0 - 1e-12))
+        by_fit, self.quality = log_odds_by_decoy(self.quality, difference, log_here, new_view)
+        # Where a decoy's beams are classed alike, classes tell nothing.
+        return min(max(odds - of_decoy, min(odds, 0.0)), max(odds, 0.0)) + by_fit
 
     def _follow_fit(self, log_scan: float, log_best: float, news: float) -> None:
         """Learn how well scans fit while the robot is localized."""
@@ -488,6 +526,27 @@ class ClusterSet:
         """So much of what was elsewhere is among the newcomers now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
         self.log_elsewhere += rest
+
+    def keep_off_map(
+        self, newcomers: Sequence[Newcomer], log_elsewhere: float, log_off_map: float
+    ) -> None:
+        """Keep the odds of off the map against elsewhere for newcomers; call it before `admit`.
+
+        Newcomers were chosen because they fit well. A robot that is not on the map finds places
+        that fit well, too, so this says nothing against it. Off the map does not gain by it.
+
+        Args:
+            newcomers: with their weights beside the belief.
+            log_elsewhere: log of the probability of elsewhere when their search began.
+            log_off_map: likewise, of off the map.
+        """
+        weight = math.fsum(place.share for place, _ in newcomers)
+        most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)
+        kept = min(
+            _log(weight) + log_off_map - log_elsewhere,
+            _log(most / (1.0 - most)) + _log(1.0 - self.off_map + weight),
+        )
+        self.log_off_map = max(self.log_off_map, kept)
 
     def split(
         self, job_id: str, parts: Sequence[Place], step: int

@@ -16,7 +16,13 @@ from coordinator.belief.admission import admission, first_places, log_weight_of_
 from coordinator.belief.cluster_set import PERHAPS_LIFTED, Cluster, ClusterSet, Newcomer, news_of
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
-from coordinator.belief.search_course import SearchCourse, SearchCourseState
+from coordinator.belief.search_course import (
+    LOST_SEARCHES,
+    Decoy,
+    DecoyState,
+    SearchCourse,
+    SearchCourseState,
+)
 from coordinator.belief.search_pool import Pool, SearchState
 from particle_filter.arrays import Pose
 from particle_filter.evidence_model import UsualFit
@@ -46,8 +52,8 @@ NEARLY = 0.8
 """A cluster keeps its number of particles while its share is at least this much of it."""
 ELSEWHERE = "e0"
 """The job that weighs scans all over the map; it begins anew where steps or maps do."""
-LOST_SEARCHES = 5
-"""Times as often as usual a robot is searched for that is probably not on the map."""
+OPEN = 0.1
+"""While the robot is off the map with more than this probability, a decoy is tracked."""
 LEAST_REST = 1e-12
 """What is left beside a place that is given for certain."""
 
@@ -68,6 +74,7 @@ class EnsembleState(msgspec.Struct, frozen=True):
     quality: MapQuality = MapQuality()
     fit: UsualFit = UsualFit()
     found: bool = False
+    decoy: DecoyState = DecoyState(SearchCourseState(None, 0, 0), ())
 
 
 class Ensemble:
@@ -76,7 +83,7 @@ class Ensemble:
     def __init__(self, settings: FilterSettings) -> None:
         self.settings = settings
         self.clusters = ClusterSet(settings.belief, settings.sensor)
-        self._search = SearchCourse(settings)
+        self._search, self._decoy = SearchCourse(settings), Decoy(settings)
         self._prior_pose: PriorPose | None = None
         self._seen = ViewMemory()
         self._found = False  # since it was last searched for from nothing
@@ -95,12 +102,13 @@ class Ensemble:
     @property
     def expected(self) -> tuple[str, ...]:
         """Jobs whose report on the next step is waited for."""
-        return (*self.clusters.job_ids, *self._search.job_ids, *self._elsewhere)
+        searches = (*self._search.job_ids, *self._decoy.search_ids)
+        return (*self.clusters.job_ids, *self._decoy.track_ids, *searches, *self._elsewhere)
 
     @property
     def unhurried(self) -> tuple[str, ...]:
         """Those of them that may tell a step later: searches beside clusters."""
-        return self._search.job_ids if len(self.clusters) else ()
+        return (*self._search.job_ids, *self._decoy.search_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """What must see the scan of `step` itself: the first search. Call once, before it.
@@ -144,7 +152,12 @@ class Ensemble:
         new_view = self._new_view(before_from_after)
         news = 1.0 if before_from_after is None else news_of(before_from_after)
         log_likelihood = self.clusters.weigh(
-            tracks, next(elsewhere, math.nan), new_view=new_view, news=news
+            tracks,
+            next(elsewhere, math.nan),
+            new_view=new_view,
+            news=news,
+            decoy=self._decoy.best_of(tracks),
+            awaits_decoy=self._decoy.is_awaited,
         )
         self._search.evidence.gather(step, log_likelihood)
         if missing and before_from_after is not None:
@@ -157,6 +170,7 @@ class Ensemble:
         if step % SHARE_EVERY_STEPS == 0:
             self._share_particles(step)
         self._follow_search(step, reports)
+        self._follow_decoy(step, reports)
         if self._lost and not was_lost:
             self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
         if self.clusters.fit.has_fallen and not had_fallen:
@@ -194,11 +208,8 @@ class Ensemble:
             near: where to search first; None: everywhere. Later searches look everywhere.
             corners: of a region, likewise; empty: everywhere.
         """
-        self._events += self.clusters.clear(cause)
+        self._forget(step, cause)
         self._seen, self._found = ViewMemory(), False
-        self._stop_search(step, "search stopped")
-        self._prior_pose = None
-        self._begin |= self.standing_jobs(step + 1)
         self._start_search(step + 1, near, corners)
         return self._outcome(step, ())
 
@@ -210,11 +221,8 @@ class Ensemble:
             step: after which they are tracked.
             cause: why the clusters end.
         """
-        self._events += self.clusters.clear(cause)
+        self._forget(step, cause)
         self._seen = ViewMemory()
-        self._stop_search(step, "search stopped")
-        self._prior_pose = None
-        self._begin |= self.standing_jobs(step + 1)
         self.clusters.explain(1.0)
         self._admit([(place, "prior pose") for place in places], step)
         return self._outcome(step, ())
@@ -237,6 +245,7 @@ class Ensemble:
             quality=self.clusters.quality,
             fit=self.clusters.fit,
             found=self._found,
+            decoy=self._decoy.state(),
         )
 
     def restore(self, state: EnsembleState) -> None:
@@ -253,6 +262,7 @@ class Ensemble:
         self._search.restore(search)
         self._prior_pose, self._seen = state.prior_pose, state.seen
         self._found = state.found
+        self._decoy.restore(state.decoy)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """What the last step came to, without the jobs that it began or ended, and why."""
@@ -284,8 +294,15 @@ class Ensemble:
         corners: Corners = (),
     ) -> None:
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
-        log_elsewhere = self.clusters.log_elsewhere
-        self._begin |= self._search.begin(first_step, log_elsewhere, near, corners)
+        nowhere = (self.clusters.log_elsewhere, self.clusters.log_off_map)
+        self._begin |= self._search.begin(first_step, *nowhere, near, corners)
+
+    def _forget(self, step: int, cause: EndedCause) -> None:
+        """End all clusters and the decoy: the robot may be anywhere."""
+        self._events += [*self.clusters.clear(cause), *self._decoy.stop(step)]
+        self._prior_pose = None
+        self._stop_search(step, "search stopped")
+        self._begin |= self.standing_jobs(step + 1)
 
     def _stop_search(self, step: int, cause: EndedCause) -> None:
         self._events += self._search.stop(step, cause)
@@ -309,6 +326,13 @@ class Ensemble:
         if is_over and all_in:
             self._stop_search(step, "search over")
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
+
+    def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
+        off_map = self.clusters.off_map
+        is_open = len(self.clusters) > 0 and off_map > OPEN
+        begin, ended = self._decoy.follow(step, reports, is_open=is_open)
+        self._begin |= begin
+        self._events += ended
 
     def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
@@ -361,6 +385,7 @@ class Ensemble:
         if told is not None:
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
+        self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
         self._admit(entering, step, first_step, step + settings.belief.grace_steps)
         if entering and not own:
             self.clusters.lift_alternatives(step, first_step)

@@ -1,8 +1,10 @@
 """A search for new places from its begin to its end, and when the next one is due."""
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
+from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
@@ -10,7 +12,17 @@ from coordinator.belief.search_pool import Pool, SearchPool, SearchState
 from particle_filter.settings import FilterSettings
 from protocol.job_events import Ended, EndedCause
 from protocol.message import Circle, Corners, PoseTuple
-from protocol.work import Job, Report, SearchJob, SearchReport
+from protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
+
+LOST_SEARCHES = 5
+"""Times as often as usual a robot is searched for that is probably not on the map."""
+
+DECOYS = 3
+"""Places of the mirrored robot that are tracked."""
+SCANS = 4
+"""They are searched for by so many scans."""
+PATIENCE = 10
+"""Steps from the end of a search for them to the next."""
 
 
 class SearchCourseState(msgspec.Struct, frozen=True):
@@ -24,8 +36,8 @@ class SearchCourseState(msgspec.Struct, frozen=True):
 class SearchCourse:
     """The search that runs, if one does, and what it is compared with."""
 
-    def __init__(self, settings: FilterSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: FilterSettings, *, mirrored: bool = False) -> None:
+        self._settings, self._mirrored = settings, mirrored
         self._pool: SearchPool | None = None
         self.evidence = SearchEvidence()
         """What the clusters have gathered since the search began."""
@@ -65,28 +77,39 @@ class SearchCourse:
         self._next_step = max(self._next_step, step + 1)
 
     def begin(
-        self, first_step: int, log_elsewhere: float, near: Circle | None, corners: Corners
+        self,
+        first_step: int,
+        log_elsewhere: float = 0.0,
+        log_off_map: float = -math.inf,
+        near: Circle | None = None,
+        corners: Corners = (),
     ) -> dict[str, Job]:
         """Begin one.
 
         Args:
             first_step: the first whose scan it takes.
-            log_elsewhere: log of the probability that the robot is at no cluster.
+            log_elsewhere: log of the probability that the robot is elsewhere on the map.
+            log_off_map: log of the probability that it is not on the map.
             near: where to look; None: everywhere.
             corners: of a region, likewise; empty: everywhere.
 
         Returns:
             Its jobs.
         """
-        self._pool = SearchPool(self.begun, first_step, self._settings.search)
+        self._pool = self.new_pool(self.begun, first_step)
         jobs: dict[str, Job] = {
             job_id: SearchJob(
-                search=self.begun, shard=shard, first_step=first_step, near=near, corners=corners
+                search=self.begun,
+                shard=shard,
+                first_step=first_step,
+                near=near,
+                corners=corners,
+                mirrored=self._mirrored,
             )
             for shard, job_id in enumerate(self._pool.job_ids)
         }
         self.begun += 1
-        self.evidence = SearchEvidence(log_elsewhere)
+        self.evidence = SearchEvidence(log_elsewhere, log_off_map)
         return jobs
 
     def stop(self, step: int, cause: EndedCause) -> list[Ended]:
@@ -132,6 +155,10 @@ class SearchCourse:
         most = self._settings.belief.max_clusters
         return self._pool is None or self._pool.finished(pool, most, patient=patient)
 
+    def new_pool(self, search: int, first_step: int) -> SearchPool:
+        """Make the pool of a search of this course."""
+        return SearchPool(search, first_step, self._settings.search, mirrored=self._mirrored)
+
     # --- handed on
 
     def state(self) -> SearchCourseState:
@@ -144,7 +171,104 @@ class SearchCourse:
         self._pool = None
         self._means.clear()
         if (search := state.search) is not None:
-            self._pool = SearchPool(search.search, search.first_step, self._settings.search)
+            self._pool = self.new_pool(search.search, search.first_step)
             self._pool.progress = search.progress
             self.evidence = SearchEvidence.restored(search.evidence)
         self.begun, self._next_step = state.searches, state.next_search_step
+
+
+class DecoyState(msgspec.Struct, frozen=True):
+    """As it is handed on."""
+
+    search: SearchCourseState
+    places: tuple[Cluster, ...]
+
+
+class Decoy:
+    """A robot that is not there: what the mirrored scans reach in this map (docs/unknown.md).
+
+    It is searched for and tracked as the robot is, but only while it is open whether the robot is
+    on the map.
+    """
+
+    def __init__(self, settings: FilterSettings) -> None:
+        self._settings = settings
+        self._search = SearchCourse(settings, mirrored=True)
+        self.places: tuple[Cluster, ...] = ()
+        """Where the decoy is tracked."""
+
+    @property
+    def search_ids(self) -> tuple[str, ...]:
+        """The jobs of its search."""
+        return self._search.job_ids
+
+    @property
+    def is_awaited(self) -> bool:
+        """Whether it is searched for and not tracked yet."""
+        return self._search.runs and not self.places
+
+    @property
+    def track_ids(self) -> tuple[str, ...]:
+        """The job that tracks it."""
+        return tuple(place.job_id for place in self.places)
+
+    def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
+        """Return the report of the decoy that the mirrored scan fits best; None: there is none."""
+        found = [(place, reports.get(place.job_id)) for place in self.places]
+        self.places = tuple(
+            replace(place, mean=report.mean, covariance=report.covariance) if report else place
+            for place, report in found
+        )
+        fits = [r for _, r in found if r and not math.isnan(r.log_likelihood_per_beam)]
+        return max(fits, key=lambda report: report.log_likelihood_per_beam, default=None)
+
+    def follow(
+        self, step: int, reports: Sequence[Report], *, is_open: bool
+    ) -> tuple[dict[str, Job], list[Ended]]:
+        """Continue after a step.
+
+        Args:
+            step: its number.
+            reports: of all jobs.
+            is_open: whether it is open if the robot is on the map.
+
+        Returns:
+            The jobs that begin, and those that end.
+        """
+        begin: dict[str, Job] = {}
+        ended: list[Ended] = []
+        pool = self._search.hear(reports, ())
+        if pool is not None and pool.step - self._search.first_step + 1 >= SCANS:
+            ended += self._end_tracking() + self._search.stop(step, "search over")
+            first = (self._search.begun - 1) * DECOYS
+            for index in range(min(len(pool.share), DECOYS)):
+                found, number = pool.place(index, 1.0), first + index
+                place = Cluster(number, 0.0, step, found.mean, found.covariance, mirrored=True)
+                self.places += (place,)
+                begin[place.job_id] = TrackJob(
+                    cluster=number, start=found.sample, exact=False, mirrored=True
+                )
+        if not self._search.runs and self._search.is_due(step, PATIENCE):
+            if is_open:
+                begin |= self._search.begin(step + 1)
+            else:
+                ended += self._end_tracking()
+        return begin, ended
+
+    def stop(self, step: int) -> list[Ended]:
+        """End its jobs."""
+        return self._end_tracking() + self._search.stop(step, "search stopped")
+
+    def _end_tracking(self) -> list[Ended]:
+        ended = [Ended(job_id, "search stopped") for job_id in self.track_ids]
+        self.places = ()
+        return ended
+
+    def state(self) -> DecoyState:
+        """All that decides."""
+        return DecoyState(self._search.state(), self.places)
+
+    def restore(self, state: DecoyState) -> None:
+        """Go on from where another was."""
+        self._search.restore(state.search)
+        self.places = state.places

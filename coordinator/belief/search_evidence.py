@@ -12,6 +12,7 @@ class SearchEvidenceState(msgspec.Struct, frozen=True):
     """As it is handed on."""
 
     log_elsewhere: float
+    log_off_map: float
     gathered: tuple[tuple[int, float], ...]
     explained: float
 
@@ -20,11 +21,12 @@ class SearchEvidence:
     """Follows the belief from the begin of a search on.
 
     Args:
-        log_elsewhere: log of the probability that the robot was at no cluster when it began.
+        log_elsewhere: log of the probability, when it began, that the robot was elsewhere.
+        log_off_map: likewise, that it was not on the map.
     """
 
-    def __init__(self, log_elsewhere: float = 0.0) -> None:
-        self._log_elsewhere = log_elsewhere
+    def __init__(self, log_elsewhere: float = 0.0, log_off_map: float = -math.inf) -> None:
+        self.log_elsewhere, self.log_off_map = log_elsewhere, log_off_map
         self._gathered: dict[int, float] = {}
         """Log-likelihood of all scans since the search began, up to each of the last steps."""
         self._total = 0.0
@@ -45,7 +47,7 @@ class SearchEvidence:
             log_evidence: log of the average likelihood of all its scans over the whole map.
         """
         gathered = self._gathered.get(step)
-        return -math.inf if gathered is None else self._log_elsewhere + log_evidence - gathered
+        return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
 
     def newly_explained(self, share: float) -> float:
         """Of what is elsewhere still, how much is explained now that `share` of the search is."""
@@ -55,13 +57,13 @@ class SearchEvidence:
     def state(self) -> SearchEvidenceState:
         """To be handed on."""
         return SearchEvidenceState(
-            self._log_elsewhere, tuple(self._gathered.items()), self._explained
+            self.log_elsewhere, self.log_off_map, tuple(self._gathered.items()), self._explained
         )
 
     @classmethod
     def restored(cls, state: SearchEvidenceState) -> "SearchEvidence":
         """As another had it."""
-        made = cls(state.log_elsewhere)
+        made = cls(state.log_elsewhere, state.log_off_map)
         made._gathered, made._explained = dict(state.gathered), state.explained
         made._total = state.gathered[-1][1] if state.gathered else 0.0
         return made

@@ -97,8 +97,10 @@ class Pool:
 class SearchPool:
     """Collects the shards' reports and pools the newest step that all shards have reached."""
 
-    def __init__(self, search: int, first_step: int, settings: SearchSettings) -> None:
-        self.search, self.first_step = search, first_step
+    def __init__(
+        self, search: int, first_step: int, settings: SearchSettings, *, mirrored: bool = False
+    ) -> None:
+        self.search, self.first_step, self._kind = search, first_step, "m" if mirrored else "s"
         self.progress = 0.0
         """How near the search is to its end, 0 to 1, when `finished` was asked last."""
         self._settings = settings
@@ -107,7 +109,7 @@ class SearchPool:
     @property
     def job_ids(self) -> tuple[str, ...]:
         """The jobs of this search, one a shard."""
-        return tuple(f"s{self.search}.{shard}" for shard in range(self._settings.shards))
+        return tuple(f"{self._kind}{self.search}.{shard}" for shard in range(self._settings.shards))
 
     def state(self, evidence: SearchEvidenceState) -> SearchState:
         """The search as it is handed on, with what it is compared with."""

@@ -17,6 +17,7 @@ from coordinator import order_delivery, slow_workers
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
+from coordinator.belief.search_course import SearchCourse
 from coordinator.belief.search_pool import SearchPool
 from coordinator.commands import Commanded
 from coordinator.coordinator import Coordinator
@@ -34,6 +35,27 @@ from protocol.live_settings import LiveSettings
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 from protocol.work import Checkpoint, Job, Report, SearchReport
+
+
+def _search_at(path: str) -> dict[str, dict[str, Any]]:
+    """What changes in a `SearchCourse`."""
+    return {
+        path: {"begun": int, "_next_step": int, "_means": dict[int, dict[str, PoseTuple]]},
+        f"{path}.evidence": {
+            "log_elsewhere": float,
+            "log_off_map": float,
+            "_gathered": dict[int, float],
+            "_total": float,
+            "_explained": float,
+        },
+        f"{path}._pool": {
+            "search": int,
+            "first_step": int,
+            "progress": float,
+            "_reports": dict[int, dict[str, SearchReport]],
+        },
+    }
+
 
 ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
@@ -86,23 +108,9 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "quality": MapQuality,
             "fit": UsualFit,
         },
-        "_state.ensemble._search": {
-            "begun": int,
-            "_next_step": int,
-            "_means": dict[int, dict[str, PoseTuple]],
-        },
-        "_state.ensemble._search.evidence": {
-            "_log_elsewhere": float,
-            "_gathered": dict[int, float],
-            "_total": float,
-            "_explained": float,
-        },
-        "_state.ensemble._search._pool": {
-            "search": int,
-            "first_step": int,
-            "progress": float,
-            "_reports": dict[int, dict[str, SearchReport]],
-        },
+        **_search_at("_state.ensemble._search"),
+        "_state.ensemble._decoy": {"places": tuple[Cluster, ...]},
+        **_search_at("_state.ensemble._decoy._search"),
         "_state.placement.jobs": {
             "_jobs": dict[str, PlacedJob],
             "_newest_epoch": int,
@@ -174,13 +182,14 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 `test_snapshot.py` fails when one is missing."""
 
 
-def _search_pool(course: Any, part: Any) -> SearchPool:
-    return SearchPool(part.search, part.first_step, course._settings.search)
+def _search_pool(course: SearchCourse, part: Any) -> SearchPool:
+    return course.new_pool(part.search, part.first_step)
 
 
 OPTIONAL: Mapping[str, Callable[[Any, Any], object]] = MappingProxyType(
     {
         "_state.ensemble._search._pool": _search_pool,
+        "_state.ensemble._decoy._search._pool": _search_pool,
         "_state.pose._lateness": lambda _owner, _part: Lateness(),
     }
 )

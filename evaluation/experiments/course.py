@@ -5,14 +5,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
-from evaluation.mirrored import mirrored
 from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
 from particle_filter.trajectory import Trajectory
 from process_runtime.settings import BridgeSettings
 from process_runtime.sources import Simulated
 from protocol.message import PoseTuple
-from protocol.steps import Scan
+from protocol.steps import Scan, mirrored
 from recordings.map_file import load_map
 from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation

@@ -11,7 +11,6 @@ from coordinator.belief.outcome import Outcome
 from evaluation import in_process
 from evaluation.map_check.mount import Mount, mount_of
 from evaluation.map_check.refining import refined
-from evaluation.mirrored import mirrored
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import OCCUPIED, Points, Poses
 from particle_filter.likelihood_field import LikelihoodField
@@ -19,7 +18,7 @@ from particle_filter.poses import compose, inverse
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
 from particle_filter.settings import FilterSettings
-from protocol.steps import Scan
+from protocol.steps import Scan, mirrored
 from worker.jobs import scan_beams
 
 FITS_WITHIN_M = 0.2

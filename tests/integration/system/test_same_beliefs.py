@@ -2,6 +2,7 @@ import os
 import signal
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 
@@ -36,6 +37,19 @@ def test_processes_over_zenoh_believe_exactly_what_one_process_believes(
     assert any(len(outcome.hypotheses) > 3 for outcome in alone), "clusters were compared"
     assert sum(bool(outcome.end) for outcome in alone) > 2, "and hand-overs"
     assert any(outcome.resize for outcome in alone[: STEPS - 10]), "and numbers of particles"
+
+
+def test_a_decoy_changes_the_belief_in_processes_as_it_does_in_one(
+    start_stack: StartStack,
+) -> None:
+    """A robot that is probably not on the map has one at once; it is searched for and tracked."""
+    belief = msgspec.structs.replace(SMALL.belief, off_map_probability=0.6)
+    doubting = msgspec.structs.replace(SMALL, belief=belief)
+    alone = outcomes_of(doubting, steps=STEPS)
+    jobs = {job_id for outcome in alone for job_id in outcome.begin}
+    assert {"m0.0", "d0"} <= jobs
+    stack, settings = start_stack(doubting, steps=STEPS)
+    assert_same(beliefs_of(stack, settings), alone)
 
 
 def test_a_tracking_worker_that_is_killed_changes_no_belief(

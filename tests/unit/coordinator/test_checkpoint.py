@@ -35,7 +35,7 @@ NOTHING = Told(term=0)
 def state() -> CheckpointState:
     """Of a coordinator that tracks several clusters."""
     living = Living(symmetric_room())
-    for step in range(11):
+    for step in range(10):
         living.drive(step)
     assert living.kept is not None
     return from_bytes(living.kept.state)
@@ -123,7 +123,7 @@ def test_a_checkpoint_that_cannot_be_read_is_counted_and_the_search_begins(data:
 
 def test_a_checkpoint_of_another_map_is_not_carried_on(state: CheckpointState) -> None:
     other = Checkpoint(
-        sender="c", term=5, serial=1, step=10, founded=True, state=changed(state, map_digest="old")
+        sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, map_digest="old")
     )
     made = Coordinator("c", FilterSettings(), CoordinatorSettings(), "test", 0, known=other)
     made.handle(WorkerJoined("w"), 0)
@@ -139,15 +139,15 @@ def test_who_carries_on_has_scans_weighed_elsewhere_also_if_nobody_did(
 ) -> None:
     jobs = tuple(job for job in state.jobs if had or job.job_id != "e0")
     known = Checkpoint(
-        sender="c", term=5, serial=1, step=10, founded=True, state=changed(state, jobs=jobs)
+        sender="c", term=5, serial=1, step=9, founded=True, state=changed(state, jobs=jobs)
     )
     made = CoordinatorState("c", FilterSettings(), CoordinatorSettings(), BridgeSettings())
-    assert made.resume(known, 1) == 11
+    assert made.resume(known, 1) == 10
     (elsewhere,) = (job for job in made.placement.state() if job.job_id == "e0")
-    assert elsewhere.job == ElsewhereJob(first_step=11)
+    assert elsewhere.job == ElsewhereJob(first_step=10)
     never = FilterSettings(belief=literal_bayes())
     other = CoordinatorState("c", never, CoordinatorSettings(), BridgeSettings())
-    assert other.resume(known, 1) == 11
+    assert other.resume(known, 1) == 10
     assert ("e0" in {job.job_id for job in other.placement.state()}) == had
 
 

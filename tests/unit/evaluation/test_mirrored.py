@@ -8,11 +8,10 @@ import numpy as np
 
 from evaluation.experiments.case import Case, SimulatedRobot
 from evaluation.experiments.course import course_of
-from evaluation.mirrored import mirrored
 from particle_filter.sensor_model import points_in_robot
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
-from protocol.steps import LaserBeams, Scan
+from protocol.steps import LaserBeams, Scan, mirrored
 
 MOUNT = (0.3, 0.1, 0.4)
 SCAN = Scan(

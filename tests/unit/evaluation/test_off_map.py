@@ -40,6 +40,10 @@ def test_the_mirrored_robot_of_a_hall_is_soon_known_to_be_nowhere(tmp_path: Path
     assert localized(wrong) <= 0.02
     assert any(outcome.state == "lost" for outcome in wrong[:30])
     assert wrong[-1].off_map_probability > 0.5
+    lost = [outcome.state == "lost" for outcome in wrong]
+    assert all(lost[30:]), "and it stays so"
+    assert any("d0" in outcome.begin for outcome in wrong)
+    assert not any("m0.0" in outcome.begin for outcome in right), "nothing to decide"
     for outcome in (*right, *wrong):
         held = sum(place.probability for place in outcome.hypotheses)
         assert held + outcome.elsewhere_probability == pytest.approx(1.0)

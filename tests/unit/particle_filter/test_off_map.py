@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from particle_filter.off_map import BeamClasses, MapQuality, log_odds_of_here, probability_right
+from particle_filter.off_map import (
+    BeamClasses,
+    MapQuality,
+    log_odds_by_decoy,
+    log_odds_of_here,
+    probability_right,
+)
 
 ALL = np.array([1.0])
 RIGHT, WRONG = BeamClasses(58, 1, 1, 0), BeamClasses(12, 10, 30, 8)
@@ -89,3 +95,47 @@ def test_whatever_is_counted_stays_a_probability(seen: list[BeamClasses], new_vi
         assert 0.0 < quality.crude < 1.0
         assert 0.0 < quality.resembling < 1.0
         assert 0.0 <= quality.short <= 1.0
+
+
+def beside_decoy(differences: list[float], log_here: float = -0.1) -> tuple[float, MapQuality]:
+    total, quality = 0.0, MapQuality()
+    for difference in differences:
+        odds, quality = log_odds_by_decoy(quality, difference, log_here, 0.3)
+        total += odds
+    return total, quality
+
+
+def test_a_place_that_fits_better_than_the_decoy_is_right() -> None:
+    assert beside_decoy([0.6] * 10)[0] > 1.0
+    assert beside_decoy([-0.3] * 10)[0] < -1.0
+
+
+def test_a_map_that_is_its_own_mirror_image_says_nothing() -> None:
+    alike, quality = beside_decoy([0.0, 0.02, -0.01] * 10)
+    assert quality.alike > 0.99
+    odds, _ = log_odds_by_decoy(quality, 0.0, -0.1, 1.0)
+    assert odds == pytest.approx(0.0, abs=0.01)
+    assert alike > -1.0, "until that is known, little is lost"
+
+
+def test_a_decoy_says_nothing_of_a_view_that_was_seen_before() -> None:
+    odds, quality = log_odds_by_decoy(MapQuality(), -2.0, -0.1, 0.0)
+    assert odds == pytest.approx(0.0)
+    assert quality == MapQuality()
+
+
+@hypothesis.given(
+    st.floats(-50.0, 50.0), st.floats(-700.0, 0.0), st.floats(0.0, 1.0), st.floats(0.001, 0.999)
+)
+def test_what_a_decoy_says_is_bounded_and_the_quality_a_probability(
+    difference: float, log_here: float, new_view: float, alike: float
+) -> None:
+    quality = MapQuality(alike=alike)
+    odds, learned = log_odds_by_decoy(quality, difference, log_here, new_view)
+    assert abs(odds) < 10.0
+    assert 0.0 < learned.alike < 1.0
+    assert (learned.crude, learned.resembling, learned.short) == (
+        quality.crude,
+        quality.resembling,
+        quality.short,
+    )

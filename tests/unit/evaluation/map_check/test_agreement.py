@@ -10,12 +10,11 @@ import pytest
 from evaluation.map_check.agreement import Agreement, agreement_of
 from evaluation.map_check.mount import mount_of
 from evaluation.map_check.report import report_of
-from evaluation.mirrored import mirrored
 from particle_filter.poses import compose
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
-from protocol.steps import Scan
+from protocol.steps import Scan, mirrored
 from robot_simulator.lidar import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
