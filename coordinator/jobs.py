@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import msgspec
 from msgspec.structs import replace
 
+from protocol.message import Id, Number
 from protocol.work import (
     Assignment,
     ElsewhereJob,
@@ -77,8 +78,8 @@ HAND_OVER_NS = 2_000_000_000
 class JobState(msgspec.Struct, frozen=True):
     """One job and who has it, as it is handed on."""
 
-    job_id: str
-    epoch: int
+    job_id: Id
+    epoch: Number
     worker: str | None
     job: Job | None
     """None: a cluster whose particles its worker holds."""

@@ -108,7 +108,7 @@ def working(router: ZenohSettings, folder: Path) -> Iterator[None]:
     settings, stop = replace(Settings(), zenoh=router), StopFlag()
     with closing(Node(NAME, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
         node.open()
-        thread = threading.Thread(target=WorkerLoop(node, folder, 1).run)
+        thread = threading.Thread(target=WorkerLoop(node, folder).run)
         thread.start()
         try:
             yield
