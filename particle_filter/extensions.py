@@ -35,13 +35,16 @@ def extension(kind: Kind, name: str) -> Any:
     """The extension of this name.
 
     Raises:
-        ValueError: there is none.
+        ValueError: there is none, or its code cannot be imported.
     """
     if (kind, name) not in _registered:
         if name not in _installed(kind):
             known = ", ".join(names(kind)) or "none"
             raise ValueError(f"no {kind} {name!r} is installed; known: {known}")
-        register(kind, name, _installed(kind)[name].load())
+        try:
+            register(kind, name, _installed(kind)[name].load())
+        except (ImportError, AttributeError) as error:
+            raise ValueError(f"{kind} {name!r} cannot be loaded: {error}") from error
     return _registered[kind, name]
 
 

@@ -102,7 +102,9 @@ def test_an_installed_model_is_found_by_its_entry_point(
     about = tmp_path / "own_model-1.0.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: own_model\nVersion: 1.0\n")
-    (about / "entry_points.txt").write_text("[clustermcl.sensor_model]\nown = own_model:Own\n")
+    (about / "entry_points.txt").write_text(
+        "[clustermcl.sensor_model]\nown = own_model:Own\ngone = own_model:Gone\n"
+    )
     with pytest.raises(SettingsError, match='"beam" or an installed one'):
         ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
     extensions._installed.cache_clear()
@@ -110,6 +112,8 @@ def test_an_installed_model_is_found_by_its_entry_point(
     mcl = ClusterMCL(world("hall").map, settings={"sensor.model": "own"})
     assert type(mcl._model).__name__ == "Own"
     assert not list((tmp_path / "clustermcl").glob("field-*")), "its arrays are not kept"
+    with pytest.raises(ValueError, match="sensor_model 'gone' cannot be loaded: .*Gone"):
+        extensions.extension("sensor_model", "gone")
 
 
 @pytest.mark.parametrize("wrong", ["os:system", "os.system", "../model.py", "", "a" * 10_000])

@@ -420,6 +420,8 @@ def test_settings_that_are_none_are_refused_and_overtake_no_order(tracking: Work
     refused = told(tracking, asked(900, sensor={"no_such": 1}))
     assert causes(refused) == ["order refused"]
     assert "no_such" in answers(refused)[900].problem
+    refused = told(tracking, asked(901, sensor={"model": "not_here"}))
+    assert "no sensor_model 'not_here' is installed" in answers(refused)[901].problem
     assert answers(told(tracking, asked(2)))[2].order == 2
 
 
