@@ -15,6 +15,7 @@ from particle_filter.settings import (
 )
 from protocol.arrays import ArrayBlob
 from protocol.pose_arrays import covariance_tuple, pose_tuple
+from protocol.steps import mirrored
 from protocol.work import Particles, SearchJob, SearchReport, TrackReport
 from tests.unit.worker.test_job_table import SETTINGS, Assignment, cloud, model, scan, track
 from worker.jobs import RunningJob, Tracking, running
@@ -184,3 +185,21 @@ def test_shards_begin_apart_and_share_the_poses(model: SensorModel) -> None:
     assert [report.particles for report in first] == [100, 100, 100]
     assert [bool(report.places) for report in first] == [True, True, True]  # type: ignore[union-attr]
     assert first[0].log_evidence != second[0].log_evidence  # type: ignore[union-attr]
+
+
+def test_a_mirrored_job_makes_of_a_scan_what_a_plain_one_makes_of_its_image(
+    model: SensorModel,
+) -> None:
+    def made(*, is_mirrored: bool) -> RunningJob:
+        plain = track("c0", cloud(), exact=True)
+        job = replace(plain.job, mirrored=is_mirrored)
+        return running(replace(plain, job=job), model, SETTINGS, sender="w")
+
+    decoy, plain = made(is_mirrored=True), made(is_mirrored=False)
+    for step in range(3, 6):
+        seen = replace(scan(step), odom_from_robot=(0.1 * step, 0.02 * step, 0.1))
+        assert decoy.advance(seen) == plain.advance(mirrored(seen))
+    handed = decoy.handed_on()
+    assert handed.job == replace(plain.handed_on().job, mirrored=True)
+    again = running(handed, model, SETTINGS, sender="w")
+    assert again.advance(scan(7)) == decoy.advance(scan(7))

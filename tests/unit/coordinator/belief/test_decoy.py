@@ -1,0 +1,163 @@
+"""A decoy is searched for and tracked while it is open whether the robot is on the map."""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+
+from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
+from coordinator.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
+from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings, SensorSettings
+from protocol.work import SearchJob, SearchReport, TrackJob
+from tests.unit.coordinator.reports import NO_SPREAD, place, searched, tracked
+
+SETTINGS = FilterSettings(search=SearchSettings(shards=1))
+PLACES = {(1.0 * i, 5.0 * i, 0.0): 0.2 for i in range(5)}
+
+
+def reports(step: int) -> list[SearchReport]:
+    return [searched("m0.0", step, PLACES)]
+
+
+def found(decoy: Decoy, first_step: int) -> int:
+    """Let it be searched for; returns the step after which it is tracked."""
+    for step in range(first_step, first_step + SCANS):
+        begin, ended = decoy.follow(step, reports(step), is_open=True)
+    assert set(begin) == set(decoy.track_ids)
+    assert [event.job_id for event in ended] == ["m0.0"]
+    return step
+
+
+def test_it_is_searched_for_and_tracked_with_the_mirrored_scans() -> None:
+    decoy = Decoy(SETTINGS)
+    begin, _ = decoy.follow(3, [], is_open=True)
+    (search,) = begin.values()
+    assert isinstance(search, SearchJob)
+    assert (search.mirrored, search.first_step) == (True, 4)
+    assert decoy.is_awaited
+    found(decoy, 4)
+    assert not decoy.is_awaited
+    assert decoy.track_ids == ("d0", "d1", "d2")
+    assert len(decoy.track_ids) == DECOYS
+
+
+def test_its_jobs_track_the_mirrored_scans() -> None:
+    decoy = Decoy(SETTINGS)
+    decoy.follow(0, [], is_open=True)
+    for step in range(1, 1 + SCANS):
+        begin, _ = decoy.follow(step, reports(step), is_open=True)
+    assert all(isinstance(job, TrackJob) and job.mirrored for job in begin.values())
+
+
+def test_a_robot_that_is_surely_on_the_map_has_none() -> None:
+    decoy = Decoy(SETTINGS)
+    assert decoy.follow(0, [], is_open=False) == ({}, [])
+    decoy.follow(1, [], is_open=True)
+    step = found(decoy, 2)
+    for later in range(step + 1, step + PATIENCE):
+        assert decoy.follow(later, [], is_open=False) == ({}, []), "it may be asked again soon"
+    begin, ended = decoy.follow(step + PATIENCE, [], is_open=False)
+    assert begin == {}
+    assert [event.job_id for event in ended] == ["d0", "d1", "d2"]
+
+
+def test_while_it_is_open_others_are_searched_for_and_have_jobs_of_their_own() -> None:
+    decoy = Decoy(SETTINGS)
+    decoy.follow(0, [], is_open=True)
+    step = found(decoy, 1) + PATIENCE
+    begin, ended = decoy.follow(step, [], is_open=True)
+    assert list(begin) == ["m1.0"]
+    assert (ended, decoy.track_ids) == ([], ("d0", "d1", "d2")), "the old ones stay until then"
+    for later in range(step + 1, step + 1 + SCANS):
+        decoy.follow(later, [searched("m1.0", later, PLACES)], is_open=True)
+    assert decoy.track_ids == ("d3", "d4", "d5")
+
+
+def test_the_best_of_them_counts() -> None:
+    decoy = Decoy(SETTINGS)
+    decoy.follow(0, [], is_open=True)
+    step = found(decoy, 1) + 1
+    fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}
+    told = {job: tracked(job, step, 1.0, (2.0, 0.0, 0.0), fit=fit) for job, fit in fits.items()}
+    best = decoy.best_of(told)
+    assert best is not None
+    assert best.job_id == "d1"
+    assert {one.mean for one in decoy.places} == {(2.0, 0.0, 0.0)}
+    assert decoy.best_of({}) is None
+
+
+def test_it_is_handed_on_with_its_places_and_its_search() -> None:
+    decoy, other = Decoy(SETTINGS), Decoy(SETTINGS)
+    decoy.follow(0, [], is_open=True)
+    other.restore(decoy.state())
+    assert found(other, 1) == found(decoy, 1)
+    other.restore(decoy.state())
+    assert other.state() == decoy.state()
+
+
+def clusters(off_map: float) -> ClusterSet:
+    made = ClusterSet(BeliefSettings(), SensorSettings())
+    here = Cluster(0, math.log(1.0 - off_map), 0, (0.0, 0.0, 0.0), NO_SPREAD)
+    made.restore([here], 1, -math.inf, math.log(off_map))
+    return made
+
+
+def weighed(off_map: float, fit: float, decoy_fit: float, *, decoy_is_right: bool) -> float:
+    """P(off the map) after some views of a place whose beams are all classed as at a right one."""
+    made = clusters(off_map)
+    right, wrong = (50, 0, 1, 9), (10, 8, 32, 10)
+    for step in range(8):
+        here = replace(tracked("c0", step, 1.0, (0.0, 0.0, 0.0), fit=fit), beam_classes=right)
+        image = tracked("d0", step, 1.0, (0.0, 0.0, 0.0), fit=decoy_fit)
+        image = replace(image, beam_classes=right if decoy_is_right else wrong)
+        made.weigh({"c0": here}, new_view=0.3, decoy=image)
+        assert made.nowhere + sum(c.probability for c in made.all()) == pytest.approx(1.0)
+    return made.off_map
+
+
+def test_a_place_that_a_decoy_equals_is_not_confirmed_by_its_beams() -> None:
+    assert weighed(0.3, 0.6, 0.6, decoy_is_right=False) < 0.05
+    assert 0.1 < weighed(0.3, 0.6, 0.6, decoy_is_right=True) < 0.5
+
+
+def test_a_decoy_that_fits_better_loses_the_robot() -> None:
+    assert weighed(0.3, -0.1, 0.6, decoy_is_right=True) > 0.9
+    assert weighed(0.3, 0.6, -0.1, decoy_is_right=True) < 0.1
+
+
+def test_while_a_decoy_is_awaited_classes_do_not_count() -> None:
+    made = clusters(0.3)
+    for beams in ((58, 0, 1, 1), (10, 8, 32, 10)):
+        report = replace(tracked("c0", 1, 1.0, (0.0, 0.0, 0.0)), beam_classes=beams)
+        made.weigh({"c0": report}, new_view=0.3, news=0.0, awaits_decoy=True)
+        assert made.off_map == pytest.approx(0.3)
+
+
+def newcomers(weight: float) -> list[Newcomer]:
+    return [(place(weight, (9.0, 0.0, 0.0), 0), "restart")]
+
+
+@pytest.mark.parametrize("weight", [1e-3, 1.0, 1e40])
+@pytest.mark.parametrize("off_map", [0.001, 0.5, 1.0 - 1e-9])
+def test_what_fits_well_by_choice_says_nothing_against_off_the_map(
+    weight: float, off_map: float
+) -> None:
+    made = clusters(off_map)
+    made.keep_off_map(newcomers(weight), math.log(1e-4), math.log(0.5))
+    made.admit(newcomers(weight), 1)
+    assert made.off_map <= max(off_map, 0.5) + 1e-9, "nor does off the map gain by it"
+    new = next(c for c in made.all() if c.cluster == 1)
+    assert new.probability <= max(made.off_map * 2e-4, 1.0 - max(off_map, 0.5)) * (1.0 + 1e-6)
+
+
+def test_a_lifted_robot_is_found_as_before() -> None:
+    made = clusters(1e-6)
+    made.keep_off_map(newcomers(1e3), math.log(0.6), math.log(0.03))
+    made.admit(newcomers(1e3), 1)
+    assert made.by_probability()[0].cluster == 1
+    assert made.off_map < 0.06
+
+
+def test_a_search_of_a_decoy_has_jobs_of_its_own() -> None:
+    plain, image = SearchCourse(SETTINGS), SearchCourse(SETTINGS, mirrored=True)
+    assert set(plain.begin(0)) & set(image.begin(0)) == set()
