@@ -1,4 +1,4 @@
-"""The array types of the mathematics, and the door to compiled code."""
+"""The types of arrays."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias, TypeVar

@@ -23,7 +23,7 @@ _NEGLIGIBLE = 6.0
 
 @dataclass(frozen=True, eq=False)
 class BeamModel:
-    """Weighs poses by the length of every beam; see `SensorModel`."""
+    """Weighs poses by the lengths of beams; see `SensorModel`."""
 
     beam_work: ClassVar[int] = 100
 
@@ -34,18 +34,18 @@ class BeamModel:
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """How far rays may jump, and where a search looks first."""
+        """Compute jumps of rays, and bounds for searches."""
         field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
         return {"jumps": jump_field(grid.cells), **Pyramid.arrays_of(field)}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        """The model, from what `arrays_of` computed."""
+        """Build the model from the result of `arrays_of`."""
         pyramid = Pyramid.from_arrays(arrays, grid.cells, grid.cell_m, settings)
         return cls(grid, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Those without return too: they tell that nothing was met."""
+        """Choose beams, also without return, because they show that nothing was hit."""
         return scan.chosen(self._of_laser, self.settings.max_beams)
 
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
@@ -54,7 +54,7 @@ class BeamModel:
         return scan.beams(ranges, usable_beams(ranges, np.inf, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         if not beams.others:
             return self._of_beams(map_from_robot, beams)
         seeing = [laser for laser in beams.lasers if len(laser.ranges)]
@@ -80,7 +80,7 @@ class BeamModel:
         beams: Beams,  # noqa: ARG002 - as all
         sharers: int = 1,  # noqa: ARG002 - as all
     ) -> float:
-        """Nothing: every ray is followed anyway."""
+        """Return 0: the likelihood already casts every ray."""
         return 0.0
 
 
@@ -97,10 +97,10 @@ def beam_log_likelihood(
 ) -> LogWeights:
     """Weigh every particle by how well each beam's length fits the map from its pose.
 
-    A beam is a mixture: it hits what the map shows, is cut short by something else, does not
-    return, or is explained by nothing. The four weights are normalised to one. Beams are taken
-    as independent, so logarithms add. Unlike the likelihood field, beams without return count:
-    they are readings of `max_range_m`, likely where the map shows nothing.
+    A beam is a mixture of four cases: it hits an obstacle of the map, is cut short by another
+    object, does not return, or is random. The four weights are normalised to one. Beams are
+    independent, so logarithms add. Unlike in the likelihood field, beams without return count as
+    readings of `max_range_m`.
 
     Args:
         map_from_robot: (N, 3) poses.

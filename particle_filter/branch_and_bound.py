@@ -1,9 +1,13 @@
-"""Every place of a map and every heading, scored for a scan: coarse to fine, with a bound.
+"""Branch and bound over all poses of a map: which ones explain a scan, from coarse to fine.
 
-The free space is covered by a grid of leaves (0.2 m, 2 degrees). For each heading, tiles of many
-leaves are bounded first (`pyramid.py`); what cannot come within a margin of the best leaf is left
-out, the rest is looked at in tiles half as wide, down to leaves, whose scores are their values. Of
-more leaves than can be kept, the heavy ones are, and of the light ones some that weigh as much.
+A grid of leaves (0.2 m, 2 degrees) covers the free space. For each heading, the score of a tile of
+many leaves is bounded from above (`pyramid.py`). A tile whose bound is worse than the best leaf by
+more than a margin is left out; the others are split into tiles of half the width, down to leaves,
+which have exact scores. If more leaves remain than can be kept, optimal resampling keeps some.
+
+References:
+    Olson, "Real-time correlative scan matching" (2009); Hess et al., "Real-time loop closure in 2D
+    lidar SLAM" (2016), algorithm 3. Unlike these, it returns all good poses, not only the best.
 """
 
 import math
@@ -28,18 +32,18 @@ from particle_filter.settings import SearchSettings
 from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 
 _LARGEST_GAP = 48
-"""Tiles between two of interest in a row that are scored with them: one long run is faster."""
+"""A gap of at most this many tiles between two good ones is scored too: one long run is faster."""
 _WAITING, _SIFTED = 8, 2
-"""Times as many leaves as are kept may wait to be thinned, and are left then."""
+"""At this multiple of the leaves to keep, waiting leaves are resampled to that multiple."""
 _TILES_OF_BAND = 8000
-"""Searched from the best band and heading on."""
+"""Size of a band of the map; bands are searched in the order of their bounds."""
 _LEAVES_OF_TILE = 4 ** (LEVELS - 1)
 _BOUND_BELOW = 0.03
-"""Where more leaves of the last band are good, bounds leave out so little that they cost more."""
+"""If more of the last band's leaves were good, bounds leave out little and are not computed."""
 _SUMS_PER_LOOKUP = 4
-"""Adding rows of numbers is faster than looking them up, by this at least."""
+"""Additions of rows in the time of one table look-up, at least."""
 _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
-"""Scored without looking at the meter."""
+"""Additions between two questions whether the slice is over."""
 
 
 Circle: TypeAlias = tuple[float, float, float]
@@ -47,15 +51,15 @@ Circle: TypeAlias = tuple[float, float, float]
 
 
 class SearchSpace:
-    """The leaves of a map: where they lie, and which hold free cells.
+    """The leaves of a map: their positions, and which hold free cells.
 
     Args:
         grid: the map.
         leaf_cells: side of a leaf [cells].
-        heading_step_rad: at most so far from one heading to the next.
-        shards: the headings are dealt out to so many.
-        near: where to look only; a circle without a free leaf is no help and left out.
-        corners: of a region, likewise; empty: everywhere.
+        heading_step_rad: largest distance between neighbouring headings.
+        shards: number of shards that share the headings.
+        near: the circle to search; None, or without a free leaf: everywhere.
+        corners: of the region to search; empty, or without a free leaf: everywhere.
 
     Raises:
         ValueError: the map has no free cell.
@@ -91,7 +95,7 @@ class SearchSpace:
         self._map_from_grid, self._leaf_m = grid.map_from_grid, leaf_m
         share = np.count_nonzero(free) / all_leaves
         self.leaf_count = share * free_cells / leaf_cells**2 * per_shard
-        """So many leaves would be a shard's part of the free space, if none reached into walls."""
+        """Number of leaves of a shard's free space, if none reached into walls."""
 
     @property
     def cell(self) -> NDArray[np.float64]:
@@ -99,7 +103,7 @@ class SearchSpace:
         return np.array([self._leaf_m, self._leaf_m, TURN / len(self.headings)])
 
     def poses(self, leaves: NDArray[np.int32], headings: NDArray[np.int32]) -> Poses:
-        """Middles of leaves, which are numbered row by row, each with one heading."""
+        """Return (N, 3) centres of leaves, numbered row by row, with their headings."""
         rows, cols = np.divmod(leaves, self.free[-1].shape[1])
         in_grid = np.empty((len(leaves), 3))
         in_grid[:, 0] = (cols + 0.5) * self._leaf_m
@@ -110,27 +114,27 @@ class SearchSpace:
 
 @dataclass(frozen=True)
 class Leaves:
-    """What a shard of a grid search has found."""
+    """The good leaves of one shard."""
 
     map_from_robot: Poses
     log_weights: LogWeights
-    """(N,) log of their share of the shard's part of the space, times the likelihood."""
+    """(N,) log of their share of the shard's part of the space, plus the log-likelihood."""
     scores: LogWeights
     """(N,) log-likelihoods with the exponent."""
     sampled: float
-    """Share of the weight of leaves that stand for others like them, which were left out."""
+    """Share of the weight that belongs to leaves which also stand for others, left out."""
 
 
 class BranchAndBoundSearch:
-    """One shard's part of a search: exhaust its `slices`, then ask for `leaves`.
+    """One shard's part of a search: exhaust `slices`, then call `leaves`.
 
     Args:
-        model: its pyramid scores leaves.
-        space: where to look.
+        model: has the pyramid that scores leaves.
+        space: the leaves to search.
         hits_in_robot: (B, 2) ends of the beams that returned, at least one [m].
-        shard: takes every so many-th heading.
-        settings: margin and numbers.
-        rng: chooses among light leaves.
+        shard: number of the shard, which has every n-th heading of n shards.
+        settings: margin and number of poses.
+        rng: resamples leaves.
     """
 
     def __init__(
@@ -146,12 +150,11 @@ class BranchAndBoundSearch:
         self._hits = hits_in_robot[:: -(-len(hits_in_robot) // MOST_BEAMS)] / model.grid.cell_m
         exponent = model.settings.scan_likelihood_exponent
         self._scale = exponent * len(hits_in_robot) / len(self._hits)
-        """Of too many beams only some are scored, in the stead of all."""
+        """Log-likelihood of one scored beam: if there are too many, each stands for several."""
         self._margin = math.ceil(settings.margin / (self._scale * self._pyramid.log_step))
         self._most = max(settings.poses // settings.shards, 1)
         headings = range(shard, len(space.headings), settings.shards)
         self._offsets = {heading: self._offsets_at(heading) for heading in headings}
-        """By heading."""
         self._best, self._good_share = 0, 0.0
         self._leaves = _Found.none()
         self._waiting: list[_Found] = []
@@ -159,10 +162,10 @@ class BranchAndBoundSearch:
         self._meter = WorkMeter()
 
     def slices(self) -> Iterator[None]:
-        """Search; exhaust it before asking for `leaves`.
+        """Search, in slices.
 
-        Every band of the map is bounded with every heading first, and searched from the best one
-        on: the best leaf soon leaves out much.
+        Bands of the map with a heading are searched in the order of their bounds, best first: a
+        good leaf that is found early leaves out much.
         """
         bands = _parts(self._space.runs, _TILES_OF_BAND)
         headings, bounds = list(self._offsets), list[int]()
@@ -178,7 +181,7 @@ class BranchAndBoundSearch:
         yield from self._sift(self._most)
 
     def _sums(self, level: Level, offsets: NDArray[np.int64], runs: Runs) -> Slices[Sums]:
-        """The level's sums of these tiles."""
+        """Score tiles at one level."""
         parts = []
         for part in _parts(runs, _SUMS_OF_PART // len(offsets)):
             parts.append(level.sums(offsets, part))
@@ -203,7 +206,7 @@ class BranchAndBoundSearch:
             yield from self._sift(_SIFTED * self._most)
 
     def leaves(self) -> Leaves:
-        """The leaves within the margin of the best; of too many, a sample that weighs as much."""
+        """Return the leaves within the margin of the best one, or a sample of equal weight."""
         found = self._leaves
         floor = self._scale * len(self._hits) * self._pyramid.log_floor
         scores = np.asarray(floor + self._scale * self._pyramid.log_step * found.sums)
@@ -217,18 +220,18 @@ class BranchAndBoundSearch:
         )
 
     def _offsets_at(self, heading: int) -> NDArray[np.int64]:
-        """(B, 2) rows and columns to the ends of the beams, rounded down."""
+        """Return (B, 2) rows and columns from the robot to the ends of the beams, rounded down."""
         angle = float(self._space.headings[heading])
         cos, sin = math.cos(angle), math.sin(angle)
         x, y = self._hits[:, 0], self._hits[:, 1]
         return np.floor(np.stack([sin * x + cos * y, cos * x - sin * y], axis=-1)).astype(np.int64)
 
     def _least(self) -> int:
-        """Sums below this are worse than the best by more than the margin."""
+        """Return the lowest sum within the margin of the best."""
         return max(self._best - self._margin, 0)
 
     def _sift(self, count: int) -> Iterator[None]:
-        """Leave what is still within the margin, and no more than some."""
+        """Keep at most `count` leaves, within the margin of the best one."""
         yield
         found = _Found.joined([self._leaves, *self._waiting])
         self._waiting, self._waiting_count = [], 0
@@ -247,13 +250,13 @@ class BranchAndBoundSearch:
 
 @dataclass(frozen=True)
 class _Found:
-    """Leaves that were found."""
+    """Good leaves."""
 
     leaves: NDArray[np.int32]
     headings: NDArray[np.int32]
     sums: Sums
     log_worth: LogWeights
-    """For how many like it each counts."""
+    """(N,) log of the number of leaves that each stands for."""
 
     @classmethod
     def none(cls) -> "_Found":
@@ -281,10 +284,12 @@ class _Found:
 
 @lru_cache(maxsize=2)
 def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
-    """(rows, cols) whether a leaf holds a free cell; and how many cells are free.
+    """Find the leaves that hold a free cell, and count free cells.
 
-    Rows and columns are a whole number of the coarsest tiles. Looks at the whole map: whoever is
-    in no hurry asks first, and the searches of a process share the answer.
+    The result is cached: a process calls this early, as it takes seconds for a large map.
+
+    Returns:
+        (rows, cols) of leaves, a whole number of the coarsest tiles; and the number of free cells.
     """
     cells = grid.cells
     side = leaf * 2 ** (LEVELS - 1)
@@ -302,7 +307,7 @@ def free_leaves(grid: Grid, leaf: int) -> tuple[NDArray[np.bool_], int]:
 def _inside(
     near: Circle, shape: tuple[int, ...], leaf_m: float, map_from_grid: Pose
 ) -> NDArray[np.bool_]:
-    """(rows, cols) whether the middle of a leaf is in a circle of the map."""
+    """Return (rows, cols) whether the centre of a leaf lies in a circle of the map."""
     x, y, _ = between(map_from_grid, np.array([near[0], near[1], 0.0]))
     down = (np.arange(shape[0]) + 0.5) * leaf_m - y
     across = (np.arange(shape[1]) + 0.5) * leaf_m - x
@@ -314,13 +319,13 @@ def _any_of_four(free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _runs(free: NDArray[np.bool_]) -> Runs:
-    """All free tiles, and small gaps between them."""
+    """Return runs of all free tiles, with small gaps."""
     every = np.array([(row, 0, free.shape[1]) for row in range(len(free))])
     return _joined_runs(every, free.reshape(-1))
 
 
 def _parts(runs: Runs, tiles: int) -> list[Runs]:
-    """Runs in turn, of about so many tiles together."""
+    """Divide runs into lists of about `tiles` tiles."""
     if runs[:, 2].sum() < max(tiles, 1):
         return [runs]
     part = np.cumsum(runs[:, 2]) // max(tiles, 1)
@@ -330,7 +335,7 @@ def _parts(runs: Runs, tiles: int) -> list[Runs]:
 
 @kernel
 def _halved(coarse: Runs) -> Runs:
-    """The tiles of the next level in those of some runs."""
+    """Return the same area as runs of the next finer level."""
     finer = np.empty((2 * len(coarse), 3), np.int64)
     for i in range(len(coarse)):
         row, first, count = coarse[i]
@@ -349,7 +354,7 @@ def _free_and_good(
     flat = free.reshape(-1)
     for run in range(len(runs)):
         row, first, count = runs[run]
-        # No branch, not negative, and told so: the loop is compiled to vector instructions.
+        # Unsigned indices and no branch: so the loop is compiled to vector instructions.
         begin, number = np.uint64(row * free.shape[1] + first), np.uint64(count)
         for i in range(number):
             good[start + i] = (sums[start + i] >= needed) & flat[begin + i]
@@ -359,12 +364,12 @@ def _free_and_good(
 
 @kernel
 def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
-    """The good tiles of some runs, with small gaps between them."""
+    """Return runs of the good tiles, with small gaps."""
     joined = np.empty((np.count_nonzero(good), 3), np.int64)
     found, start = 0, 0
     for run in range(len(runs)):
         row, first, count = runs[run]
-        last = -1  # the last good tile of the run that is being made
+        last = -1  # the last good tile of the present run
         for i in range(count):
             if not good[start + i]:
                 continue
@@ -379,7 +384,7 @@ def _joined_runs(runs: Runs, good: NDArray[np.bool_]) -> Runs:
 
 @kernel
 def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
-    """The highest sum of a free leaf."""
+    """Return the highest sum of a free leaf."""
     best, nothing, start = np.uint16(0), np.uint16(0), np.uint64(0)
     flat = free.reshape(-1)
     for run in range(len(runs)):
@@ -395,7 +400,7 @@ def _best(runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_]) -> int:
 def _good(
     runs: Runs, sums: NDArray[np.uint16], free: NDArray[np.bool_], least: int
 ) -> tuple[NDArray[np.int32], Sums]:
-    """The free leaves that are good enough, numbered row by row, and their sums."""
+    """Return the free leaves that are good enough, numbered row by row, and their sums."""
     good = _free_and_good(runs, sums, free, least)
     count_good = np.count_nonzero(good)
     leaves, kept = np.empty(count_good, np.int32), np.empty(count_good, np.uint16)

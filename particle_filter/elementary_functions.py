@@ -1,8 +1,7 @@
 """Cosine, sine, logarithm and exponential function, for loops over particles.
 
-Written out in sums and products, so that the compiler turns a loop over them into vector
-instructions, and in an order that no compiler may change: every machine finds the same bits, as
-libraries that choose their code by the processor do not.
+They are written as sums and products, so loops are compiled to vector instructions. The order of
+operations is fixed, so all machines compute the same bits; libraries select code by the processor.
 """
 
 from math import factorial, log, pi
@@ -14,7 +13,7 @@ from particle_filter.kernels import kernel
 
 _QUARTER, _LOG_2_DOUBLE = pi / 2.0, log(2.0)
 _ONE, _TWO = np.float32(1.0), np.float32(2.0)
-# Of Taylor's series, as far as they count on an eighth of a turn to either side.
+# Coefficients of Taylor series for angles up to an eighth of a turn.
 _S3, _S5, _S7, _S9 = (np.float32(c) for c in (-1 / 6, 1 / 120, -1 / 5040, 1 / 362_880))
 _C2, _C4, _C6, _C8 = (np.float32(c) for c in (-1 / 2, 1 / 24, -1 / 720, 1 / 40_320))
 _L3, _L5, _L7, _L9 = (np.float32(1 / n) for n in (3, 5, 7, 9))
@@ -24,15 +23,12 @@ _E2, _E3, _E4, _E5, _E6, _E7, _E8, _E9, _E10, _E11, _E12 = (
 _LOG_2 = np.float32(_LOG_2_DOUBLE)
 _BITS_OF_ROOT_HALF, _MANTISSA_BITS = np.int32(0x3F3504F3), np.int32(23)
 _SMALLEST = -700.0
-"""Of logarithms: what is smaller counts as zero."""
+"""Exponentials of smaller numbers are zero."""
 
 
 @kernel
 def cos_sin(angle: float) -> tuple[np.float32, np.float32]:
-    """Cosine and sine of an angle of some turns at most [rad]; kernels call it.
-
-    At most 1.2e-7 off.
-    """
+    """Return cosine and sine of an angle of a few turns [rad], with errors up to 1.2e-7."""
     quarters = np.floor(angle / _QUARTER + 0.5)
     x, quarter = np.float32(angle - quarters * _QUARTER), np.int32(quarters)
     square = x * x
@@ -47,7 +43,7 @@ def cos_sin(angle: float) -> tuple[np.float32, np.float32]:
 
 @kernel
 def logarithms(values: NDArray[np.float32], out: NDArray[np.float32]) -> None:
-    """Natural logarithms of (n,) positive normal numbers into `out`; kernels call it.
+    """Write natural logarithms of (n,) positive normal numbers into `out`.
 
     References:
         log((1 + s) / (1 - s)) = 2 (s + s^3 / 3 + s^5 / 5 + ...).
@@ -67,9 +63,9 @@ def logarithms(values: NDArray[np.float32], out: NDArray[np.float32]) -> None:
 
 @kernel
 def exponentials(values: NDArray[np.float64], offset: float, out: NDArray[np.float64]) -> None:
-    """exp of (n,) values less `offset`, which is as large as any, into `out`; kernels call it.
+    """Write exp(value - offset) of (n,) values into `out`, with relative errors up to 1e-13.
 
-    At most 1e-13 of it off. Minus infinity gives zero, NaN gives NaN.
+    `offset` is at least as large as each value. Minus infinity gives zero, NaN gives NaN.
     """
     bits = np.empty(len(values), np.int64)
     for i in range(len(values)):

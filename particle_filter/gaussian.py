@@ -1,4 +1,4 @@
-"""The Gaussian through the particles of a cluster: the robot's estimate of its pose."""
+"""The Gaussian of the particles of a cluster: the estimate of the robot's pose."""
 
 from math import atan2, cos, floor, pi, sin
 
@@ -13,9 +13,8 @@ from particle_filter.poses import wrap_angle
 def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDArray[np.float64]]:
     """Mean and covariance of weighted poses (section 4 of the paper, last paragraph).
 
-    The heading's mean is circular and its deviations go the short way round, so that a cloud
-    across +-pi is as narrow as any other. The covariance is that of the cloud itself, divided
-    by the sum of weights: the maximum likelihood fit.
+    The heading's mean is circular, and its deviations are wrapped to +-pi. The covariance is
+    divided by the sum of weights: the maximum likelihood fit.
 
     Args:
         poses: (N, 3) x [m], y [m], heading [rad].
@@ -39,15 +38,15 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
 def fit_gaussians(
     poses: Poses, weights: NDArray[np.float64], ends: NDArray[np.int64]
 ) -> tuple[Poses, NDArray[np.float64]]:
-    """As `fit_gaussian`, of each part of some poses.
+    """Do as `fit_gaussian` for each part of some poses.
 
     Args:
         poses: (N, 3).
         weights: (N,) linear weights, of each part with any positive sum.
-        ends: (K + 1,) where each part ends and the next one begins.
+        ends: (K + 1,) index where each part begins; the last one is N.
 
     Returns:
-        (K, 3) mean poses and (K, 3, 3) covariances; anything of a part without poses or weight.
+        (K, 3) mean poses and (K, 3, 3) covariances; undefined for a part without weight.
     """
     means, covariances = np.empty((len(ends) - 1, 3)), np.empty((len(ends) - 1, 3, 3))
     _moments_of_parts(plain(poses), plain(weights), ends, means, covariances)
@@ -77,9 +76,9 @@ def _moments_of_parts(
 def _moments(
     poses: Poses, weights: NDArray[np.float64], total: float, mean: Pose, covariance: Poses
 ) -> None:
-    """Mean and covariance in two passes; the heading of the mean may lie a turn off.
+    """Compute mean and covariance in two passes; the mean heading is not wrapped.
 
-    Deviations from one particle keep digits where coordinates are large.
+    Deviations from the first particle keep digits if coordinates are large.
     """
     first_x, first_y, first_heading = poses[0, 0], poses[0, 1], poses[0, 2]
     x = y = along = across = 0.0

@@ -33,24 +33,24 @@ from particle_filter.slices import SLICE_WORK, Slices, WorkMeter
 from particle_filter.view_memory import ViewMemory
 
 _REFINEMENTS = 2
-"""Times that the leaves of the first scan are split and scored again."""
+"""How often the leaves of branch and bound are split and scored again."""
 _CORRECTED_SHARE = 0.01
-"""Places with a smaller share are not looked at for beams through walls: rays are dear."""
+"""Places with a smaller share are not corrected for occlusion, because ray casting is expensive."""
 _SAMPLED = 0.05
-"""So much of the weight may be a sample of what is possible; else too much is, and everything is
-searched once more when there are twice as many scans."""
+"""If a larger share of the weight is only a sample of the possible poses, everything is searched
+again when there are twice as many scans."""
 _MOSTLY_SAMPLED = 0.5
-"""Of more than this, twice as many scans would leave too much possible: four times as many."""
+"""Above this share, everything is searched again after four times as many scans."""
 _SCANS_JOINED = 8
-"""At most, to search everything by."""
+"""Largest number of scans by which everything is searched."""
 _CORRECTION_WORK = 2**16
-"""Of looking for beams through walls at a place [look-ups]."""
+"""Cost of correcting one place for occlusion [look-ups]."""
 _POSES_TOGETHER = 64
-"""A slice takes a multiple of it: vector instructions see the same poses together as without."""
+"""Slices hold a multiple of it, so vector instructions group poses as they would in one slice."""
 _POSES_PER_PLACE, _LEAST_POSES = 50, 1000
-"""Kept by a shard."""
+"""Poses that a shard keeps."""
 _EVENLY = (0.8191725134, 0.6710436067, 0.5497004779)
-"""Multiples of these, less the whole part, fill a cube evenly (Roberts, 2018)."""
+"""The fractional parts of their multiples fill a cube evenly (Roberts, 2018)."""
 
 
 @lru_cache(maxsize=2)
@@ -60,34 +60,34 @@ def search_space(
     near: Circle | None = None,
     corners: Corners = (),
 ) -> SearchSpace:
-    """The leaves of a model's map; the shards and searches of a process share them."""
+    """Return the leaves of a model's map; the shards and searches of a process share them."""
     leaf_cells, step_rad = model.pyramid.leaf_cells, settings.heading_step_rad
     return SearchSpace(model.grid, leaf_cells, step_rad, settings.shards, near, corners)
 
 
 @dataclass(frozen=True)
 class _Kept:
-    """Poses, each for the part of the map around it."""
+    """Poses, each of which stands for the part of the map around it."""
 
     poses: Poses
     log_weights: LogWeights
-    """(N,) log of the part's size, of the whole space, times the likelihood of all scans."""
+    """(N,) log of the part's share of the space, plus the log-likelihood of all scans."""
     sizes: NDArray[np.float64]
-    """(N,) sides of the part, in those of a leaf."""
+    """(N,) side of the part, relative to a leaf."""
 
     def at(self, chosen: NDArray[np.int64]) -> "_Kept":
         return _Kept(self.poses[chosen], self.log_weights[chosen], self.sizes[chosen])
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """One scan."""
+class _PastScan:
+    """A scan, and where the robot was."""
 
     odom_from_robot: Pose
     beams: Beams
 
     def hits_from(self, odom_from_now: Pose) -> Points:
-        """(B, 2) where the beams that returned ended, seen from where the robot is now."""
+        """Return the (B, 2) hits of the scan in the robot's present frame [m]."""
         now_from_then = between(odom_from_now, self.odom_from_robot)
         ends = np.zeros((self.beams.count, 3))
         ends[:, :2] = self.beams.hits_in_robot
@@ -116,29 +116,29 @@ class GlobalSearch:
         self._wanted = self._most
         self._meter = WorkMeter()
         self._views = ViewMemory()
-        self._seen: list[_Seen] = []
-        """The scans that a search of everything would use."""
+        self._scans: list[_PastScan] = []
+        """The scans for the next search of everything."""
         self._next_search = 1
-        """After so many of them everything is searched."""
+        """Number of scans at which everything is searched next."""
         self._kept: _Kept | None = None
         self._labels: Labels = np.empty(0, np.int32)
         self._sampled = 1.0
-        """Share of the weight that was a sample of more when everything was searched last."""
+        """Share of the weight, at the last search of everything, that was only a sample."""
         self.log_evidence = 0.0
-        """Log of the average likelihood of all scans so far over the shard's part of the space."""
+        """Log of the average likelihood of all scans over the shard's part of the space."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Weigh and move by other numbers from the next step on, in the same map."""
+        """Use other settings from the next step on, in the same map."""
         self._model, self._settings = model, settings
 
     @property
     def left_out_gap(self) -> float:
-        """What was left out weighs e^-this of what was kept, or is worse than the best by this."""
+        """Least log ratio of the kept weight, or of the best pose, to what was left out [nat]."""
         return min(-math.log(max(self._sampled, 1e-300)), self._rules.margin)
 
     @property
     def poses(self) -> int:
-        """How many are kept."""
+        """Number of poses kept."""
         return 0 if self._kept is None else len(self._kept.poses)
 
     def advance(
@@ -162,15 +162,15 @@ class GlobalSearch:
         rules, motion = self._settings, np.zeros(3)
         if odom_from_before is not None:
             motion = between(odom_from_before, odom_from_after)
-        seen, self._views = self._views.after(motion, rules.motion, rules.belief)
+        new_view, self._views = self._views.after(motion, rules.motion, rules.belief)
         if (beams.ranges < beams.max_range_m).any() and self._sampled > _SAMPLED:
-            self._seen.append(_Seen(odom_from_after, beams))
-            if len(self._seen) == self._next_search:
+            self._scans.append(_PastScan(odom_from_after, beams))
+            if len(self._scans) == self._next_search:
                 return (yield from self._search(rng))
         if self._kept is None:
             return math.nan
         if odom_from_before is None:
-            raise ValueError("odometry must tell the way from the step before")
+            raise ValueError("the odometry of the step before is missing")
         kept = self._split(self._kept, rng)[0] if beams.count else self._kept
         yield
         moved = move(kept.poses, motion, self._settings.motion, rng)
@@ -178,7 +178,7 @@ class GlobalSearch:
         if beams.count == 0:
             return math.nan
         yield
-        return (yield from self._weigh(self._kept, beams, seen, rng))
+        return (yield from self._weigh(self._kept, beams, new_view, rng))
 
     def places(self, rng: np.random.Generator) -> Slices[list[FoundPlace]]:
         """Find the clusters by source point, in slices; the most probable one is first."""
@@ -189,15 +189,15 @@ class GlobalSearch:
         return (yield from found_places(particles, self._labels, self._rules, least, rng))
 
     def _search(self, rng: np.random.Generator) -> Slices[float]:
-        """Search everything, by all scans so far."""
-        now = self._seen[-1]
-        hits = np.concatenate([seen.hits_from(now.odom_from_robot) for seen in self._seen])
+        """Search the whole space, by all scans."""
+        now = self._scans[-1]
+        hits = np.concatenate([past.hits_from(now.odom_from_robot) for past in self._scans])
         grid = BranchAndBoundSearch(self._model, self._space, hits, self._shard, self._rules, rng)
         yield from grid.slices()
         leaves = grid.leaves()
         self._sampled, scores = leaves.sampled, leaves.scores
         times = 4 if self._sampled > _MOSTLY_SAMPLED else 2
-        self._next_search = min(times * len(self._seen), _SCANS_JOINED)
+        self._next_search = min(times * len(self._scans), _SCANS_JOINED)
         kept = _Kept(leaves.map_from_robot, leaves.log_weights, np.ones(len(scores)))
         self._wanted = self._most
         for _ in range(_REFINEMENTS):
@@ -206,7 +206,7 @@ class GlobalSearch:
             yield
             kept, parent = self._split(kept, rng, also_unsplit=True)
             yield
-            # Leaves reach into walls at their sides: where no robot can be there is nothing.
+            # Leaves reach into walls at their sides, where no robot can be.
             free = np.flatnonzero(self._penalty(kept.poses, -1.0) == 0.0)
             kept, parent = kept.at(free), parent[free]
             before = kept.log_weights - scores[chosen][parent]
@@ -218,45 +218,43 @@ class GlobalSearch:
         yield from self._settle(kept, now.beams)
         return per_beam
 
-    def _scores(self, poses: Poses, now: "_Seen") -> Slices[tuple[LogWeights, float]]:
-        """What all scans so far give to poses of now; and the last one's best for a beam."""
+    def _scores(self, poses: Poses, now: "_PastScan") -> Slices[tuple[LogWeights, float]]:
+        """Score present poses by all scans; also return the last scan's best fit per beam."""
         total = np.zeros(len(poses))
-        for seen in self._seen:
-            now_from_then = between(now.odom_from_robot, seen.odom_from_robot)
-            fits = yield from self._fits(poses, seen.beams, now_from_then)
+        for past in self._scans:
+            now_from_then = between(now.odom_from_robot, past.odom_from_robot)
+            fits = yield from self._fits(poses, past.beams, now_from_then)
             total += self._exponent * fits
         return total, float(fits.max()) / now.beams.count
 
-    def _fits(
-        self, poses: Poses, beams: Beams, from_seen: Pose | None = None
-    ) -> Slices[LogWeights]:
-        """(N,) log-likelihood of a scan, seen from the poses or from `from_seen` them."""
+    def _fits(self, poses: Poses, beams: Beams, at_scan: Pose | None = None) -> Slices[LogWeights]:
+        """Return (N,) log-likelihoods of a scan at poses, or at `at_scan` relative to them."""
         work = beams.count * self._model.beam_work
         some = max(SLICE_WORK // work // _POSES_TOGETHER, 1) * _POSES_TOGETHER
         parts = []
         for first in range(0, len(poses), some):
             part = poses[first : first + some]
-            at = part if from_seen is None else compose(part, from_seen)
+            at = part if at_scan is None else compose(part, at_scan)
             parts.append(self._model.log_likelihood(at, beams))
             yield from self._meter.spend(len(part) * work)
         return np.concatenate(parts)
 
     def _weigh(
-        self, kept: _Kept, beams: Beams, seen: float, rng: np.random.Generator
+        self, kept: _Kept, beams: Beams, new_view: float, rng: np.random.Generator
     ) -> Slices[float]:
-        """A further scan: among the poses as it counts, in all as likely as it is."""
+        """Weigh by a further scan: tempered among the poses, in full for the evidence."""
         fits = yield from self._fits(kept.poses, beams)
         per_beam = float(fits.max()) / beams.count
         penalty = self._penalty(kept.poses, self._model.settings.not_free_log_penalty)
-        told = self._exponent * fits + penalty
-        likelihood = log_sum(kept.log_weights + told)
+        gain = self._exponent * fits + penalty
+        likelihood = log_sum(kept.log_weights + gain)
         settings = self._settings
-        share = share_that_counts(seen, misfit(per_beam, settings.sensor), settings.belief)
-        log_weights = kept.log_weights + share * told
+        share = share_that_counts(new_view, misfit(per_beam, settings.sensor), settings.belief)
+        log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
         yield
         kept, _ = yield from self._thin(replace(kept, log_weights=log_weights), rng)
-        yield from self._settle(kept, beams, seen)
+        yield from self._settle(kept, beams, new_view)
         return per_beam
 
     @property
@@ -269,15 +267,15 @@ class GlobalSearch:
     def _split(
         self, kept: _Kept, rng: np.random.Generator, *, also_unsplit: bool = False
     ) -> tuple[_Kept, NDArray[np.int64]]:
-        """Split the heavy poses, so that all together weigh and cover what they did before.
+        """Split heavy poses; total weight and covered space stay.
 
         Args:
             kept: the poses.
-            rng: spreads the parts of each over what it stands for.
-            also_unsplit: let the light ones, too, be anywhere in what they stand for.
+            rng: spreads copies over the part of the map that a pose stands for.
+            also_unsplit: move unsplit poses within their parts, too.
 
         Returns:
-            The poses, and which one each comes from.
+            The poses, and the index of the one that each comes from.
         """
         copies = np.ceil(self._wanted * normalised_weights(kept.log_weights))
         poses, log_weights, sizes, parent = _spread(
@@ -292,15 +290,15 @@ class GlobalSearch:
     def _thin(
         self, kept: _Kept, rng: np.random.Generator
     ) -> Slices[tuple[_Kept, NDArray[np.int64]]]:
-        """As many as are wanted: room to split them."""
+        """Resample to the wanted number, so that there is room to split."""
         chosen, log_weights = yield from optimal_resampling(kept.log_weights, self._wanted, rng)
         return replace(kept.at(chosen), log_weights=log_weights), chosen
 
-    def _settle(self, kept: _Kept, beams: Beams, seen: float = 1.0) -> Slices[None]:
-        """After a scan: find the places, and take back what was given for looks through walls.
+    def _settle(self, kept: _Kept, beams: Beams, new_view: float = 1.0) -> Slices[None]:
+        """Find the places after a scan, and correct their weights for occlusion.
 
-        Among the poses it counts as far as the scan is a new view, however badly all fit: people
-        and furniture open no walls.
+        The correction is tempered by the newness of the view only, not by a bad fit: people and
+        furniture make no opening in a wall.
         """
         yield
         labels, count = clustered(kept.poses, kept.log_weights, self._rules)
@@ -308,12 +306,12 @@ class GlobalSearch:
         weights = normalised_weights(kept.log_weights)
         parts = Parts.of(kept.poses, weights, labels, count)
         shares = parts.shares
-        taken_back = np.zeros(count + 1)  # of poses of no place, the last, nothing
+        correction = np.zeros(count + 1)  # the last one is of poses without a place: zero
         for label in np.flatnonzero(shares >= _CORRECTED_SHARE):
-            taken_back[label] = self._model.correction(*parts[label], beams, self._rules.shards)
+            correction[label] = self._model.correction(*parts[label], beams, self._rules.shards)
             yield from self._meter.spend(_CORRECTION_WORK)
-        self.log_evidence = log_sum(kept.log_weights - taken_back[labels])
-        log_weights = kept.log_weights - seen * taken_back[labels]
+        self.log_evidence = log_sum(kept.log_weights - correction[labels])
+        log_weights = kept.log_weights - new_view * correction[labels]
         log_weights += self.log_evidence - log_sum(log_weights)
         self._kept = replace(kept, log_weights=log_weights)
         self._labels = labels
@@ -329,7 +327,7 @@ def _spread(
     start: NDArray[np.float64],
     lone_stay: bool,
 ) -> tuple[Poses, LogWeights, NDArray[np.float64], NDArray[np.int64]]:
-    """Copies of poses, spread over the part of the map that each stands for, and their parents."""
+    """Spread copies of poses over the part of the map that each stands for."""
     poses, log_weights, sizes = kept
     count, made = copies.sum(), 0
     parts, logs = np.empty((count, 3)), np.empty(count)

@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 from particle_filter.arrays import F, Pose, Poses
 
 _CACHE_ERRORS = (OSError, EOFError, pickle.UnpicklingError)
-"""What a full disk raises, and a file that a power cut has cut off."""
+"""Errors of a full disk, and of a file truncated by a power cut."""
 
 cache_problems: list[str] = []
-"""Why machine code cannot be kept on disk or read from there; empty where it can.
-
-Kernels work all the same. The process says it, for nothing here speaks to a person.
-"""
+"""Why machine code cannot be cached on disk; empty if it can. The process logs it at its start."""
 
 
 def kernel(function: F) -> F:
@@ -47,7 +44,7 @@ def kernel(function: F) -> F:
 
 
 def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Do without the disk where it fails: what is not loaded is compiled."""
+    """Ignore errors of the disk cache: the kernel is compiled instead."""
 
     def forgiving(*arguments: Any) -> Any:
         try:
@@ -60,10 +57,9 @@ def _forgiving(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _stamp_with_callees(compiled: Any, function: Any) -> None:
-    """Let machine code on disk be stale when a kernel of another file that it calls has changed.
+    """Make cached machine code stale when a kernel of another file that it calls has changed.
 
-    Numba looks at the time and size of the kernel's own file only, although callees are compiled
-    into it.
+    Numba checks only the time and size of the kernel's own file, although callees are inlined.
     """
     named = [function.__globals__.get(name) for name in function.__code__.co_names]
     files = [kernel._cache._cache_file for kernel in named if hasattr(kernel, "_cache")]
@@ -77,15 +73,15 @@ ToCells = tuple[float, float, float, float]
 
 
 def plain(poses: Poses) -> NDArray[np.float64]:
-    """The numbers as C-ordered, aligned, writeable float64; copied only where they are not."""
+    """Return the numbers as C-ordered, aligned, writeable float64; a copy only if needed."""
     if type(poses) is np.ndarray and poses.dtype == np.float64:
-        # What `np.require` would do, in a tenth of the time.
+        # As `np.require`, in a tenth of the time.
         return poses if poses.flags.carray else poses.copy()
     return np.require(poses, np.float64, ["C", "A", "W"])
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """A read-only view, whether the array is ours, a peer's or mapped from a file."""
+    """Return a read-only view, also of an array that is mapped from a file."""
     if type(array) is np.ndarray and array.flags.c_contiguous and not array.flags.writeable:
         return array
     view = np.ascontiguousarray(array).view(np.ndarray)

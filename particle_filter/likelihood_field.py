@@ -1,4 +1,4 @@
-"""The likelihood field: how well a scan's end points lie on the map's obstacles."""
+"""The likelihood field: how near the end points of a scan are to obstacles of the map."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ _BLOCK = 256
 def _strips(
     cells: Cells, cell_m: float, settings: SensorSettings
 ) -> Iterator[tuple[slice, LogField]]:
-    """The field in strips of rows: numbers in between take twenty bytes a cell.
+    """Compute the field in strips of rows, as intermediate numbers take 20 bytes a cell.
 
-    A strip sees its neighbours as far as an obstacle counts, so that nothing is cut.
+    Each strip includes rows of its neighbours as far as obstacles count.
     """
     if not np.any(cells == OCCUPIED):
         raise ValueError("the map has no occupied cell to compare a scan with")
@@ -59,19 +59,19 @@ def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogFie
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodField:
-    """A map made ready for scoring.
+    """A map prepared for scoring scans.
 
-    Log-likelihoods are kept as 16-bit codes, half the memory of floats: a beam is read at most
-    `log_step` / 2 off, about 4e-5 nat, and sums of codes are exact in any order. The arrays are
-    plain and never written: several processes may map them from one file.
+    Log-likelihoods are 16-bit codes, half the memory of floats. A code errs by `log_step` / 2 at
+    most, about 4e-5 nat, and sums of codes are exact in any order. The arrays are read-only, so
+    several processes can map them from one file.
     """
 
     codes: Codes
-    """(rows + 2, cols + 2); the rim around the map is as far from obstacles as can be."""
+    """(rows + 2, cols + 2); the rim around the map has code 0."""
     cells: Cells
     """(rows, cols) the map itself."""
     log_floor: float
-    """Log-likelihood of code 0: a beam that ends far from everything."""
+    """Log-likelihood of code 0: a beam that ends far from all obstacles."""
     log_step: float
     """From one code to the next."""
     cell_m: float
@@ -81,7 +81,7 @@ class LikelihoodField:
 
     @cached_property
     def in_cells(self) -> ToCells:
-        """What carries a point of the map to cells of the grid."""
+        """The transform from points of the map to cells of the grid."""
         return to_cells(self.map_from_grid, self.cell_m)
 
     @classmethod
@@ -91,8 +91,8 @@ class LikelihoodField:
         """Compute the field of a map: the log-likelihood of a beam that ends in each cell.
 
         log(hit_weight * N(d; 0, hit_sigma_m) + random_weight / max_range_m) [1/m], where d is the
-        distance to the nearest occupied cell, capped at `max_obstacle_distance_m`. A true
-        density, so that the logarithms of beams add; unknown cells are as far as they are.
+        distance to the nearest occupied cell, capped at `max_obstacle_distance_m`. It is a
+        density, so logarithms of beams add. Unknown cells are treated as free.
 
         Args:
             cells: (rows, cols) grid; row 0 has the lowest y.
@@ -122,7 +122,7 @@ class LikelihoodField:
         map_from_grid: Pose,
         settings: SensorSettings,
     ) -> "LikelihoodField":
-        """A field from the codes that `build` made for the same map and settings.
+        """Build a field from its codes, for the same map and settings.
 
         Raises:
             ValueError: the codes are of another type or do not fit the map's size.
@@ -176,7 +176,7 @@ def scan_log_likelihood(
 
 
 def code_scale(settings: SensorSettings) -> tuple[float, float]:
-    """Log-likelihood of the farthest beam, and the step that brings code 65,535 to the nearest."""
+    """Return the log-likelihood of code 0 and the step, so that the maximum has code 65,535."""
     log_random, log_peak = log(settings.random_weight / settings.max_range_m), log(_peak(settings))
     deviations = settings.max_obstacle_distance_m / settings.hit_sigma_m
     log_floor = float(np.logaddexp(log_random, log_peak - 0.5 * deviations**2))
@@ -185,7 +185,7 @@ def code_scale(settings: SensorSettings) -> tuple[float, float]:
 
 
 def _peak(settings: SensorSettings) -> float:
-    """Density of a hit right on an obstacle [1/m]."""
+    """Return the density of a hit exactly on an obstacle [1/m]."""
     return settings.hit_weight / (sqrt(2.0 * pi) * settings.hit_sigma_m)
 
 
@@ -195,8 +195,8 @@ def _scored(poses: Poses, hits: Points, codes: Codes, numbers: tuple[float, ...]
 
     Numbers: `log_floor`, `log_step`, `cell_m`, the grid's heading, and the four of `in_cells`.
 
-    The loop over particles is the inner one: it carries no sum from one turn to the next, so
-    it is compiled to vector instructions.
+    The inner loop is over particles: its turns are independent, so it is compiled to vector
+    instructions.
     """
     log_floor, log_step, cell_m, heading, c, s, x0, y0 = numbers
     flat, cols = codes.reshape(-1), np.int32(codes.shape[1])

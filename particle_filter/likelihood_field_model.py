@@ -36,14 +36,14 @@ class LikelihoodFieldModel:
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """The field's codes, the best of them over squares, and how far rays may jump."""
+        """Compute the field's codes, their bounds over squares, and jumps of rays."""
         field = LikelihoodField.build(grid.cells, grid.cell_m, grid.map_from_grid, settings)
         pyramid = Pyramid.arrays_of(field)
         return {"codes": field.codes, "jumps": jump_field(grid.cells), **pyramid}
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        """The model, from what `arrays_of` computed."""
+        """Build the model from the result of `arrays_of`."""
         field = LikelihoodField.from_codes(
             arrays["codes"], grid.cells, grid.cell_m, grid.map_from_grid, settings
         )
@@ -51,7 +51,7 @@ class LikelihoodFieldModel:
         return cls(grid, field, pyramid, checked_jumps(arrays["jumps"], grid.cells), settings)
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Those that returned: where the others ended is not known."""
+        """Choose beams that returned; the ends of the others are unknown."""
         return scan.chosen(self._of_laser, self.settings.max_beams)
 
     def _of_laser(self, scan: LaserScan, max_beams: int) -> Beams:
@@ -60,13 +60,13 @@ class LikelihoodFieldModel:
         return scan.beams(ranges, usable_beams(ranges, longest, max_beams), longest)
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
         return scan_log_likelihood(map_from_robot, beams.hits_in_robot, self.field)
 
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """A share of what the field gave for beams through walls."""
+        """Return the share of the occluded beams' score that the evidence loses."""
         settings = self.settings
         taken_back = settings.scan_likelihood_exponent * settings.occlusion_weight
         return taken_back * self.mean_occluded(map_from_robot, weights, beams, sharers)
@@ -74,11 +74,11 @@ class LikelihoodFieldModel:
     def mean_occluded(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """What a cloud was given for beams that would have to pass through walls, on average.
+        """Return the mean score of beams whose ends are occluded from the particles.
 
-        The field rewards a beam that ends near an obstacle, be there another one before it or
-        not: it cannot tell a corner without a cabinet from one with. Estimated from a systematic
-        sample of the cloud; a little is forgiven, for no pose and no map is exact.
+        The field rewards a beam that ends near an obstacle even if another obstacle is in front of
+        it. The mean is estimated from a systematic sample of the particles, minus a tolerance,
+        because neither poses nor maps are exact.
         """
         count, tolerance = self._looked_from(sharers), self.settings.occlusion_tolerance
         if count == 0 or beams.count == 0:
@@ -88,14 +88,14 @@ class LikelihoodFieldModel:
         return max(float(np.add.reduce(occluded)) / count - tolerance * beams.count, 0.0)
 
     def _looked_from(self, sharers: int) -> int:
-        """Particles of each that shares them; all beams are looked at by as many of them."""
+        """Number of sampled particles for each sharer; all beams are checked equally often."""
         whole, stride = self.settings.visibility_particles, self.settings.visibility_beam_stride
         return min(stride * ceil(whole / (stride * sharers)), whole)
 
     def occluded(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) what `log_likelihood` gave for beams through walls, each pose for some of them.
+        """Return (N,) the part of `log_likelihood` of occluded beams; each pose checks some beams.
 
-        Costs some hundred times as much as the field.
+        It takes a hundred times as long as the field.
         """
         occluded = self._occluded_of_laser(map_from_robot, beams)
         for other in beams.others:

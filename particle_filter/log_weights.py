@@ -1,8 +1,7 @@
-"""Weights of particles, kept as natural logarithms.
+"""Weights of particles as natural logarithms, because a product of 180 densities underflows.
 
-The product of 180 densities underflows; its logarithm does not. Minus infinity is a weight of
-zero; plus infinity and NaN are no weights. Sums are taken in the order of the particles, the same
-in every process: numpy's would depend on how many threads it has.
+Minus infinity is a weight of zero; plus infinity and NaN are invalid. Sums are taken in the order
+of the particles, so all processes compute the same bits; numpy's order depends on its threads.
 """
 
 from math import inf, isfinite, log
@@ -16,23 +15,22 @@ from particle_filter.kernels import kernel, plain
 
 
 def normalised_weights(log_weights: LogWeights) -> NDArray[np.float64]:
-    """The weights themselves, summing to one; arguments and errors as `weights_and_ess`."""
+    """Return (N,) linear weights that sum to one; arguments and errors as `weights_and_ess`."""
     return weights_and_ess(log_weights)[0]
 
 
 def weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float]:
-    """The weights themselves, and how many even ones would tell as much.
+    """Return linear weights and the effective sample size.
 
     Args:
-        log_weights: (N,) with any common offset: 1e-300 and 1e+300 are as good as 1.
+        log_weights: (N,) with any common offset.
 
     Returns:
         (N,) weights that sum to one, and the effective sample size (sum w)^2 / sum w^2, between
         1 and N.
 
     Raises:
-        ValueError: all weights are zero, there are none, or one is NaN or infinite: there is
-            no distribution to return, and a uniform one would be an invention.
+        ValueError: all weights are zero, there are none, or one is NaN or infinite.
 
     References:
         Kong, Liu and Wong, "Sequential imputations and Bayesian missing data problems" (1994).
@@ -43,14 +41,14 @@ def weights_and_ess(log_weights: LogWeights) -> tuple[NDArray[np.float64], float
 
 
 def log_sum(log_weights: LogWeights) -> float:
-    """Logarithm of the sum of (N,) weights; minus infinity of none, or where all are zero."""
+    """Return the logarithm of the sum of (N,) weights; minus infinity if it is zero."""
     return float(_log_sum(plain(log_weights)))
 
 
 def multiplied(
     log_weights: LogWeights, log_likelihood: LogWeights, exponent: float, penalty: LogWeights
 ) -> tuple[LogWeights, float]:
-    """Weights times a likelihood to a power and a penalty, scaled to sum to N again.
+    """Multiply weights by a tempered likelihood and a penalty, scaled to sum to N.
 
     Args:
         log_weights: (N,) before.
@@ -59,7 +57,7 @@ def multiplied(
         penalty: (N,) logarithms, added as they are.
 
     Returns:
-        (N,) log-weights, and the logarithm of the sum of the products before they were scaled.
+        (N,) log-weights, and the logarithm of the sum before scaling.
 
     Raises:
         ValueError: as `weights_and_ess`.

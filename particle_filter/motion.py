@@ -1,8 +1,8 @@
 """Odometry motion models: particles move as the robot did, each with its own error.
 
-A robot may also not have gone where its odometry says: wheels slip, or somebody pushes it. Noise in
-proportion to the drive does not reach that far, and larger noise would leave particles badly known
-along corridors without features. So slips are considered only where a scan fits badly.
+The robot may also be elsewhere than its odometry says, if wheels slip or it is pushed. Noise in
+proportion to the drive does not reach that far, and larger noise would leave the position along
+featureless corridors uncertain. So slips are tried only where a scan fits badly.
 """
 
 from math import atan2, floor, hypot, pi
@@ -109,18 +109,18 @@ def _wrapped(heading: float) -> float:
 _UNIT, _TO_ANGLE = np.float32(2.0**-32), 2.0 * np.pi * 2.0**-32
 _HALF, _TWO = np.float32(0.5), np.float32(2.0)
 _PAIRS = 2048
-"""Pairs made together: all intermediate numbers stay in the nearest cache."""
+"""Pairs computed together: all intermediate numbers stay in the nearest cache."""
 
 
 def standard_normals(rng: np.random.Generator, rows: int, count: int) -> NDArray[np.float32]:
-    """Independent standard normal numbers by the polar form of Box and Muller.
+    """Draw independent standard normal numbers in single precision (Box and Muller).
 
-    One 64-bit word gives two: its halves are a uniform number in (0, 1] for the radius and one
-    for the angle. No branch depends on the numbers, so they are computed in vectors, several
-    times as fast as by `Generator.standard_normal`. The largest is 6.8.
+    One 64-bit word gives two numbers: its halves are a uniform number in (0, 1] for the radius
+    and one for the angle. No branch depends on the numbers, so vector instructions compute them,
+    several times as fast as `Generator.standard_normal`. The largest is 6.8.
 
     Args:
-        rng: gives ceil(rows * count / 2) words of 64 bits, whatever they are.
+        rng: gives ceil(rows * count / 2) words of 64 bits.
         rows: rows of the result.
         count: columns of the result.
 
@@ -157,7 +157,7 @@ def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> Non
 
 
 _FARTHEST_BACK = 2.5
-"""A slipped robot is at most so many times its drive behind where odometry says."""
+"""Largest slip, in lengths of the drive, back from the pose by odometry."""
 _TURN_PER_METRE = 0.3
 """Spread of its heading [rad/m]."""
 
@@ -165,16 +165,16 @@ _TURN_PER_METRE = 0.3
 def slipped(
     map_from_before: Poses, map_from_after: Poses, motion: Pose, rng: np.random.Generator
 ) -> Poses:
-    """Where particles are that have slipped on their way.
+    """Move particles as if the robot had slipped.
 
     Args:
         map_from_before: (N, 3) before the motion.
         map_from_after: (N, 3) after it, by odometry.
-        motion: (3,) as odometry tells it, seen from the robot before.
-        rng: how far each slips.
+        motion: (3,) by odometry, in the frame before it.
+        rng: draws the length of each slip.
 
     Returns:
-        (N, 3) anywhere from where odometry says to one and a half drives backwards.
+        (N, 3) poses between that by odometry and one and a half drives backwards.
     """
     x, y, _ = motion.tolist()
     back, turned = rng.random(len(map_from_after)), standard_normals(rng, 1, len(map_from_after))[0]
@@ -190,7 +190,7 @@ def _slipped(
     back: NDArray[np.float64],
     turned: NDArray[np.float32],
 ) -> Poses:
-    """Numbers: the drive's bearing, how far back at most, spread of the heading."""
+    """Numbers: the drive's bearing, the largest slip [m], deviation of the heading [rad]."""
     bearing, farthest, spread = numbers
     slipped = np.empty_like(after)
     for i in range(len(after)):

@@ -14,7 +14,7 @@ _NO_BEARING_BELOW_M = 0.01
 
 
 def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
-    """Bearing, drive, turn; standard deviations along the drive, across it, of the turn."""
+    """Return bearing, drive, turn, and deviations along the drive, across it, and of the turn."""
     drive, turn = hypot(motion[0], motion[1]), float(motion[2])
     drive_by_turn = settings.drive_noise_per_turn * turn
     return (
@@ -28,11 +28,11 @@ def along_across_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ..
 
 
 def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]:
-    """First turn, drive, second turn, and the standard deviation of each (table 5.6)."""
+    """Return first turn, drive, second turn, and the standard deviation of each (table 5.6)."""
     drive = hypot(motion[0], motion[1])
     turn_1 = atan2(motion[1], motion[0]) if drive >= _NO_BEARING_BELOW_M else 0.0
     turn_2 = wrap_angle(float(motion[2]) - turn_1)
-    # Driving backwards is two half turns on paper; the robot turns by neither.
+    # A drive backwards has two half turns in the formulas, but the robot does not turn.
     turned_1, turned_2 = (
         min(float(heading_distance(turn, 0.0)), float(heading_distance(turn, pi)))
         for turn in (turn_1, turn_2)
@@ -52,13 +52,13 @@ def turn_drive_turn(motion: Pose, settings: MotionSettings) -> tuple[float, ...]
 
 
 _ANY_HEADING_RAD2 = pi**2 / 3.0
-"""Variance of a heading that nobody knows; a larger one would swing things without a bound."""
+"""Variance of an unknown heading [rad^2]; the linear formulas fail beyond it."""
 
 
 def motion_covariance(before_from_after: Pose, settings: MotionSettings) -> NDArray[np.float64]:
-    """How uncertain one motion is, by the noise that `motion.move` would draw.
+    """Return the covariance of one motion, for the noise that `motion.move` draws.
 
-    The noise M of the drive's own parts becomes one of the pose by their Jacobian V: V M V^T.
+    The noise M of the parts of the motion becomes that of the pose by their Jacobian V: V M V^T.
 
     Args:
         before_from_after: (3,) the motion by odometry, in the frame before it.
@@ -91,10 +91,10 @@ def composed_covariance(
     b_from_c: Pose,
     of_b_from_c: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """How uncertain `compose(a_from_b, b_from_c)` is, where the two err independently.
+    """Return the covariance of `compose(a_from_b, b_from_c)` for independent errors.
 
-    G S G^T + H Q H^T: an uncertain heading of b swings c about it, and what is uncertain in the
-    frame of b is turned into that of a. A heading can be no less certain than any at all.
+    G S G^T + H Q H^T: an error of the heading of b moves c around it, and the covariance in the
+    frame of b is turned into that of a.
 
     Args:
         a_from_b: (3,) mean.

@@ -1,4 +1,4 @@
-"""Clusters that have come to the same place: which of them are one (section 4 of the paper)."""
+"""Which clusters are at the same place (section 4 of the paper)."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -7,7 +7,7 @@ from particle_filter.arrays import Poses
 from particle_filter.poses import heading_distance
 
 _BLOCK = 64
-"""Clusters beside each other that are compared at once."""
+"""Number of clusters, ordered by x, that are compared at once."""
 
 
 def is_near(
@@ -16,16 +16,16 @@ def is_near(
     distance_m: float,
     heading_rad: float,
 ) -> NDArray[np.bool_]:
-    """Which of some poses have another near to them in x, y *and* heading.
+    """Find poses with another pose near in x, y *and* heading.
 
     Args:
         poses: (N, 3) x, y [m] and heading [rad].
-        others: (M, 3) likewise.
-        distance_m: at most so far apart [m].
-        heading_rad: and at most so far in heading [rad].
+        others: (M, 3) poses to compare with.
+        distance_m: largest distance between near poses [m].
+        heading_rad: largest difference in heading [rad].
 
     Returns:
-        (N,) for each pose.
+        (N,) whether each pose has one.
     """
     here, there = np.reshape(poses, (-1, 1, 3)), np.reshape(others, (1, -1, 3))
     apart_m = np.hypot(there[..., 0] - here[..., 0], there[..., 1] - here[..., 1])
@@ -38,27 +38,26 @@ def merge_overlapping(means: Poses, distance_m: float, heading_rad: float) -> ND
     """Find for every cluster the one that absorbs it.
 
     Each cluster in turn joins the first earlier one, itself not absorbed, that is near in x, y
-    *and* heading. A row of clusters, each near the next, therefore does not collapse into one:
-    only what is near the absorbing cluster's own mean goes.
+    *and* heading. So a row of clusters, each near the next, does not collapse into one.
 
     Args:
         means: (K, 3) mean poses, the most probable first.
-        distance_m: means at most this far apart may be one [m].
-        heading_rad: and at most this far in heading [rad].
+        distance_m: largest distance between means to merge [m].
+        heading_rad: largest difference in heading [rad].
 
     Returns:
         (K,) index of the absorbing cluster; its own index where a cluster stays.
     """
     absorber = np.arange(len(means), dtype=np.int64)
     by_x = np.argsort(means[:, 0])
-    reach = means[by_x, 0] + (1.0 + 1e-9) * distance_m  # the very edge is for the comparison below
+    reach = means[by_x, 0] + (1.0 + 1e-9) * distance_m  # more than enough; compared exactly below
     until = np.searchsorted(means[by_x, 0], reach, side="right")
     near = [np.empty((0, 2), np.int64)]
     for start in range(0, len(means), _BLOCK):
         rows = by_x[start : start + _BLOCK]
         others = by_x[start : until[start + len(rows) - 1]]
-        beside = np.abs(means[rows, None, 1] - means[others, 1]) <= distance_m
-        row, other = np.nonzero(np.triu(beside, 1))
+        near_y = np.abs(means[rows, None, 1] - means[others, 1]) <= distance_m
+        row, other = np.nonzero(np.triu(near_y, 1))
         one, two = rows[row], others[other]
         apart_m = np.hypot(*(means[one, :2] - means[two, :2]).T)
         turned = heading_distance(means[one, 2], means[two, 2])

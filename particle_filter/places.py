@@ -21,7 +21,7 @@ Labels = NDArray[np.int32]
 def cluster_by_source_point(
     poses: Poses, log_weights: LogWeights, radius_m: float, heading_rad: float, max_clusters: int
 ) -> tuple[Labels, int]:
-    """Give each particle to the cluster whose source point is near, else let it found one.
+    """Assign each particle to the cluster with a near source point, or found a new cluster.
 
     Heavier particles come first, so that sources are good poses; equal weights in the order
     given. Near means within `radius_m` in the plane *and* within `heading_rad` the short way
@@ -32,7 +32,7 @@ def cluster_by_source_point(
         log_weights: (N,); only their order counts.
         radius_m: reach of a source in x, y [m].
         heading_rad: reach of a source in heading [rad].
-        max_clusters: afterwards nobody founds a cluster.
+        max_clusters: largest number of clusters; then no more are founded.
 
     Returns:
         (N,) number of each particle's cluster, clusters numbered as they were founded; -1 for a
@@ -92,7 +92,7 @@ def _nearest(
     home: tuple[int, int, int, int],
     reach: tuple[float, float],
 ) -> int:
-    """The cluster with the nearest source in reach of a pose, the older at a tie; -1 for none."""
+    """Return the cluster with the nearest source in reach, at a tie the older; -1: none."""
     first, following = chains
     col, row, sector, sectors = home
     best, best_distance = -1, inf
@@ -111,7 +111,7 @@ def _nearest(
 
 @kernel
 def _distance(a: Pose, b: Pose, reach: tuple[float, float]) -> float:
-    """Squared distance in units of the reach; infinite out of reach."""
+    """Return the squared distance in units of the reach; infinite if out of reach."""
     radius_m, heading_rad = reach
     apart = ((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2) / radius_m**2
     turns = (b[2] - a[2]) / (2.0 * pi)
@@ -123,35 +123,35 @@ def _distance(a: Pose, b: Pose, reach: tuple[float, float]) -> float:
 
 @kernel
 def _bucket(col: int, row: int, sector: int, buckets: int) -> int:
-    """Spread grid cells over buckets; cells that share one are told apart by distance."""
+    """Return a grid cell's bucket; cells that share a bucket are separated by distance."""
     return (col * 73856093 ^ row * 19349663 ^ sector * 83492791) & (buckets - 1)
 
 
 @dataclass(frozen=True)
 class FoundPlace:
-    """One place that a search holds possible."""
+    """A place where the robot may be."""
 
     share: float
     mean: Pose
     covariance: Poses
     sample: Poses
-    """(M, 3) particles drawn from it, all alike."""
+    """(M, 3) equally weighted particles drawn from it."""
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Weighted poses, place by place; those of no place are left out."""
+    """Weighted poses ordered by place; poses without a place are left out."""
 
     poses: Poses
     weights: NDArray[np.float64]
     shares: NDArray[np.float64]
-    """(K,) of all weights, also of those of no place."""
+    """(K,) each place's share of all weights, including those without a place."""
     ends: NDArray[np.int64]
-    """(K + 1,) where each place's poses end and the next one's begin."""
+    """(K + 1,) the indices where each place's poses begin; the last is their number."""
 
     @classmethod
     def of(cls, poses: Poses, weights: NDArray[np.float64], labels: Labels, count: int) -> "Parts":
-        """Of `count` places, by the (N,) labels of the poses; -1: of no place."""
+        """Order poses by (N,) labels of `count` places; -1: no place."""
         by_label = np.argsort(labels, kind="stable")
         sizes = np.bincount(labels + 1, minlength=count + 1)
         chosen = by_label[sizes[0] :]
@@ -160,7 +160,7 @@ class Parts:
         return cls(poses.take(chosen, axis=0), weights.take(chosen), shares, ends)
 
     def __getitem__(self, place: np.intp) -> tuple[Poses, NDArray[np.float64]]:
-        """A place's poses, and their weights, which sum to one."""
+        """Return a place's poses, and their weights, which sum to one."""
         own = slice(self.ends[place], self.ends[place + 1])
         return self.poses[own], self.weights[own] / self.shares[place]
 
@@ -184,7 +184,7 @@ def places_of(
 
 
 def clustered(poses: Poses, log_weights: LogWeights, rules: SearchSettings) -> tuple[Labels, int]:
-    """Each pose's place, and how many there are: see `cluster_by_source_point`."""
+    """Return each pose's place, and the number of places: see `cluster_by_source_point`."""
     return cluster_by_source_point(
         poses, log_weights, rules.source_radius_m, rules.source_heading_rad, rules.places
     )
@@ -197,23 +197,25 @@ def found_places(
     min_share: float,
     rng: np.random.Generator,
 ) -> Slices[list[FoundPlace]]:
-    """As `places_of`, in slices, of particles whose places are known."""
+    """Do as `places_of`, in slices, for particles with known labels."""
     weights = normalised_weights(particles.log_weights)
     parts = Parts.of(particles.map_from_robot, weights, labels, int(labels.max(initial=-1)) + 1)
     means, covariances = fit_gaussians(parts.poses, parts.weights, parts.ends)
     yield
     by_share = np.argsort(-parts.shares, kind="stable")
-    told = by_share[: np.count_nonzero(parts.shares >= min_share)]
-    counts = np.ones(len(told), np.int64)
+    reported = by_share[: np.count_nonzero(parts.shares >= min_share)]
+    counts = np.ones(len(reported), np.int64)
     counts[: rules.places_with_particles] = rules.hand_over_particles
-    drawn = _drawn(parts.weights, parts.shares, parts.ends, told, counts, rng.random(len(told)))
+    drawn = _drawn(
+        parts.weights, parts.shares, parts.ends, reported, counts, rng.random(len(reported))
+    )
     yield
     samples = parts.poses.take(drawn, axis=0)
     return [
         FoundPlace(
             float(parts.shares[label]), means[label], covariances[label], samples[end - count : end]
         )
-        for label, count, end in zip(told, counts, np.cumsum(counts), strict=True)
+        for label, count, end in zip(reported, counts, np.cumsum(counts), strict=True)
     ]
 
 
@@ -222,14 +224,14 @@ def _drawn(
     weights: NDArray[np.float64],
     shares: NDArray[np.float64],
     ends: NDArray[np.int64],
-    told: NDArray[np.int64],
+    reported: NDArray[np.int64],
     counts: NDArray[np.int64],
     offsets: NDArray[np.float64],
 ) -> NDArray[np.int64]:
-    """So many poses of each place that is told, drawn systematically by their weights."""
+    """Draw `counts` poses of each reported place systematically by weight."""
     drawn, made = np.empty(counts.sum(), np.int64), 0
-    for place in range(len(told)):
-        label, count = told[place], counts[place]
+    for place in range(len(reported)):
+        label, count = reported[place], counts[place]
         first, end = ends[label], ends[label + 1]
         own = weights[first:end] / shares[label]
         drawn[made : made + count] = first + systematic(own, count, offsets[place])

@@ -21,7 +21,7 @@ def wrap_angle(angle: float) -> float: ...
 @overload
 def wrap_angle(angle: NDArray[np.float64]) -> NDArray[np.float64]: ...
 def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64]:
-    """The same direction in [-pi, pi) [rad]; an angle already in there comes back unchanged."""
+    """Return the same direction in [-pi, pi) [rad]; angles in this range are unchanged."""
     if not isinstance(angle, np.ndarray):
         if -math.pi <= angle < math.pi:
             return angle
@@ -40,7 +40,7 @@ def wrap_angle(angle: float | NDArray[np.float64]) -> float | NDArray[np.float64
 def heading_distance(
     a: float | NDArray[np.float64], b: float | NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The angle between two headings, the short way round, in [0, pi] [rad]."""
+    """Return the angle between two headings, in [0, pi] [rad]."""
     return np.abs(wrap_angle(np.asarray(np.subtract(a, b), np.float64)))
 
 
@@ -55,7 +55,7 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
         (..., 3) with headings in [-pi, pi).
     """
     a_from_b, b_from_c = np.asarray(a_from_b, np.float64), np.asarray(b_from_c, np.float64)
-    if a_from_b.ndim == b_from_c.ndim == 1:  # plain numbers are five times as fast for one
+    if a_from_b.ndim == b_from_c.ndim == 1:  # for one pose, plain numbers are five times as fast
         (x, y, heading), (along, across, turn) = a_from_b.tolist(), b_from_c.tolist()
         c, s = math.cos(heading), math.sin(heading)
         x, y = x + c * along - s * across, y + s * along + c * across
@@ -70,7 +70,7 @@ def compose(a_from_b: Poses, b_from_c: Poses) -> Poses:
 
 
 def inverse(a_from_b: Poses) -> Poses:
-    """The way back, `b_from_a`, of (..., 3) poses; headings in [-pi, pi)."""
+    """Invert (..., 3) poses: `b_from_a`; headings in [-pi, pi)."""
     a_from_b = np.asarray(a_from_b, np.float64)
     cos, sin = np.cos(a_from_b[..., 2]), np.sin(a_from_b[..., 2])
     b_from_a = np.empty_like(a_from_b)
@@ -81,12 +81,12 @@ def inverse(a_from_b: Poses) -> Poses:
 
 
 def between(a_from_b: Poses, a_from_c: Poses) -> Poses:
-    """Where c is, seen from b: `b_from_c`, (..., 3).
+    """Return c in the frame of b: `b_from_c`, (..., 3).
 
-    With two odometry poses this is the motion in between, in the frame of the first.
+    Of two odometry poses, it is the motion between them in the frame of the first.
     """
     a_from_b = np.asarray(a_from_b, np.float64)
-    # Differences first: far from the origin they keep the digits that products would lose.
+    # Differences first: far from the origin, products would lose digits.
     b_from_c = np.asarray(a_from_c, np.float64) - a_from_b
     if a_from_b.ndim == b_from_c.ndim == 1:  # as in `compose`
         (x, y, turn), heading = b_from_c.tolist(), float(a_from_b[2])

@@ -1,15 +1,14 @@
-"""The likelihood field from coarse to fine: the best that it gives anywhere in a square.
+"""Upper bounds of the likelihood field over squares, from coarse to fine (a pyramid).
 
 From all positions in a square tile of the map, with one heading, a beam ends somewhere in a square
-of the same size. The highest value of the field in that square is at least what the beam gets from
-any of the positions; the sum over a scan's beams bounds the scan (Hess et al., "Real-time loop
-closure in 2D lidar SLAM", 2016, eq. 16). On the finest level tiles are leaves, and a leaf has the
-value at its middle.
+of the same size. The maximum of the field in that square bounds the beam's score; the sum over
+beams bounds the scan's score (Hess et al., "Real-time loop closure in 2D lidar SLAM", 2016, eq.
+16). On the finest level tiles are leaves, and a leaf has the score at its centre.
 
-Tiles lie side by side and beams end at any offset from them, so the squares are kept once for every
-offset within a tile: together as many numbers as the map has cells. Squares of one offset lie in
-memory as their tiles do in the map: a beam is scored for a row of tiles by adding one row of
-numbers to another, which takes a tenth of the time of looking them up.
+Tiles lie side by side, but beams end at any offset from them. So a level has one maximum for each
+offset within a tile: as many numbers as the map has cells. Squares of one offset are in memory in
+the order of their tiles. So a beam is scored for a row of tiles by adding two rows of numbers, in
+a tenth of the time that look-ups take.
 """
 
 from collections.abc import Mapping
@@ -27,25 +26,25 @@ from particle_filter.settings import SensorSettings
 LEAF_M = 0.2
 """Side of a leaf [m], rounded to whole cells."""
 LEVELS = 3
-"""The first has tiles of 4 x 4 leaves, each further one half as wide ones."""
+"""Tiles of the first level have 4 x 4 leaves; each further level halves their width."""
 MOST_BEAMS = 65_535 // 255
-"""More beams could overflow the 16-bit sums of their steps."""
+"""More beams could overflow the 16-bit sums."""
 
 _CODES_PER_STEP = 257
 """Codes of 16 bits to a step of 8 bits: 65,535 is 255 steps."""
 _STRIP_TILES = 64
 _RUNS_TOGETHER = 64
-"""Rows near each other are near in memory too: read together, most are in the cache."""
+"""Neighbouring rows are neighbours in memory: read together, most are in the cache."""
 
 Runs = NDArray[np.int64]
 """(R, 3) row, first column and number of tiles side by side."""
 Sums = NDArray[np.uint16]
-"""Of each tile, run after run."""
+"""(T,) one for each tile, run after run."""
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """The best of squares of one size."""
+    """Maxima of the field over squares of one size."""
 
     steps: NDArray[np.uint8]
     """(side, side, rows + 1, cols + 1): [i, j, r + 1, c + 1] is of the square at cell (r side + i,
@@ -56,11 +55,11 @@ class Level:
 
     @property
     def side(self) -> int:
-        """Of a tile [cells]."""
+        """Side of a tile [cells]."""
         return len(self.steps)
 
     def sums(self, offsets: NDArray[np.int64], runs: Runs) -> Sums:
-        """Score a scan with one heading for many tiles.
+        """Bound the score of a scan with one heading for many tiles.
 
         Args:
             offsets: (B, 2) rows and columns [cells] from a position to the ends of the beams,
@@ -68,7 +67,7 @@ class Level:
             runs: the tiles.
 
         Returns:
-            Sums of steps, run after run.
+            Sums of steps, one for each tile, run after run.
         """
         return _sum_steps(self.steps, offsets, runs)
 
@@ -104,7 +103,7 @@ class Pyramid:
         cell_m: float,
         settings: SensorSettings,
     ) -> "Pyramid":
-        """From what `arrays_of` computed of the field of the same map and settings.
+        """Build it from the result of `arrays_of` for the same map and settings.
 
         Raises:
             KeyError, ValueError: an array is missing, or is of another map.
@@ -122,18 +121,18 @@ class Pyramid:
 
 
 def _sides(cell_m: float) -> list[int]:
-    """Of the tiles of each level [cells]."""
+    """Return the side of a tile at each level [cells]."""
     leaf = max(1, round(LEAF_M / cell_m))
     return [leaf * 2**finer for finer in reversed(range(LEVELS))]
 
 
 def _tiles(cells: Cells, side: int) -> tuple[int, int]:
-    """Rows and columns of tiles: a whole number of the coarsest ones."""
+    """Return the number of rows and columns of tiles."""
     return tuple(-(-size // side) for size in cells.shape)
 
 
 def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArray[np.uint8]:
-    """Steps of squares of `reach` cells that begin `ahead` cells from each cell."""
+    """Return maxima over squares of `reach` cells that begin `ahead` cells from each cell."""
     rows, cols = _tiles(field.cells, side)
     steps = np.zeros((side, side, rows + 1, cols + 1), np.uint8)
     for first in range(0, rows + 1, _STRIP_TILES):
@@ -152,7 +151,7 @@ def _pooled(field: LikelihoodField, side: int, reach: int, ahead: int) -> NDArra
 def _levels(
     field: LikelihoodField, rows: tuple[int, int], cols: tuple[int, int]
 ) -> NDArray[np.uint8]:
-    """Steps, rounded up, of the cells of some rows and columns, which may lie beyond the map."""
+    """Return the steps, rounded up, of cells that may lie beyond the map."""
     levels = np.zeros((rows[1] - rows[0], cols[1] - cols[0]), np.uint8)
     inner = [
         slice(max(first, 0), min(stop, size))
@@ -167,7 +166,7 @@ def _levels(
 
 
 def _highest_ahead(levels: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
-    """The highest of each row and the `reach` - 1 rows after it; the last `reach` - 1 go."""
+    """Return the maximum of each row and the `reach` - 1 rows after it."""
     width, best = 1, levels
     while 2 * width <= reach:  # squares twice as wide from two that lie side by side
         best = np.maximum(best[:-width], best[width:])
@@ -197,8 +196,8 @@ def _sum_steps(
                     left = first + across[k]
                     is_whole &= 0 <= row + down[k] < rows and 0 <= left <= cols - count
                 if is_whole:
-                    # Not negative, and told so: the loop is compiled to vector instructions. Four
-                    # beams at once: the sums are read and written a quarter as often.
+                    # Unsigned indices: so the loop is compiled to vector instructions. Four beams
+                    # at once: the sums are read and written a quarter as often.
                     start = np.uint64(starts[run])
                     a, b = np.uint64(from_tile[beam] + tile), np.uint64(from_tile[beam + 1] + tile)
                     c = np.uint64(from_tile[beam + 2] + tile)

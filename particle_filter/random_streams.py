@@ -1,4 +1,4 @@
-"""Random numbers that depend on what they are for, never on who draws them or when.
+"""Random numbers that depend on their purpose, not on the process or the time of the draw.
 
 Philox is a keyed function of a 256-bit counter. The key is (seed, purpose); the three upper
 words of the counter are (entity, step, part), and a generator counts only in the lowest word.
@@ -20,7 +20,7 @@ _WORD = 2**64
 
 
 class Purpose(IntEnum):
-    """What numbers are for. A value, once used, keeps its meaning: recorded runs depend on it."""
+    """The purpose of random numbers. Values never change, because recorded runs depend on them."""
 
     TRACK = 1
     """One step of one cluster; the entity is the cluster."""
@@ -29,11 +29,11 @@ class Purpose(IntEnum):
     START = 3
     """The first particles of a cluster; the entity is the cluster."""
     GIVEN_POSE = 4
-    """The cloud round a pose that a person gave; the entity counts those poses."""
+    """Particles around a given pose; the entity counts given poses."""
     LAST_POSE = 5
-    """The cloud round the pose of an earlier life; the entity is 0."""
+    """Particles around the last pose of an earlier run; the entity is 0."""
     REBUILT = 6
-    """The cloud of a cluster whose particles were lost; the entity is the cluster."""
+    """Particles of a cluster whose particles were lost; the entity is the cluster."""
     ELSEWHERE = 7
     """One step's poses all over the map; the entity is 0."""
 
@@ -41,7 +41,7 @@ class Purpose(IntEnum):
 def generator(
     seed: int, *, purpose: Purpose, entity: int, step: int, part: int = 0
 ) -> np.random.Generator:
-    """A fresh generator for one piece of work.
+    """Create the generator for one piece of work.
 
     Args:
         seed: seed of the whole filter.
@@ -65,10 +65,10 @@ def generator(
 
 
 class _Key(ISeedSequence):
-    """Gives Philox its key as it is.
+    """Passes a key to Philox.
 
-    ``Philox(key=...)`` sets the same key, but first asks the system for entropy that it never
-    uses, which takes longer than all the rest.
+    ``Philox(key=...)`` sets the same key, but first reads entropy of the system, unused, which
+    takes longer than everything else here.
     """
 
     def __init__(self, key: NDArray[np.uint64]) -> None:

@@ -21,13 +21,11 @@ _LONGEST_JUMP = 255
 
 
 def jump_field(cells: Cells) -> JumpField:
-    """The free square ahead of every cell, for rays of each quadrant; computed once per map.
+    """Compute the free square ahead of every cell, for rays of each quadrant.
 
-    The cell is the square's corner, and the square lies in the direction in which the rays of the
-    quadrant run, within the map. It holds no occupied cell, so a ray leaves it before it meets
-    anything, and what it enters then is exactly the right cell. A square that looks ahead only is
-    larger than one around the cell, which a wall beside or behind the ray makes small: there are
-    a third fewer jumps.
+    The cell is a corner of the square, which extends in the direction of the quadrant's rays,
+    within the map. It has no occupied cell, so a ray can jump to its border. A square ahead of the
+    cell is larger than one around it, which needs a third more jumps.
 
     Args:
         cells: (rows, cols) grid map.
@@ -45,7 +43,7 @@ def jump_field(cells: Cells) -> JumpField:
 
 
 def checked_jumps(jumps: NDArray[Any], cells: Cells) -> JumpField:
-    """The jump field, once it is seen to fit the map's size: kernels look into it unchecked.
+    """Check that a jump field fits the map, because kernels do not check indices.
 
     Raises:
         ValueError: it is of another type or of another map.
@@ -71,7 +69,7 @@ def cast_rays_from_poses(
         cell_m: side of a cell [m].
         grid_from_laser: (N, 3) poses of the laser in the grid's frame.
         angles: (B,) directions of the beams in the laser's frame [rad].
-        max_range_m: how far a ray is followed [m].
+        max_range_m: length at which a ray ends [m].
 
     Returns:
         (N, B) distances [m]; 0 inside an occupied cell, `max_range_m` where nothing is hit.
@@ -92,7 +90,7 @@ def cast_rays_from_poses(
 
 @kernel
 def _squares(cells: Cells) -> NDArray[np.uint8]:
-    """Sides of the largest free squares of the map that end in each cell."""
+    """Return the sides of the largest free squares that end in each cell."""
     rows, cols = cells.shape
     field = np.empty((rows, cols), np.uint8)
     for row in range(rows):
@@ -139,20 +137,19 @@ def cast_fan(
     count: int,
     lengths: NDArray[np.float64],
 ) -> None:
-    """Follow rays that start at one point; kernels call it, and everything is in cells.
+    """Follow rays from one point; called by kernels, with all lengths in cells.
 
-    All rays go ahead a jump at a time: each jump waits for the one before it, and so the
-    processor has the others to work on meanwhile.
+    The rays advance in turns, one jump each: a jump depends on the ray's last one, so the processor
+    works on the other rays meanwhile.
 
     Args:
         jumps: `jump_field` of the map.
         x: start, columns from the grid's low corner.
         y: start, rows from the grid's low corner.
-        rays: (3, R) dx along the columns, dy along the rows, and how far each ray is followed, in
-            lengths of its direction.
-        count: the first so many of them.
-        lengths: (R,) gets the length to the boundary of the first occupied cell; infinite where
-            nothing is hit.
+        rays: (3, R) dx along the columns, dy along the rows, and the length at which each ray
+            ends, in units of its direction.
+        count: number of rays to follow, from the first on.
+        lengths: (R,) output: the length to the boundary of the first occupied cell, or infinite.
     """
     flat, height, width = jumps.reshape(-1), np.int32(jumps.shape[1]), np.int32(jumps.shape[2])
     dx, dy = rays[0], rays[1]
@@ -172,8 +169,8 @@ def cast_fan(
             t_x, t_y = (next_col + rim_x[i]) * per_x[i], (next_row + rim_y[i]) * per_y[i]
             across = t_x < t_y
             t = t_x if across else t_y
-            # Into the next cell across the border that it leaves by; along that border it stays
-            # within the square, whatever rounding says.
+            # Into the next cell across the square's border; along the border it stays within the
+            # square in spite of rounding.
             most = np.int32(side - 1)
             on_col = min(max(np.int32(x + t * dx[i]), at_col - most), at_col + most)
             on_row = min(max(np.int32(y + t * dy[i]), at_row - most), at_row + most)
@@ -198,13 +195,15 @@ def _departures(
     count: int,
     lengths: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uintp], int]:
-    """Where each ray enters the grid, and what its jumps need; arguments as for `cast_fan`.
+    """Compute where rays enter the grid, and the constants of their jumps.
+
+    Arguments as for `cast_fan`.
 
     Returns:
-        (5, R) reciprocals of dx and dy, what a column and a row lie off a border, how far the ray
-        goes; (5, R) column, row, where the ray's quadrant begins in `jumps`, and which way
-        columns and rows run; (R,) the rays that meet the grid, and how many they are. Unsigned:
-        such an index cannot count from the end, and that saves a third of the time.
+        (5, R) reciprocals of dx and dy, distances from a column and a row to a border, length of
+        the ray; (5, R) column, row, start of the ray's quadrant in `jumps`, and the signs of dx
+        and dy; (R,) the rays that meet the grid, and their number. Unsigned indices are never
+        negative, so they take a third less time.
     """
     rows, cols = jumps.shape[1], jumps.shape[2]
     floats, integers = np.empty((5, count)), np.empty((5, count), np.int32)
@@ -224,7 +223,7 @@ def _departures(
         floats[1, i] = 1.0 / dy if dy != 0.0 else np.inf
         floats[2, i], floats[3, i] = (0 if right else 1) - x, (0 if up else 1) - y
         floats[4, i] = until
-        # Clamp before int(), which truncates towards zero: -0.3 is no place in column 0.
+        # Clamp before int(), which truncates towards zero: -0.3 is not in column 0.
         integers[0, i] = int(min(max(floor(x + t * dx), 0.0), cols - 1.0))
         integers[1, i] = int(min(max(floor(y + t * dy), 0.0), rows - 1.0))
         integers[2, i] = ((2 if up else 0) + (1 if right else 0)) * rows * cols
@@ -238,7 +237,7 @@ def _departures(
 def span_in_grid(
     x: float, y: float, dx: float, dy: float, cols: float, rows: float
 ) -> tuple[float, float]:
-    """Where a ray enters and leaves the grid; it enters after it leaves when it misses."""
+    """Return where a ray enters and leaves the grid; a ray that misses enters after it leaves."""
     t_in, t_out = 0.0, np.inf
     for start, along, length in ((x, dx, cols), (y, dy, rows)):
         if along != 0.0:
@@ -256,13 +255,15 @@ FlatJumps: TypeAlias = tuple[NDArray[np.uint8], np.int32, np.int32]
 
 @kernel
 def flat(jumps: JumpField) -> FlatJumps:
-    """A jump field as `cast_ray` takes it: in three dimensions it would take half as long again."""
+    """Flatten a jump field for `cast_ray`, which takes a third less time so."""
     return jumps.reshape(-1), np.int32(jumps.shape[1]), np.int32(jumps.shape[2])
 
 
 @kernel
 def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: float) -> float:
-    """Follow a ray to the first occupied cell; kernels call it, and everything is in cells.
+    """Follow one ray to the first occupied cell; called by kernels, with all lengths in cells.
+
+    `cast_fan` is faster for many rays that are all followed to their ends.
 
     Args:
         jumps: `flat` of the map's jump field.
@@ -270,11 +271,11 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
         y: start, rows from the grid's low corner.
         dx: direction along the columns.
         dy: direction along the rows.
-        until: how far it is followed, in lengths of its direction.
+        until: length at which the ray ends, in units of its direction.
 
     Returns:
-        The same length to the boundary of the first occupied cell, to the last bit, that
-        `cast_fan` gives; infinite where nothing is hit.
+        The length to the boundary of the first occupied cell, bit for bit as from `cast_fan`;
+        infinite if nothing is hit.
     """
     squares, height, width = jumps
     length = 0.0
@@ -283,7 +284,7 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
         until = min(leaves, until)
         if length > until:
             return np.inf
-    # Clamp before int(), which truncates towards zero: -0.3 is no place in column 0.
+    # Clamp before int(), which truncates towards zero: -0.3 is not in column 0.
     col = np.int32(min(max(floor(x + length * dx), 0.0), width - 1.0))
     row = np.int32(min(max(floor(y + length * dy), 0.0), height - 1.0))
     right, up = dx >= 0.0, dy >= 0.0
@@ -297,7 +298,7 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
             return length
         next_col, next_row = col + step_x * side, row + step_y * side
         t_x, t_y = (next_col + rim_x) * per_x, (next_row + rim_y) * per_y
-        # Across the border that it leaves by; along it, within the square whatever rounding says.
+        # Across the square's border; along the border, within the square in spite of rounding.
         most = np.int32(side - 1)
         if t_x < t_y:
             length, on_row = t_x, np.int32(y + t_x * dy)

@@ -11,7 +11,7 @@ Corners = tuple[tuple[float, float], ...]
 
 
 def parsed_regions(text: str) -> dict[str, Corners]:
-    """The regions that a text in the setting `search.regions` names."""
+    """Parse the setting `search.regions`."""
     regions = {}
     for region in filter(str.strip, text.split(";")):
         name, _, corners = region.partition(":")
@@ -23,7 +23,7 @@ def parsed_regions(text: str) -> dict[str, Corners]:
 def is_region(
     corners: Corners, shape: tuple[int, ...], side_m: float, map_from_grid: Pose
 ) -> NDArray[np.bool_]:
-    """(rows, cols) whether the middle of each tile is within a region of the map.
+    """Return (rows, cols) whether the centre of each tile lies in a region of the map.
 
     Args:
         corners: of the region.
@@ -42,6 +42,6 @@ def is_region(
     for (x0, y0), (x1, y1) in zip(in_grid, np.roll(in_grid, -1, axis=0), strict=True):
         if y0 == y1:
             continue
-        # An edge to the right of a point changes whether it is inside.
+        # Even-odd rule: each edge to the right of a point toggles whether it is inside.
         inside ^= ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
     return inside

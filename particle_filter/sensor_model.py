@@ -23,7 +23,7 @@ MapArrays: TypeAlias = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """The map, and where it lies."""
+    """The map and its pose."""
 
     cells: Cells
     """(rows, cols); row 0 has the lowest y."""
@@ -37,13 +37,13 @@ class Grid:
 
     @cached_property
     def in_cells(self) -> ToCells:
-        """What carries a point of the map to cells of the grid."""
+        """The transform from points of the map to cells of the grid."""
         return to_cells(self.map_from_grid, self.cell_m)
 
 
 @dataclass(frozen=True, eq=False)
 class Beams:
-    """The beams of one scan that are scored: one laser's, and those of the others."""
+    """The scored beams of a scan: of one laser, and of the robot's other lasers."""
 
     ranges: NDArray[np.float64]
     """(B,) readings [m]; `max_range_m` or longer: no return."""
@@ -51,33 +51,33 @@ class Beams:
     """(B,) directions in the laser's frame [rad]."""
     robot_from_laser: Pose
     max_range_m: float
-    """The shorter of what the laser and the settings can see."""
+    """The smaller of the laser's and the settings' maximum range [m]."""
     others: tuple[Self, ...] = ()
-    """Of the robot's other lasers, as at the same pose; they have no others."""
+    """Beams of the other lasers, as if measured at the same pose."""
 
     @property
     def lasers(self) -> "tuple[Beams, ...]":
-        """The beams laser by laser: each laser's start where it is."""
+        """The beams of each laser."""
         return (self, *self.others)
 
     @property
     def count(self) -> int:
-        """How many beams, of all lasers."""
+        """Number of beams of all lasers."""
         return sum(len(laser.ranges) for laser in self.lasers)
 
     @cached_property
     def own_hits_in_robot(self) -> Points:
-        """(B, 2) where those of the first laser ended."""
+        """(B, 2) ends of the first laser's beams [m]."""
         return points_in_robot(self.ranges, self.angles, self.robot_from_laser)
 
     @cached_property
     def returned(self) -> NDArray[np.bool_]:
-        """(count,) which of all ended somewhere."""
+        """(count,) whether each beam returned."""
         return np.concatenate([laser.ranges < laser.max_range_m for laser in self.lasers])
 
     @cached_property
     def hits_in_robot(self) -> Points:
-        """(count, 2) where all ended."""
+        """(count, 2) ends of all beams [m]."""
         if not self.others:
             return self.own_hits_in_robot
         return np.concatenate([laser.own_hits_in_robot for laser in self.lasers])
@@ -85,7 +85,7 @@ class Beams:
 
 @dataclass(frozen=True, eq=False)
 class LaserScan:
-    """One scan as it was measured, and those of the robot's other lasers."""
+    """One measured scan, and those of the robot's other lasers."""
 
     ranges: NDArray[np.floating]
     """(n,) [m]; not finite, not positive, `range_max_m` or longer: no return."""
@@ -96,14 +96,14 @@ class LaserScan:
     """From one beam to the next [rad]."""
     robot_from_laser: Pose
     others: tuple[Self, ...] = ()
-    """Of other lasers, as at the same pose; they have no others."""
+    """Scans of the other lasers, as if measured at the same pose."""
 
     def chosen(self, choose: "Callable[[LaserScan, int], Beams]", max_beams: int) -> Beams:
-        """The beams that are scored, of each laser as many.
+        """Choose the beams to score, equally many of each laser.
 
         Args:
-            choose: at most so many of one laser's.
-            max_beams: of all lasers together.
+            choose: chooses at most a number of beams of one laser.
+            max_beams: number for all lasers together.
         """
         if not self.others:
             return choose(self, max_beams)
@@ -114,7 +114,7 @@ class LaserScan:
     def beams(
         self, ranges: NDArray[np.float64], chosen: NDArray[np.int64], max_range_m: float
     ) -> Beams:
-        """The chosen ones of (n,) ranges, which may be cut off at `max_range_m`."""
+        """Return the chosen beams, by (B,) indices into (n,) ranges."""
         angles = np.asarray(self.angle_min + self.angle_step * chosen, np.float64)
         return Beams(ranges[chosen], angles, self.robot_from_laser, max_range_m)
 
@@ -135,15 +135,15 @@ class SensorModel(Hashable, Protocol):
 
     @property
     def pyramid(self) -> Pyramid:
-        """The map's likelihood field over squares: tells searches where to look."""
+        """Bounds of the likelihood field over squares, for global searches."""
 
     @property
     def jumps(self) -> JumpField:
-        """How far rays may jump in the map."""
+        """How far rays can jump in the map."""
 
     @classmethod
     def arrays_of(cls, grid: Grid, settings: SensorSettings) -> MapArrays:
-        """Compute what the model needs of a map; it takes seconds, and may be kept on disk.
+        """Compute arrays from a map; this may take seconds, and the result is cached on disk.
 
         Raises:
             ValueError: no cell is occupied; every pose would fit equally well.
@@ -151,31 +151,31 @@ class SensorModel(Hashable, Protocol):
 
     @classmethod
     def from_arrays(cls, grid: Grid, arrays: MapArrays, settings: SensorSettings) -> Self:
-        """The model, from what `arrays_of` computed of the same map with the same settings.
+        """Build the model from the result of `arrays_of` for the same map and settings.
 
         Raises:
             KeyError, ValueError: an array is missing, or is of another map.
         """
 
     def beams(self, scan: LaserScan) -> Beams:
-        """Choose the beams that are scored: unusable ones are dropped, then the rest thinned."""
+        """Choose the beams to score: drop invalid ones, then thin evenly."""
 
     def log_likelihood(self, map_from_robot: Poses, beams: Beams) -> LogWeights:
-        """(N,) log p(z | x), a sum over beams, without the exponent."""
+        """Return (N,) log p(z | x), a sum over beams, without the exponent."""
 
     def correction(
         self, map_from_robot: Poses, weights: NDArray[np.float64], beams: Beams, sharers: int = 1
     ) -> float:
-        """What is taken back from a cluster's log evidence, with the exponent.
+        """Return the amount to subtract from a cluster's log evidence, with the exponent.
 
-        For what `log_likelihood` cannot see at a price that is right for every particle.
+        It corrects what `log_likelihood` ignores because it is too expensive for every particle.
 
         Args:
             map_from_robot: (N, 3) the cluster's poses after the scan.
             weights: (N,) their weights, summing to one.
-            beams: those the poses were weighed by.
-            sharers: so many ask of the same cluster, with particles of their own, as the shards
-                of a search; each does its part of the work.
+            beams: by which the poses were weighed.
+            sharers: number of callers that correct the same cluster, as the shards of a search
+                do; each does its part of the work.
         """
 
 
@@ -184,16 +184,15 @@ def usable_beams(
 ) -> NDArray[np.int64]:
     """Choose the beams to score: the valid ones, thinned evenly.
 
-    Invalid beams (not finite, not positive, `range_max_m` or longer) go first, so that a scan
-    with many drop-outs still gives as many beams as it can.
+    Invalid beams are not finite, not positive, or `range_max_m` or longer.
 
     Args:
         ranges: (n,) [m].
-        range_max_m: a reading this long is no return [m].
-        max_beams: at most so many are chosen.
+        range_max_m: a reading of this range or longer is no return [m].
+        max_beams: largest number of beams.
 
     Returns:
-        (B,) increasing indices into `ranges`; empty where no beam is valid.
+        (B,) increasing indices into `ranges`; empty if no beam is valid.
 
     Raises:
         ValueError: `max_beams` is not positive.
@@ -201,7 +200,7 @@ def usable_beams(
     if max_beams < 1:
         raise ValueError(f"max_beams must be positive, not {max_beams}")
     ranges = np.asarray(ranges)
-    # What is not finite is not below the range, be it infinite itself.
+    # NaN and infinity fail this comparison even if `range_max_m` is infinite.
     valid = ((ranges > 0.0) & (ranges < range_max_m)).nonzero()[0]
     if len(valid) <= max_beams:
         return valid
@@ -217,7 +216,7 @@ def points_in_robot(
     Args:
         ranges: (B,) [m].
         angles: (B,) directions in the laser's frame [rad].
-        robot_from_laser: (3,) where the laser sits on the robot.
+        robot_from_laser: (3,) pose of the laser on the robot.
 
     Returns:
         (B, 2) points [m].
@@ -234,7 +233,7 @@ def points_in_robot(
 
 
 def ground_log_penalty(map_from_robot: Poses, grid: Grid, log_penalty: float) -> LogWeights:
-    """What each particle pays for the ground it stands on.
+    """Penalise particles where no robot can stand.
 
     Args:
         map_from_robot: (N, 3) poses.

@@ -23,7 +23,7 @@ def model_class(name: str) -> type[SensorModel]:
 
 
 def computed_model(grid: Grid, settings: SensorSettings) -> SensorModel:
-    """The model of a map, computed anew.
+    """Compute the model of a map.
 
     Raises:
         ValueError: the map has no obstacle.

@@ -1,7 +1,7 @@
-"""The numbers of the filter: one frozen structure a part, every field with its unit and meaning.
+"""The settings of the filter: one frozen structure for each part, with units and meanings.
 
-They travel inside every job that the coordinator hands out, so that all workers of a robot
-filter alike. The defaults are one set for all buildings and recordings.
+Every work order carries them, so all workers of a robot use the same. The defaults are one set
+for all buildings and recordings.
 """
 
 from functools import lru_cache
@@ -40,7 +40,7 @@ def _check_model(kind: Kind, name: str, own: tuple[str, ...]) -> None:
 
 
 class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How far odometry errs (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
+    """Noise of odometry (Probabilistic Robotics, table 5.6 and its omnidirectional twin)."""
 
     model: Annotated[
         str,
@@ -69,13 +69,11 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 0.1
     slip_probability: Annotated[
         float,
-        described(
-            "that the robot has slipped or been pushed back, where scans fit badly", ge=0, le=0.5
-        ),
+        described("probability of a slip or a push, where scans fit badly", ge=0, le=0.5),
     ] = 0.05
     slip_below_fit: Annotated[
         float,
-        described("slips are thought of where the best particle fits worse", "nat/beam"),
+        described("slips are tried if the best particle fits worse", "nat/beam"),
     ] = 0.5
 
     def __post_init__(self) -> None:
@@ -83,13 +81,14 @@ class MotionSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a scan is weighed against the map."""
+    """The sensor model."""
 
     model: Annotated[
         str, described("sensor model", form='"likelihood_field", "beam" or an installed one')
     ] = "likelihood_field"
     scan_likelihood_exponent: Annotated[
-        float, described("multiplies a scan's log-likelihood: beams are not independent", gt=0)
+        float,
+        described("multiplies a scan's log-likelihood, because beams are not independent", gt=0),
     ] = 0.1
     max_beams: Annotated[
         int, described("valid beams used of one scan, spread evenly", gt=0, le=65_536)
@@ -99,11 +98,10 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     ] = 30.0
     hit_sigma_m: Annotated[float, described("spread of a hit around an obstacle", "m", gt=0)] = 0.15
     hit_weight: Annotated[float, described("share of beams that hit the map", gt=0, le=1)] = 0.75
-    random_weight: Annotated[
-        float, described("share of beams explained by nothing", gt=0, le=1)
-    ] = 0.25
+    random_weight: Annotated[float, described("share of random beams", gt=0, le=1)] = 0.25
     short_weight: Annotated[
-        float, described("beam model: share of beams cut short by what is not in the map", ge=0)
+        float,
+        described("beam model: share of beams cut short by objects that are not in the map", ge=0),
     ] = 0.1
     max_weight: Annotated[float, described("beam model: share of beams without return", ge=0)] = (
         0.05
@@ -112,23 +110,27 @@ class SensorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float, described("beam model: decay of short readings", "1/m", gt=0)
     ] = 0.3
     max_obstacle_distance_m: Annotated[
-        float, described("likelihood field: farther from an obstacle is as far", "m", gt=0)
+        float,
+        described("likelihood field: larger distances to an obstacle count as this one", "m", gt=0),
     ] = 2.0
     visibility_particles: Annotated[
-        int, described("particles of a cluster whose rays are followed; 0: none", ge=0, le=100_000)
+        int,
+        described(
+            "particles of a cluster that check beams for occlusion; 0: none", ge=0, le=100_000
+        ),
     ] = 50
     visibility_beam_stride: Annotated[
-        int, described("each follows one beam of so many, the next particle the next one", gt=0)
+        int, described("each of them checks every n-th beam", gt=0)
     ] = 5
     occlusion_weight: Annotated[
-        float, described("share of it that is taken back; the map may be wrong", ge=0, le=1)
+        float, described("share of the score of occluded beams that the evidence loses", ge=0, le=1)
     ] = 0.1
     occlusion_tolerance: Annotated[
-        float, described("what hidden ends may have been given before it counts", "nat/beam", ge=0)
+        float, described("score of occluded beams that is tolerated", "nat/beam", ge=0)
     ] = 0.1
     not_free_log_penalty: Annotated[
         float,
-        described("log-weight of a particle on occupied or unknown ground, each step", le=0),
+        described("log-weight of a particle on occupied or unknown ground, at each step", le=0),
     ] = -1.0
 
     def __post_init__(self) -> None:
@@ -143,25 +145,29 @@ class ClusterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     ] = 2000
     view_distance_m: Annotated[
         float,
-        described("after such a way a scan tells anew where in a cluster; 0: always", "m", ge=0),
+        described(
+            "distance after which a scan is new information about the pose in a cluster; 0: always",
+            "m",
+            ge=0,
+        ),
     ] = 0.2
-    view_turn_rad: Annotated[float, described("or after such a turn", "rad", gt=0)] = 0.4
+    view_turn_rad: Annotated[float, described("turn after which it is", "rad", gt=0)] = 0.4
     resample_below_ess: Annotated[
         float,
-        described("redraw when effective sample size / particles is under this", gt=0, le=1),
+        described("resample if effective sample size / particles is below this", gt=0, le=1),
     ] = 0.9
     min_particles: Annotated[
         int, described("particles of one tracked cluster, at least", gt=0, le=1_000_000)
     ] = 500
     split_every_steps: Annotated[
         int,
-        described(
-            "a cluster that has fallen apart splits, looked for so often; 0: never", "steps", ge=0
-        ),
+        described("interval at which clusters in several parts are split; 0: never", "steps", ge=0),
     ] = 0
     split_min_share: Annotated[
         float,
-        described("share of a cluster's weight that a part needs to stand alone", gt=0, le=0.5),
+        described(
+            "share of a cluster's weight that a part needs to become a cluster", gt=0, le=0.5
+        ),
     ] = 0.2
 
 
@@ -169,16 +175,17 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Global MCL: the bootstrap and the periodic restart (section 4 of the paper)."""
 
     heading_step_rad: Annotated[
-        float, described("from one heading of the first grid to the next", "rad", gt=0, le=0.5)
+        float,
+        described("distance between headings in the search of the first scan", "rad", gt=0, le=0.5),
     ] = 0.035
     margin: Annotated[
-        float, described("poses that are worse than the best by more are left out", "nat", gt=0)
+        float, described("poses worse than the best by more than this are left out", "nat", gt=0)
     ] = 12.0
     poses: Annotated[
         int, described("poses kept after the first scan, over all shards", gt=0, le=50_000_000)
     ] = 100_000
     shards: Annotated[
-        int, described("independent shares a search is cut into, whatever the workers", gt=0, le=64)
+        int, described("independent parts of a search, whatever the number of workers", gt=0, le=64)
     ] = 4
     max_steps: Annotated[
         int,
@@ -193,18 +200,21 @@ class SearchSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float, described("a search ends when its best places hold this share", gt=0, le=1)
     ] = 0.98
     source_radius_m: Annotated[
-        float, described("points this near a cluster's source point belong to it", "m", gt=0)
+        float,
+        described("points of a cluster are within this distance of its source point", "m", gt=0),
     ] = 1.0
-    source_heading_rad: Annotated[float, described("and this near in heading", "rad", gt=0)] = 0.5
+    source_heading_rad: Annotated[
+        float, described("and within this difference in heading", "rad", gt=0)
+    ] = 0.5
     hand_over_particles: Annotated[
-        int, described("particles of a place that a shard hands over", gt=0, le=100_000)
+        int, described("particles of a place in a shard's report", gt=0, le=100_000)
     ] = 150
-    places: Annotated[int, described("places that a shard tells, at most", gt=0, le=10_000)] = 256
+    places: Annotated[int, described("places in a shard's report, at most", gt=0, le=10_000)] = 256
     places_with_particles: Annotated[
-        int, described("of them with particles to be tracked from", gt=0, le=10_000)
+        int, described("places of them with particles", gt=0, le=10_000)
     ] = 64
     min_place_share: Annotated[
-        float, described("a place with a smaller share of the search is not reported", ge=0, le=1)
+        float, described("places with a smaller share of the search are not reported", ge=0, le=1)
     ] = 0.0001
     regions: Annotated[
         str,
@@ -234,75 +244,77 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     least_probability: Annotated[
         float,
         described(
-            "places less probable do not enter, clusters less probable leave; 0: none does",
+            "places below this probability do not enter, clusters below it are dropped; 0: none",
             ge=0,
             le=1,
         ),
     ] = 0.0001
     transition_probability: Annotated[
-        float, described("share of the belief spread over all clusters each step", ge=0, le=1)
+        float, described("share of the belief spread over all clusters at each step", ge=0, le=1)
     ] = 0.0001
     view_distance_m: Annotated[
         float,
-        described("after such a way a scan is a new view of the building; 0: always", "m", ge=0),
+        described(
+            "distance after which a scan is a new view of the building; 0: always", "m", ge=0
+        ),
     ] = 0.8
-    view_turn_rad: Annotated[float, described("or after such a turn", "rad", gt=0)] = 1.6
+    view_turn_rad: Annotated[float, described("turn after which it is", "rad", gt=0)] = 1.6
     evidence_noise: Annotated[
-        float, described("Monte Carlo error of what tells places apart", "nat", ge=0)
+        float,
+        described("Monte Carlo error of the difference in evidence between places", "nat", ge=0),
     ] = 0.3
     evidence_misfit: Annotated[
         float,
-        described(
-            "half of what tells places apart counts where all misfit by this", "nat/beam", gt=0
-        ),
+        described("residual at which differences between places count half", "nat/beam", gt=0),
     ] = 0.25
     kidnapping_probability: Annotated[
         float,
-        described("that the robot is lifted elsewhere, each step; 0: it never is", ge=0, lt=1),
+        described("probability of a kidnapping at each step; 0: never", ge=0, lt=1),
     ] = 0.001
     off_map_probability: Annotated[
         float,
         described(
-            "that the robot is not on the map, at first and where it is lifted; 0: never",
+            "prior probability that the robot is not on the map, also after a kidnapping; 0: never",
             ge=0,
             lt=1,
         ),
     ] = 0.05
     elsewhere_poses: Annotated[
-        int, described("poses all over the map that a scan is weighed at", gt=0, le=1_000_000)
+        int, described("poses all over the map at which a scan is weighed", gt=0, le=1_000_000)
     ] = 2048
     lost_probability: Annotated[
-        float, described("lost when the robot is elsewhere with so much", gt=0, le=1)
+        float,
+        described("state `lost` above this probability of elsewhere and off the map", gt=0, le=1),
     ] = 0.5
     newcomer_probability: Annotated[
         float,
-        described("weight beside the belief that a search has at least at its end", ge=0, le=0.5),
+        described(
+            "least weight of a search's places, relative to the belief, at its end", ge=0, le=0.5
+        ),
     ] = 0.003
-    grace_steps: Annotated[
-        int, described("a newcomer is not replaced before so many steps", "steps", ge=0)
-    ] = 15
+    grace_steps: Annotated[int, described("minimum lifetime of a new cluster", "steps", ge=0)] = 15
     merge_every_steps: Annotated[
-        int, described("overlapping clusters are looked for every so many steps", "steps", gt=0)
+        int, described("interval at which overlapping clusters are merged", "steps", gt=0)
     ] = 5
     merge_distance_m: Annotated[
-        float, described("clusters with means this near are one", "m", gt=0)
+        float, described("clusters merge if their means are within this distance", "m", gt=0)
     ] = 0.5
-    merge_heading_rad: Annotated[float, described("and with headings this near", "rad", gt=0)] = (
-        0.35
-    )
+    merge_heading_rad: Annotated[
+        float, described("and within this difference in heading", "rad", gt=0)
+    ] = 0.35
     search_every_steps: Annotated[
-        int, described("a new global search starts so many steps after the last", "steps", gt=0)
+        int, described("interval from one global search to the next", "steps", gt=0)
     ] = 150
     localized_probability: Annotated[
-        float, described("the best place is called the pose from here on", gt=0, le=1)
+        float, described("state `localized` from this probability of the best place on", gt=0, le=1)
     ] = 0.9
     set_pose_probability: Annotated[
-        float, described("probability of a pose that a person gives", gt=0, le=1)
+        float, described("probability of a pose that a user sets", gt=0, le=1)
     ] = 0.95
 
 
 class FilterSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """All numbers that decide what the filter answers, besides the seed."""
+    """All settings of the filter."""
 
     seed: Annotated[int, described("seed of all random numbers", ge=0)] = 0
     motion: MotionSettings = MotionSettings()
@@ -316,11 +328,11 @@ SectionT = TypeVar("SectionT", bound=msgspec.Struct)
 
 
 def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
-    """A section of the settings with what is live in place of its values.
+    """Return a section of the settings with live values in place of its own.
 
     Args:
-        section: as the process was started.
-        live: has fields of the same names; None where nothing was changed.
+        section: as at the start of the process.
+        live: has fields of the same names; None: not changed.
     """
     values = {name: getattr(live, name, None) for name in section.__struct_fields__}
     changed = {name: value for name, value in values.items() if value is not None}
@@ -329,6 +341,6 @@ def section_with(section: SectionT, live: msgspec.Struct) -> SectionT:
 
 @lru_cache(maxsize=8)
 def filter_with(settings: FilterSettings, live: msgspec.Struct) -> FilterSettings:
-    """The filter's numbers with those that are live."""
+    """Return the filter's settings with live values."""
     motion, sensor = section_with(settings.motion, live), section_with(settings.sensor, live)
     return msgspec.structs.replace(settings, motion=motion, sensor=sensor)

@@ -1,4 +1,4 @@
-"""Long computations in slices of a millisecond or two: what is more urgent comes in between."""
+"""Long computations in slices of a millisecond or two, so that urgent work can come between."""
 
 from collections.abc import Generator, Iterator
 from typing import TypeAlias, TypeVar
@@ -6,12 +6,12 @@ from typing import TypeAlias, TypeVar
 T = TypeVar("T")
 
 Slices: TypeAlias = Generator[None, None, T]
-"""Computes up to where it may be interrupted each time, and returns what came out in the end."""
+"""A generator that yields where it may be interrupted, and returns its result."""
 
 SLICE_WORK = 2**20
-"""Of one slice, in look-ups of a table; where slices end changes no result."""
+"""Work of one slice [table look-ups]; results do not depend on it."""
 CALL_WORK = 2**15
-"""What a handful of calls of numpy costs, however little they have to do."""
+"""Overhead of a few numpy calls [table look-ups]."""
 
 
 class WorkMeter:
@@ -21,7 +21,7 @@ class WorkMeter:
         self._done = 0
 
     def spend(self, work: int) -> Iterator[None]:
-        """So much more has been done [look-ups]; yields once if the slice is over."""
+        """Add work [look-ups]; yields once if the slice is over."""
         self._done += work + CALL_WORK
         if self._done >= SLICE_WORK:
             self._done = 0

@@ -1,4 +1,4 @@
-"""Where a robot was at any time: poses in the order of their times, and those in between."""
+"""Poses by time, and interpolation between them."""
 
 import math
 from bisect import bisect_left, insort
@@ -11,9 +11,9 @@ PoseTuple: TypeAlias = tuple[float, float, float]
 """x [m], y [m], heading [rad]."""
 
 MAX_EXTRAPOLATION_NS = 250_000_000
-"""Where end poses do not hold, the motion beside them is taken to last this long [ns]."""
+"""The motion at either end is extrapolated for at most this time [ns]."""
 MAX_LATE_NS = 1_000_000_000
-"""A pose this much older than the newest shows that the clock was set back [ns]."""
+"""A pose older than the newest by more than this shows that the clock was set back [ns]."""
 
 _MAX_BLIND_NS = 2_000_000_000
 _MAX_BLIND_M, _MAX_BLIND_RAD = 1.0, 1.0
@@ -25,10 +25,10 @@ class Trajectory:
     """Poses by time.
 
     Args:
-        most: poses kept, the newest; None: all.
-        every_ns: poses closer together than this are thinned; the newest is always kept [ns].
-        held_ns: the first pose holds this long before it, and the last after it [ns]. None: there
-            the motion goes on instead, for `MAX_EXTRAPOLATION_NS`.
+        most: number of poses kept, the newest; None: all.
+        every_ns: poses closer in time than this are thinned; the newest is always kept [ns].
+        held_ns: time for which the first pose holds before it, and the last after it [ns]. None:
+            the motion is extrapolated instead, for `MAX_EXTRAPOLATION_NS`.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Trajectory:
         return len(self._poses)
 
     def add(self, stamp_ns: int, pose: PoseTuple) -> None:
-        """Keep a pose; one that is a little late finds its place."""
+        """Add a pose, which may be a little late."""
         poses = self._poses
         if poses and stamp_ns < poses[-1][0] - MAX_LATE_NS:
             poses.clear()
@@ -52,7 +52,7 @@ class Trajectory:
             del poses[0]
 
     def clear(self) -> None:
-        """Forget everything: what comes is of another time."""
+        """Remove all poses."""
         self._poses.clear()
 
     @property
@@ -61,7 +61,7 @@ class Trajectory:
         return self._poses[0][0] if self._poses else None
 
     def reaches(self, stamp_ns: int) -> bool:
-        """Whether a pose of this time or later is known."""
+        """Return whether there is a pose of this time or later."""
         return bool(self._poses) and self._poses[-1][0] >= stamp_ns
 
     @property
@@ -70,14 +70,11 @@ class Trajectory:
         return self._poses[-1][0] if self._poses else None
 
     def pose_at(self, stamp_ns: int) -> PoseTuple | None:
-        """The pose at a time.
-
-        At the time of a pose it is exactly that pose, of several the first. In between it is
-        interpolated, the heading the short way round.
+        """Return the pose at a time, interpolated; of several poses with this time the first.
 
         Returns:
-            None where nothing is known: too far outside, or in a gap of more than 2 s in which
-            the robot moved by more than 1 m or 1 rad. Across a longer gap it may stand.
+            None if the time is too far outside, or in a gap of more than 2 s in which the robot
+            moved by more than 1 m or 1 rad.
         """
         poses = self._poses
         if not poses:
@@ -100,14 +97,14 @@ class Trajectory:
 
 
 def _interpolated(start: PoseTuple, end: PoseTuple, share: float) -> PoseTuple:
-    """The pose at a share of the way; beyond 0 and 1 the motion goes on."""
+    """Interpolate between two poses; a share beyond 0 to 1 extrapolates."""
     x = start[0] + share * (end[0] - start[0])
     y = start[1] + share * (end[1] - start[1])
     return x, y, wrap_angle(start[2] + share * wrap_angle(end[2] - start[2]))
 
 
 def _bridgeable(before_ns: int, start: PoseTuple, after_ns: int, end: PoseTuple) -> bool:
-    """Whether what was between two poses can be told: the gap is short, or the robot stayed."""
+    """Return whether poses between two can be interpolated: a short gap, or little motion."""
     if after_ns - before_ns <= _MAX_BLIND_NS:
         return True
     moved_m = math.hypot(end[0] - start[0], end[1] - start[1])

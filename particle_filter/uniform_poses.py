@@ -1,4 +1,4 @@
-"""Poses spread evenly over the free space of a map, fresh ones at every step."""
+"""Poses spread evenly over the free space of a map, new ones at every step."""
 
 import math
 
@@ -12,7 +12,7 @@ from particle_filter.sensor_model import Grid
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _CELLS_KEPT = 65_536
 _STRIP_ROWS = 512
-"""A map is read in strips: its free cells, all at once, could fill the memory."""
+"""A map is read in strips, because the indices of all free cells could fill the memory."""
 
 
 class UniformPoses:
@@ -20,7 +20,7 @@ class UniformPoses:
 
     Args:
         grid: the map.
-        rng: chooses the cells that are drawn from, once; poses lie anywhere within them.
+        rng: chooses at most 65,536 free cells; poses lie anywhere within them.
 
     Raises:
         ValueError: the map has no free cell.
@@ -31,7 +31,7 @@ class UniformPoses:
         self._rows, self._cols = _spread_cells(grid, rng)
 
     def draw(self, count: int, rng: np.random.Generator) -> Poses:
-        """(count, 3) poses in the map: each stratum of the free cells gives one."""
+        """Draw (count, 3) poses, one from each stratum of the free cells."""
         x, y, heading = self._grid.map_from_grid.tolist()
         numbers = self._grid.cell_m, x, y, heading, rng.random()
         return _spread(self._rows, self._cols, rng.random((count, 3)), numbers)
@@ -44,7 +44,7 @@ def _spread(
     uniform: NDArray[np.float64],
     numbers: tuple[float, ...],
 ) -> Poses:
-    """Numbers: side of a cell, the grid's pose in the map, where headings begin in [0, 1)."""
+    """Numbers: side of a cell, the grid's pose in the map, first heading in turns."""
     cell_m, x, y, heading, begin = numbers
     count, c, s = len(uniform), math.cos(heading), math.sin(heading)
     poses = np.empty((count, 3))
@@ -62,7 +62,7 @@ def _spread(
 def _spread_cells(
     grid: Grid, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows and columns of free cells, evenly spread over all of them, in the order of the map."""
+    """Return rows and columns of free cells, spread evenly over all free cells."""
     strips = range(0, len(grid.cells), _STRIP_ROWS)
     counts = [
         int(np.count_nonzero(grid.cells[first : first + _STRIP_ROWS] == FREE)) for first in strips
