@@ -357,6 +357,9 @@ class ClusterSet:
         fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
         misfits = [misfit(best, self.sensor) for best in fit.tolist()]
+        if self._rules.off_map_probability > 0.0:
+            # Errors of a crude map favour a wrong place as often as the true one.
+            new_view /= 1.0 + self.quality.crude
         return np.array([share_that_counts(new_view, each, self._rules) for each in misfits])
 
     def _fit_beside_people(self, report: TrackReport) -> float:

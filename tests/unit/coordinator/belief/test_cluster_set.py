@@ -17,6 +17,7 @@ from coordinator.belief.cluster_set import (
     news_of,
 )
 from particle_filter.evidence_model import misfit, through_beam_loss
+from particle_filter.off_map import MapQuality
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
 from protocol.message import PoseTuple
@@ -190,6 +191,15 @@ def test_beams_cut_short_raise_elsewhere_only_where_no_people_were_seen_before(
         report = replace(told(likelihood)["c0"], beam_classes=beams)
         made.weigh({"c0": report}, elsewhere, new_view=0.25, news=0.9)
     assert (made.elsewhere > 0.5) is is_alarmed
+
+
+def test_in_a_crude_map_half_of_what_tells_places_apart_counts() -> None:
+    clear, crude = (first(0.5, 0.5, off_map_probability=0.05) for _ in range(2))
+    clear.quality, crude.quality = MapQuality(crude=1e-6), MapQuality(crude=1.0 - 1e-6)
+    for made in (clear, crude):
+        made.weigh(told(math.exp(2.0), 1.0))
+    odds = [math.log(a.probability / b.probability) for a, b in (clear.all(), crude.all())]
+    assert odds == pytest.approx([2.0, 1.0], abs=0.001)
 
 
 def test_places_are_told_apart_among_people_where_the_other_beams_fit() -> None:
