@@ -40,7 +40,7 @@ from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import Scan, mirrored
 from recordings.map_file import load_map
-from robot_simulator.lidar import LidarModel
+from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world

@@ -26,12 +26,11 @@ from protocol.message import PoseTuple
 from protocol.pose_arrays import covariance_matrix
 from protocol.steps import Scan
 from protocol.work import Place
-from robot_simulator.lidar import LidarModel
+from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
-from robot_simulator.worlds.canvas import Canvas
 from robot_simulator.worlds.halls import hall_symmetric
 from robot_simulator.worlds.office import office
-from robot_simulator.worlds.world import World
+from robot_simulator.worlds.world import Canvas, World
 from sensor_bridge.step_maker import StepMaker
 from worker.map_model import sensor_model
 

@@ -12,9 +12,8 @@ from protocol.message import PoseTuple
 from protocol.steps import LaserReading, OdometryReading
 from robot_simulator import people as walkers
 from robot_simulator.free_space import FreeSpace
-from robot_simulator.lidar import Lidar, LidarModel
-from robot_simulator.odometer import Odometer
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
+from robot_simulator.sensors import Lidar, LidarModel, Odometer
 from robot_simulator.worlds.world import World
 
 _PIECE_NS = 50_000_000

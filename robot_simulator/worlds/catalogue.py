@@ -1,10 +1,9 @@
 """All worlds by name."""
 
-from robot_simulator.worlds.cross import cross, cross_feature
 from robot_simulator.worlds.eight_rooms import eight_rooms
 from robot_simulator.worlds.halls import hall, hall_last_year, hall_moved, hall_symmetric
 from robot_simulator.worlds.office import office
-from robot_simulator.worlds.rooms import gates, rectangle
+from robot_simulator.worlds.rooms import cross, cross_feature, gates, rectangle
 from robot_simulator.worlds.world import UnknownWorldError, World
 
 _WORLDS = {

@@ -9,8 +9,7 @@ from math import hypot
 import numpy as np
 
 from protocol.message import PoseTuple
-from robot_simulator.worlds.canvas import Canvas
-from robot_simulator.worlds.world import World
+from robot_simulator.worlds.world import Canvas, World
 
 COLUMNS, ROWS = 4, 2
 PLACES = COLUMNS * ROWS

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from robot_simulator.worlds.canvas import Canvas
-from robot_simulator.worlds.world import World
+from robot_simulator.worlds.world import Canvas, World
 
 _WIDTH_M, _HEIGHT_M = 26.0, 18.0
 _START = (-8.0, -4.5, 0.0)

@@ -3,8 +3,7 @@
 import numpy as np
 
 from particle_filter.arrays import FREE
-from robot_simulator.worlds.canvas import CELL_M, Canvas
-from robot_simulator.worlds.world import Waypoint, World
+from robot_simulator.worlds.world import CELL_M, Canvas, Waypoint, World
 
 _ROOM_M = (4.8, 5.8)
 """Width along the corridor, and depth [m]."""

@@ -2,7 +2,10 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from grid_maps.grid_map import GridMap
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import ClusterMclError
 from protocol.message import PoseTuple
 
@@ -44,3 +47,65 @@ class World:
 def world_from_map(grid_map: GridMap, name: str = "map") -> World:
     """Return a world that equals its map, with a random start and no route."""
     return World(name=name, summary="as its map shows it", map=grid_map, truth=grid_map)
+
+
+CELL_M = 0.05
+_WALL_CELLS = 3
+
+
+class Canvas:
+    """A grid of unknown cells; its middle is the map's origin.
+
+    Edges are rounded to cell boundaries, so a plan drawn with its mirror image is symmetric
+    cell by cell.
+    """
+
+    def __init__(self, width_m: float, height_m: float) -> None:
+        self.cells: Cells = np.full(
+            (2 * round(height_m / 2 / CELL_M), 2 * round(width_m / 2 / CELL_M)),
+            UNKNOWN,
+            dtype=np.int8,
+        )
+
+    def floor(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
+        """Make a rectangle free [m]."""
+        self._fill(FREE, x_min, y_min, x_max, y_max)
+
+    def block(self, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
+        """Make a rectangle occupied [m]."""
+        self._fill(OCCUPIED, x_min, y_min, x_max, y_max)
+
+    def add_walls(self) -> None:
+        """Make unknown cells near free cells occupied."""
+        free = np.pad(self.cells == FREE, _WALL_CELLS)
+        near = np.zeros_like(self.cells, dtype=bool)
+        for rows in range(2 * _WALL_CELLS + 1):
+            for cols in range(2 * _WALL_CELLS + 1):
+                height, width = near.shape
+                near |= free[rows : rows + height, cols : cols + width]
+        self.cells[near & (self.cells == UNKNOWN)] = OCCUPIED
+
+    def repeat_turned(self, times: int) -> None:
+        """Add copies of the drawing, rotated by multiples of 1 / `times` of a full turn."""
+        drawn = self.cells.copy()
+        for quarters in range(4 // times, 4, 4 // times):
+            turned = np.rot90(drawn, quarters)
+            added = turned != UNKNOWN
+            self.cells[added] = turned[added]
+
+    def add(self, furniture: "Canvas") -> None:
+        """Copy the occupied cells of another canvas."""
+        self.cells[furniture.cells == OCCUPIED] = OCCUPIED
+
+    def grid_map(self) -> GridMap:
+        rows, cols = self.cells.shape
+        origin = (-cols / 2 * CELL_M, -rows / 2 * CELL_M, 0.0)
+        return GridMap(cells=self.cells, cell_m=CELL_M, map_from_grid=origin)
+
+    def _fill(self, value: int, x_min: float, y_min: float, x_max: float, y_max: float) -> None:
+        rows, cols = self.cells.shape
+        left, right = (round(x / CELL_M) + cols // 2 for x in (x_min, x_max))
+        low, high = (round(y / CELL_M) + rows // 2 for y in (y_min, y_max))
+        if left < 0 or low < 0 or right > cols or high > rows or left >= right or low >= high:
+            raise ValueError(f"({x_min}, {y_min}, {x_max}, {y_max}) m is not on the sheet")
+        self.cells[low:high, left:right] = value

@@ -20,7 +20,7 @@ from PIL import Image
 from clustermcl.client import Client
 from particle_filter.arrays import FREE, OCCUPIED
 from process_runtime.settings import Settings
-from robot_simulator.lidar import LidarModel
+from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.worlds.catalogue import world
 from tests.integration.security.certificates import require_openssl

@@ -10,10 +10,9 @@ from hypothesis import strategies as st
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
 from recordings.map_file import load_map
-from robot_simulator.free_space import FreeSpace
-from robot_simulator.odometer import Odometer
-from robot_simulator.roadmap import NoRoomError
+from robot_simulator.free_space import FreeSpace, NoRoomError
 from robot_simulator.robot import RADIUS_M, Drive, Robot, driven
+from robot_simulator.sensors import Odometer
 from robot_simulator.worlds.catalogue import world
 from tests.unit.recordings import recording_or_skip
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from grid_maps.grid_map import GridMap
 from robot_simulator import robot
 from robot_simulator.free_space import FreeSpace
-from robot_simulator.lidar import Lidar, LidarModel
 from robot_simulator.people import RADIUS_M, People
+from robot_simulator.sensors import Lidar, LidarModel
 from robot_simulator.simulation import Simulation, Tick
 from robot_simulator.worlds.catalogue import world
 from robot_simulator.worlds.world import world_from_map

@@ -12,9 +12,8 @@ from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from robot_simulator.free_space import FreeSpace
 from robot_simulator.robot import RADIUS_M
 from robot_simulator.simulation import Simulation, Tick
-from robot_simulator.worlds.canvas import Canvas
 from robot_simulator.worlds.catalogue import world, world_names
-from robot_simulator.worlds.world import UnknownWorldError, World, world_from_map
+from robot_simulator.worlds.world import Canvas, UnknownWorldError, World, world_from_map
 from tests.unit.robot_simulator.looks import beams_that_touch, unlike_when_turned
 
 

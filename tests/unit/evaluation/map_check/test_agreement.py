@@ -15,7 +15,7 @@ from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple
 from protocol.steps import Scan, mirrored
-from robot_simulator.lidar import LidarModel
+from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from robot_simulator.worlds.catalogue import world
