@@ -11,7 +11,7 @@ import msgspec
 from coordinator.coordinator import Coordinator
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint
 from coordinator.recorder.records import EventTold, Happened, Head, happened, happened_to
-from coordinator.recorder.ring import EVENT, HEAD, files_in, series_of
+from coordinator.recorder.ring import EVENTS, HEAD, files_in, series_of
 from coordinator.recorder.snapshot import thaw
 from protocol.answers import Belief
 from protocol.codec import encode
@@ -165,11 +165,12 @@ def _entries(log: LogFile, version: str) -> Iterator[Head | _Entry]:
     for number, message in enumerate(log.messages()):
         if number == 0:
             yield _head(log.path, message, version)
-        elif message.topic == EVENT:
-            if entry is not None:
-                entry.is_followed = True
-                yield entry
-            entry = _Entry(_unpacked(log.path, message, _EVENTS))
+        elif message.topic == EVENTS:
+            for told in _unpacked(log.path, message, _EVENTS):
+                if entry is not None:
+                    entry.is_followed = True
+                    yield entry
+                entry = _Entry(told)
         elif entry is not None and message.topic == BELIEF:
             entry.is_followed = True
             entry.beliefs.append(decoded(message, Belief, log.path))
@@ -185,7 +186,7 @@ T = TypeVar("T")
 
 _VERSIONS = msgspec.msgpack.Decoder(_Version)
 _HEADS = msgspec.msgpack.Decoder(Head)
-_EVENTS = msgspec.msgpack.Decoder(EventTold)
+_EVENTS = msgspec.msgpack.Decoder(list[EventTold])
 
 
 def _head(path: Path, message: LogMessage, version: str) -> Head:

@@ -16,7 +16,7 @@ from recordings.run_log import RunLog
 FILES = 10
 """A full ring has this number of files."""
 MAX_FILE_BYTES = 8_000_000
-HEAD, EVENT = "/coordinator/head", "/coordinator/event"
+HEAD, EVENTS = "/coordinator/head", "/coordinator/events"
 """Topics next to those of `recordings.run_log`."""
 _NAME = re.compile(r"(\d{17,20})-(\d{6})\.(?:mcap|flight)")
 """Files of the second kind are of older versions: they are not read, and make room."""

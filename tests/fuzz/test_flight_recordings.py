@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from coordinator.recorder.records import EventTold, Head
 from coordinator.recorder.replay import replayed
-from coordinator.recorder.ring import EVENT, HEAD, files_in
+from coordinator.recorder.ring import EVENTS, HEAD, files_in
 from live_view.recorded_run import RecordedRun
 from protocol.errors import RecordingError
 from recordings.run_log import LogFile, LogMessage, RunLog
@@ -42,9 +42,10 @@ def recording() -> tuple[bytes, list[LogMessage]]:
 
 
 def parts() -> tuple[Head, list[EventTold]]:
-    head, *events = (m.data for m in recording()[1] if m.topic in (HEAD, EVENT))
-    decode = msgspec.msgpack.Decoder(EventTold).decode
-    return msgspec.msgpack.decode(head, type=Head), [decode(event) for event in events]
+    head, *batches = (m.data for m in recording()[1] if m.topic in (HEAD, EVENTS))
+    decode = msgspec.msgpack.Decoder(list[EventTold]).decode
+    events = [event for batch in batches for event in decode(batch)]
+    return msgspec.msgpack.decode(head, type=Head), events
 
 
 def replay(folder: Path) -> int:

@@ -11,7 +11,7 @@ from coordinator.instructions import Instruction
 from coordinator.recorder.flight_recorder import FlightRecorder
 from coordinator.recorder.records import EventTold, Head, Started
 from coordinator.recorder.replay import Believed, Happening, replayed
-from coordinator.recorder.ring import EVENT, HEAD, Ring, files_in
+from coordinator.recorder.ring import EVENTS, HEAD, Ring, files_in
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief
@@ -40,8 +40,9 @@ def head(version: str = VERSION) -> Head:
 def events_in(folder: Path) -> list[Event]:
     """All that were written, in order."""
     messages = (message for file in files_in(folder) for message in LogFile(file).messages())
-    decode = msgspec.msgpack.Decoder(EventTold).decode
-    return [decode(message.data).event for message in messages if message.topic == EVENT]
+    decode = msgspec.msgpack.Decoder(list[EventTold]).decode
+    batches = [decode(message.data) for message in messages if message.topic == EVENTS]
+    return [told.event for batch in batches for told in batch]
 
 
 def write_file(path: Path, head: Head | msgspec.Raw, *events: EventTold | msgspec.Raw) -> None:
@@ -49,7 +50,7 @@ def write_file(path: Path, head: Head | msgspec.Raw, *events: EventTold | msgspe
     with RunLog(path) as log:
         log.write(HEAD, head, 0, packed=True)
         for event in events:
-            log.write(EVENT, event, 1, packed=True)
+            log.write(EVENTS, [event], 1, packed=True)
 
 
 class RecordedCoordinator:
