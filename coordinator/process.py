@@ -16,8 +16,8 @@ from coordinator.replica import NewestState, Replica
 from coordinator.state_file import StateKeeper, read
 from particle_filter.settings import FilterSettings
 from process_runtime.main import Invocation, process_main
-from process_runtime.settings import CoordinatorSettings, Settings
-from process_runtime.state_folder import default_state_folder
+from process_runtime.settings import Settings
+from process_runtime.state_folder import state_folder
 from protocol import keys
 from protocol.errors import AlreadyRunningError
 from zenoh_link.metrics import metrics_served
@@ -98,7 +98,7 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
         known: what other coordinators have published.
     """
     settings = invocation.settings
-    folder, robot = state_folder(settings.coordinator), settings.robot.name
+    folder, robot = state_folder(settings.coordinator.state_folder), settings.robot.name
     started = Started(
         sender=invocation.process,
         filter_settings=filter_settings(settings),
@@ -118,18 +118,6 @@ def lead(invocation: Invocation, loop: Loop, known: NewestState) -> None:
         _log.warning(
             "another coordinator acts since term %d: stepping down", coordinator.outranked_by
         )
-
-
-def state_folder(settings: CoordinatorSettings) -> Path | None:
-    """Where the state is kept; None for nowhere."""
-    named = settings.state_folder
-    if named == "off":
-        return None
-    try:
-        return Path(named).expanduser() if named else default_state_folder()
-    except RuntimeError as error:  # a service without a home
-        _log.warning("the state is not kept: %s; set coordinator.state_folder", error)
-        return None
 
 
 def recorder_ring(settings: Settings, series: int) -> Ring | None:

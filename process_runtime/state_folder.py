@@ -1,7 +1,10 @@
 """Where processes keep state that outlives them."""
 
+import logging
 import os
 from pathlib import Path
+
+_log = logging.getLogger(__name__)
 
 
 def default_state_folder() -> Path:
@@ -12,3 +15,18 @@ def default_state_folder() -> Path:
     """
     base = os.environ.get("XDG_STATE_HOME")
     return (Path(base) if base else Path.home() / ".local" / "state") / "clustermcl"
+
+
+def state_folder(named: str) -> Path | None:
+    """Return the folder that `coordinator.state_folder` names; None: no state is kept.
+
+    Args:
+        named: a folder, ``off``, or empty for the default.
+    """
+    if named == "off":
+        return None
+    try:
+        return Path(named).expanduser() if named else default_state_folder()
+    except RuntimeError as error:  # a service without a home
+        _log.warning("the state is not kept: %s; set coordinator.state_folder", error)
+        return None

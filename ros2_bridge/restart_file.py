@@ -15,7 +15,7 @@ from urllib.parse import quote
 import msgspec
 
 from process_runtime.settings import Settings
-from process_runtime.state_folder import default_state_folder
+from process_runtime.state_folder import state_folder
 from ros2_bridge.bond import TIMEOUT_S
 from ros2_bridge.lifecycle import State
 
@@ -90,12 +90,8 @@ def restart_file(settings: Settings, node: str) -> RestartFile:
         settings: of all processes.
         node: its full name.
     """
-    named = settings.coordinator.state_folder
-    if named == "off":
-        return RestartFile(None)
-    try:
-        folder = Path(named).expanduser() if named else default_state_folder()
-    except RuntimeError:  # a service without a home
+    folder = state_folder(settings.coordinator.state_folder)
+    if folder is None:
         return RestartFile(None)
     name = quote(f"{settings.robot.name}-{settings.ros2.domain_id}{node}", safe="")
     return RestartFile(folder / f"ros2-{name}.json")

@@ -1,11 +1,12 @@
 """What every process does at Zenoh: a session, an inbox, and one loop that takes from it."""
 
 import logging
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from concurrent.futures import Future
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -99,7 +100,6 @@ class Node:
         self._on_link: Callable[[Link], object] = self.on_other
         self._health_publisher: Publisher | None = None
         self._unanswered: deque[Callable[[], None]] = deque()
-        self._background = ThreadPoolExecutor(1, thread_name_prefix="background")
         self.declare(lambda session: watch_link(session, self.inbox))
 
     def open(self, wait_s: float | None = None) -> zenoh.Session:
@@ -113,11 +113,13 @@ class Node:
             SettingsError: the endpoint or the robot's name is invalid.
             StoppedError: the stop flag was set before there was a router.
         """
-        zenoh_settings, robot = self._settings.zenoh, self._settings.robot
         with ExitStack() as opening:
-            session = opening.enter_context(open_session(zenoh_settings, robot, self.stop, wait_s))
+            session = opening.enter_context(self._opening(wait_s))
             self._use(session, opening.pop_all())
         return session
+
+    def _opening(self, wait_s: float | None) -> AbstractContextManager[zenoh.Session]:
+        return open_session(self._settings.zenoh, self._settings.robot, self.stop, wait_s)
 
     def close(self) -> None:
         self._opened.close()
@@ -201,7 +203,7 @@ class Node:
         self._on_link = handler
 
     def announce(self, key: str) -> None:
-        """Hold a liveliness token until the session is closed."""
+        """Declare a liveliness token, which ends with the session."""
         self.declare(lambda session: self._tokens.append(session.liveliness().declare_token(key)))
 
     def publisher(self, key: str, *, may_wait: bool = False) -> Publisher:
@@ -269,12 +271,18 @@ class Node:
         query()
 
     def in_background(self, work: Callable[[], T], on_done: Callable[[Future[T]], object]) -> None:
-        """Run `work` in a thread, after earlier work; call `on_done` in a later turn."""
+        """Run `work` in a thread of its own; call `on_done` in a later turn."""
+        future: Future[T] = Future()
 
-        def done(future: Future[T]) -> None:
+        def run() -> None:
+            try:
+                future.set_result(work())
+            except Exception as error:  # noqa: BLE001 - raised again in the loop, by `result`
+                future.set_exception(error)
             self.inbox.put_own(Call(partial(on_done, future)))
 
-        self._background.submit(work).add_done_callback(done)
+        # A daemon: a stopped process does not wait for a large map.
+        threading.Thread(target=run, name="background", daemon=True).start()
 
     # --- the loop
 
@@ -309,7 +317,8 @@ class Node:
             self.causes.warn(_log, error.cause, error, time.monotonic())
 
     def _handle(self, event: object) -> None:
-        if isinstance(event, Received | Asked | Token | Link):
+        is_call = isinstance(event, Call) and event.from_peer
+        if is_call or isinstance(event, Received | Asked | Token | Link):
             self._stale.on_event(event, time.monotonic_ns())
         match event:
             case None:
@@ -323,8 +332,6 @@ class Node:
             case Link():
                 self._on_link(event)
             case Call():
-                if event.from_peer:
-                    self._stale.on_event(event, time.monotonic_ns())
                 event.act()
             case _:
                 self.on_other(event)
@@ -338,17 +345,11 @@ class Node:
         return self._stale.is_armed and self._replace_session()
 
     def _replace_session(self) -> bool:
-        """Open another session; keep it if it sees peers, which the present one does not hear."""
+        """Open another session; keep it if it sees peers."""
         if self.peers is None:
             return False
-        zenoh_settings, robot = self._settings.zenoh, self._settings.robot
-        with ExitStack() as opening:
-            try:
-                session = opening.enter_context(
-                    open_session(zenoh_settings, robot, self.stop, LOOK_S)
-                )
-            except UnreachableError:
-                return False
+        with ExitStack() as opening, suppress(UnreachableError):
+            session = opening.enter_context(self._opening(LOOK_S))
             if is_alive(session, self.peers, LOOK_S):
                 _log.warning(STALE)
                 self._use(session, opening.pop_all())

@@ -1,15 +1,10 @@
 """Detects a session that receives nothing after its link came back."""
 
-from process_runtime.settings import RobotSettings, ZenohSettings
-from process_runtime.stop import StopFlag
-from protocol.errors import UnreachableError
-from zenoh_link.session import open_session
-from zenoh_link.wire import Link, Token, is_alive
+from zenoh_link.wire import Link, Token
 
 STALE_NS = 10_000_000_000
 """A session with peers receives something within this time [ns]."""
 STALE = "the link came back and nothing comes through it: opening another"
-_LOOK_S = 1.0
 
 
 class StaleSessionDetector:
@@ -52,12 +47,3 @@ class StaleSessionDetector:
             return False
         self._back_ns = now_ns
         return True
-
-
-def is_there(settings: ZenohSettings, robot: RobotSettings, stop: StopFlag, key: str) -> bool:
-    """Return whether a second session sees a liveliness token; False if none can be opened."""
-    try:
-        with open_session(settings, robot, stop, wait_s=_LOOK_S) as session:
-            return is_alive(session, key, _LOOK_S)
-    except UnreachableError:
-        return False

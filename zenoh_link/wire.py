@@ -79,8 +79,6 @@ class Link:
 
 Event: TypeAlias = Received | Asked | Token | Link
 Events: TypeAlias = Inbox[Event]
-EventSink: TypeAlias = Inbox[Any]
-"""An inbox whose loop also reads other events."""
 
 
 class Publisher:
@@ -117,7 +115,7 @@ class Publisher:
 
 
 def subscribe(
-    session: zenoh.Session, key: str, inbox: EventSink, kind: str, *, own: bool = True
+    session: zenoh.Session, key: str, inbox: Inbox[Any], kind: str, *, own: bool = True
 ) -> None:
     """Put messages published on `key` into the inbox, as states of one kind.
 
@@ -153,7 +151,7 @@ class Unread:
     """
 
     def __init__(
-        self, session: zenoh.Session | None, key: str, inbox: EventSink, kind: str, count: int
+        self, session: zenoh.Session | None, key: str, inbox: Inbox[Any], kind: str, count: int
     ) -> None:
         self._key, self._inbox, self._kind, self._count = key, inbox, kind, count
         self._subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]] | None = None
@@ -173,7 +171,7 @@ class Unread:
                 yield sample.payload.to_bytes()
 
 
-def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
+def serve(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
     """Put queries on `key` into the inbox; refuse them at once while it is full.
 
     The queryable is not declared complete: of several complete ones a router queries only one,
@@ -195,7 +193,7 @@ def serve(session: zenoh.Session, key: str, inbox: EventSink) -> None:
     session.declare_queryable(key, on_query)
 
 
-def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
+def watch(session: zenoh.Session, key: str, inbox: Inbox[Any]) -> None:
     """Put changes of liveliness tokens on `key` into the inbox, existing tokens first."""
 
     def on_token(sample: zenoh.Sample) -> None:
@@ -204,7 +202,7 @@ def watch(session: zenoh.Session, key: str, inbox: EventSink) -> None:
     session.liveliness().declare_subscriber(key, on_token, history=True)
 
 
-def watch_link(session: zenoh.Session, inbox: EventSink) -> None:
+def watch_link(session: zenoh.Session, inbox: Inbox[Any]) -> None:
     """Put changes of this session's link into the inbox, its present state first."""
 
     def on_transport(event: zenoh.TransportEvent) -> None:
