@@ -70,8 +70,8 @@ class FlowControl:
     def wants_standing_step(self, now_ns: int) -> bool:
         """Whether a scan of a standing robot should become a step.
 
-        A robot that is switched on, told to search, or given another map should not have to
-        drive before it is localized. A new map needs several steps: the coordinator follows none
+        A robot that is switched on, is to search, or gets another map should not have to drive
+        before it is localized. A new map needs several steps: the coordinator follows none
         for a single scan.
         """
         unknown = self._searching and self._decided_step >= self._step

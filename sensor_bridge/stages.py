@@ -125,7 +125,7 @@ class OutlierFilter:
 
     Args:
         clock: knows the newest stamp of the readings used.
-        lasers: known so far.
+        lasers: the known ones.
         dropped: counts dropped readings by cause.
     """
 

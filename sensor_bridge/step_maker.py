@@ -42,7 +42,7 @@ class MotionGate:
         """Scans that would have passed."""
 
     def open_next(self) -> None:
-        """Let the next scan through, however little the robot has moved."""
+        """Open for the next scan, however little the robot has moved."""
         self._is_open = True
 
     def reset(self) -> None:

@@ -23,7 +23,9 @@ from soak_test.listener import Listener, Received
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
+from tests.integration.sensor_bridge.robot import Robot, walled_map
 from tests.integration.waiting import wait_until
+from tests.unit.recordings.logs import ORIGIN, laser_reading
 from zenoh_link.node import Node
 from zenoh_link.session import open_session
 from zenoh_link.stale_session import STALE
@@ -148,6 +150,26 @@ def test_a_process_that_receives_nothing_next_to_others_opens_another_session(
         comes_back([token], detour, here, nowhere)
     assert process.is_running()
     assert STALE in process.err
+
+
+def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
+    detour: Detour,
+    here: zenoh.Session,
+    nowhere: zenoh.Session,
+    start_process: StartProcess,
+    tmp_path: Path,
+) -> None:
+    router = ("--set", f"zenoh.router={detour.settings.router}")
+    arguments = ("--source", "zenoh", "--map", str(walled_map(tmp_path)))
+    start_process(python_module("sensor_bridge", *arguments, *router))
+    wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S), 60.0)
+    robot = Robot(here)
+    robot.publish(laser_reading(1.0, ORIGIN))
+    wait_until(robot.steps, 60.0)
+    before = robot.steps()
+    with here.liveliness().declare_token(keys.COORDINATOR_ALIVE):
+        comes_back([keys.BRIDGE_ALIVE], detour, here, nowhere)
+    assert robot.steps() == before
 
 
 def test_the_soak_opens_another_session_when_its_own_is_stale(
