@@ -17,7 +17,7 @@ PALETTE = (
 """As in `palette.js`."""
 _FREE_RGB, _OCCUPIED_RGB, _UNKNOWN_RGB = (255, 255, 255), (42, 50, 59), (227, 230, 234)
 _SCAN, _INK = "#c0262d", "#1a2027"
-_LONG_SIDE_PX = 1400
+LONG_SIDE_PX = 1400
 _MARGIN_PX = 24
 _FINER = 2
 """Drawn larger by this factor and then reduced, for smooth edges."""
@@ -36,14 +36,17 @@ class _View(NamedTuple):
         return (x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m
 
 
-def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image.Image:
+def drawn_picture(
+    grid_map: MapMessage, step: Mapping[str, Any] | None, long_side_px: int = LONG_SIDE_PX
+) -> Image.Image:
     """Draw the whole map, and a step's places, scan and true pose.
 
     Args:
         grid_map: with at most 4,096 cells a side.
         step: the frame of a step; None: there is none yet.
+        long_side_px: of the map; symbols and labels keep their size.
     """
-    view, size = _view_of(grid_map)
+    view, size = _view_of(grid_map, long_side_px)
     canvas = Image.new("RGB", size, _UNKNOWN_RGB)
     _paste_map(canvas, grid_map, view)
     draw = ImageDraw.Draw(canvas, "RGBA")
@@ -60,7 +63,7 @@ def drawn_picture(grid_map: MapMessage, step: Mapping[str, Any] | None) -> Image
 
 def extent_m(grid_map: MapMessage) -> tuple[float, float, float, float]:
     """Return left, right, lower and upper edge of a map's picture [m]."""
-    view, (width, height) = _view_of(grid_map)
+    view, (width, height) = _view_of(grid_map, LONG_SIDE_PX)
     right_m = view.left_m + width / view.px_per_m
     return view.left_m, right_m, view.top_m - height / view.px_per_m, view.top_m
 
@@ -73,10 +76,10 @@ def _corners(grid_map: MapMessage) -> list[tuple[float, float]]:
     return [(x0 + c * a - s * b, y0 + s * a + c * b) for a, b in sides]
 
 
-def _view_of(grid_map: MapMessage) -> tuple[_View, tuple[int, int]]:
+def _view_of(grid_map: MapMessage, long_side_px: int) -> tuple[_View, tuple[int, int]]:
     xs, ys = zip(*_corners(grid_map), strict=True)
     long_m = max(max(xs) - min(xs), max(ys) - min(ys))
-    px_per_m = _FINER * _LONG_SIDE_PX / long_m
+    px_per_m = _FINER * long_side_px / long_m
     margin = _FINER * _MARGIN_PX
     view = _View(min(xs) - margin / px_per_m, max(ys) + margin / px_per_m, px_per_m)
     right, bottom = view.at(max(xs), min(ys))
