@@ -11,7 +11,7 @@ from particle_filter.arrays import LogWeights, Pose, Poses
 from particle_filter.kernels import kernel, plain, read_only, to_cells
 from particle_filter.likelihood_field import LikelihoodField
 from particle_filter.pyramid import Pyramid
-from particle_filter.ray_casting import JumpField, cast_fan, checked_jumps, jump_field
+from particle_filter.ray_casting import JumpField, cast_ray, checked_jumps, flat, jump_field
 from particle_filter.sensor_model import Beams, Grid, LaserScan, MapArrays, usable_beams
 from particle_filter.settings import SensorSettings
 
@@ -165,9 +165,7 @@ def _summed_logs(
 ) -> LogWeights:
     cell_m, c, s, x0, y0 = grid
     max_cells = mixture[6] / cell_m
-    total = np.zeros(len(poses))
-    rays, lengths = np.empty((3, len(beams))), np.empty(len(beams))
-    rays[2, :] = max_cells
+    total, ahead = np.zeros(len(poses)), flat(jumps)
     for i in range(len(poses)):
         ch, sh = cos(poses[i, 2]), sin(poses[i, 2])
         x = poses[i, 0] + ch * robot_from_laser[0] - sh * robot_from_laser[1]
@@ -177,11 +175,10 @@ def _summed_logs(
         sh = sin(poses[i, 2] + robot_from_laser[2])
         ch, sh = (c * ch - s * sh) * cell_m, (s * ch + c * sh) * cell_m  # in the grid's frame
         for j in range(len(beams)):
-            rays[0, j] = ch * beams[j, 0] - sh * beams[j, 1]
-            rays[1, j] = sh * beams[j, 0] + ch * beams[j, 1]
-        cast_fan(jumps, col, row, rays, len(beams), lengths)
-        for j in range(len(beams)):
-            expected = min(lengths[j] * cell_m, mixture[6])
+            dx = ch * beams[j, 0] - sh * beams[j, 1]
+            dy = sh * beams[j, 0] + ch * beams[j, 1]
+            length = cast_ray(ahead, col, row, dx, dy, max_cells)
+            expected = min(length * cell_m, mixture[6])
             total[i] += log(beam_density(beams[j, 2], expected, mixture))
     return total
 

@@ -113,124 +113,17 @@ def _cast_all(
     directions: Points,
     max_range_m: float,
 ) -> NDArray[np.float64]:
-    ranges = np.empty((len(poses), len(directions)))
-    rays = np.empty((3, len(directions)))
-    rays[2, :] = max_range_m / cell_m
+    ranges, ahead = np.empty((len(poses), len(directions))), flat(jumps)
+    max_cells = max_range_m / cell_m
     for i in range(len(poses)):
         x, y = poses[i, 0] / cell_m, poses[i, 1] / cell_m
         c, s = cos(poses[i, 2]), sin(poses[i, 2])
         for j in range(len(directions)):
-            rays[0, j] = c * directions[j, 0] - s * directions[j, 1]
-            rays[1, j] = s * directions[j, 0] + c * directions[j, 1]
-        cast_fan(jumps, x, y, rays, len(directions), ranges[i])
-        for j in range(len(directions)):
-            ranges[i, j] = min(ranges[i, j] * cell_m, max_range_m)
+            dx = c * directions[j, 0] - s * directions[j, 1]
+            dy = s * directions[j, 0] + c * directions[j, 1]
+            cells = cast_ray(ahead, x, y, dx, dy, max_cells)
+            ranges[i, j] = min(cells * cell_m, max_range_m)
     return ranges
-
-
-@kernel
-def cast_fan(
-    jumps: JumpField,
-    x: float,
-    y: float,
-    rays: NDArray[np.float64],
-    count: int,
-    lengths: NDArray[np.float64],
-) -> None:
-    """Follow rays from one point; called by kernels, with all lengths in cells.
-
-    The rays advance in turns, one jump each: a jump depends on the ray's last one, so the processor
-    works on the other rays meanwhile.
-
-    Args:
-        jumps: `jump_field` of the map.
-        x: start, columns from the grid's low corner.
-        y: start, rows from the grid's low corner.
-        rays: (3, R) dx along the columns, dy along the rows, and the length at which each ray
-            ends, in units of its direction.
-        count: number of rays to follow, from the first on.
-        lengths: (R,) output: the length to the boundary of the first occupied cell, or infinite.
-    """
-    flat, height, width = jumps.reshape(-1), np.int32(jumps.shape[1]), np.int32(jumps.shape[2])
-    dx, dy = rays[0], rays[1]
-    floats, integers, on_the_way, active = _departures(jumps, x, y, rays, count, lengths)
-    per_x, per_y, rim_x, rim_y, until = floats[0], floats[1], floats[2], floats[3], floats[4]
-    col, row, plane = integers[0], integers[1], integers[2]
-    step_x, step_y = integers[3], integers[4]
-    while active > 0:
-        left = 0
-        for k in range(np.uintp(active)):
-            i = on_the_way[k]
-            at_col, at_row = col[i], row[i]
-            side = np.int32(flat[np.uintp(plane[i] + at_row * width + at_col)])
-            if side == 0:
-                continue  # it has arrived
-            next_col, next_row = at_col + step_x[i] * side, at_row + step_y[i] * side
-            t_x, t_y = (next_col + rim_x[i]) * per_x[i], (next_row + rim_y[i]) * per_y[i]
-            across = t_x < t_y
-            t = t_x if across else t_y
-            # Into the next cell across the square's border; along the border it stays within the
-            # square in spite of rounding.
-            most = np.int32(side - 1)
-            on_col = min(max(np.int32(x + t * dx[i]), at_col - most), at_col + most)
-            on_row = min(max(np.int32(y + t * dy[i]), at_row - most), at_row + most)
-            to_col = np.int32(next_col if across else on_col)
-            to_row = np.int32(on_row if across else next_row)
-            off = np.uintp(to_col) >= np.uintp(width) or np.uintp(to_row) >= np.uintp(height)
-            if off or t > until[i]:
-                lengths[i] = np.inf
-                continue
-            lengths[i], col[i], row[i] = t, to_col, to_row
-            on_the_way[np.uintp(left)] = i
-            left += 1
-        active = left
-
-
-@kernel
-def _departures(
-    jumps: JumpField,
-    x: float,
-    y: float,
-    rays: NDArray[np.float64],
-    count: int,
-    lengths: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.uintp], int]:
-    """Compute where rays enter the grid, and the constants of their jumps.
-
-    Arguments as for `cast_fan`.
-
-    Returns:
-        (5, R) reciprocals of dx and dy, distances from a column and a row to a border, length of
-        the ray; (5, R) column, row, start of the ray's quadrant in `jumps`, and the signs of dx
-        and dy; (R,) the rays that meet the grid, and their number. Unsigned indices are never
-        negative, so they take a third less time.
-    """
-    rows, cols = jumps.shape[1], jumps.shape[2]
-    floats, integers = np.empty((5, count)), np.empty((5, count), np.int32)
-    on_the_way, active = np.empty(count, np.uintp), 0
-    inside = 0.0 <= x < cols and 0.0 <= y < rows
-    for i in range(count):
-        dx, dy, until, t = rays[0, i], rays[1, i], rays[2, i], 0.0
-        if not inside:
-            t, leaves = span_in_grid(x, y, dx, dy, float(cols), float(rows))
-            until = min(leaves, until)
-            if t > until:
-                lengths[i] = np.inf
-                continue
-        lengths[i] = t
-        right, up = dx >= 0.0, dy >= 0.0
-        floats[0, i] = 1.0 / dx if dx != 0.0 else np.inf
-        floats[1, i] = 1.0 / dy if dy != 0.0 else np.inf
-        floats[2, i], floats[3, i] = (0 if right else 1) - x, (0 if up else 1) - y
-        floats[4, i] = until
-        # Clamp before int(), which truncates towards zero: -0.3 is not in column 0.
-        integers[0, i] = int(min(max(floor(x + t * dx), 0.0), cols - 1.0))
-        integers[1, i] = int(min(max(floor(y + t * dy), 0.0), rows - 1.0))
-        integers[2, i] = ((2 if up else 0) + (1 if right else 0)) * rows * cols
-        integers[3, i], integers[4, i] = 1 if right else -1, 1 if up else -1
-        on_the_way[active] = i
-        active += 1
-    return floats, integers, on_the_way, active
 
 
 @kernel
@@ -261,9 +154,7 @@ def flat(jumps: JumpField) -> FlatJumps:
 
 @kernel
 def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: float) -> float:
-    """Follow one ray to the first occupied cell; called by kernels, with all lengths in cells.
-
-    `cast_fan` is faster for many rays that are all followed to their ends.
+    """Follow a ray to the first occupied cell; called by kernels, with all lengths in cells.
 
     Args:
         jumps: `flat` of the map's jump field.
@@ -274,8 +165,7 @@ def cast_ray(jumps: FlatJumps, x: float, y: float, dx: float, dy: float, until: 
         until: length at which the ray ends, in units of its direction.
 
     Returns:
-        The length to the boundary of the first occupied cell, bit for bit as from `cast_fan`;
-        infinite if nothing is hit.
+        The length to the boundary of the first occupied cell; infinite if nothing is hit.
     """
     squares, height, width = jumps
     length = 0.0

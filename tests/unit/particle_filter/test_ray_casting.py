@@ -8,7 +8,13 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Cells
-from particle_filter.ray_casting import cast_rays_from_poses, checked_jumps, jump_field
+from particle_filter.ray_casting import (
+    cast_ray,
+    cast_rays_from_poses,
+    checked_jumps,
+    flat,
+    jump_field,
+)
 from tests.unit.particle_filter import naive_rays
 from tests.unit.particle_filter.naive_rays import cast_rays
 
@@ -150,3 +156,11 @@ def test_a_jump_field_that_fits_the_map_can_not_be_changed() -> None:
 def test_jumps_of_another_type_or_map_are_refused(jumps: NDArray[np.generic]) -> None:
     with pytest.raises(ValueError, match="expected uint8"):
         checked_jumps(jumps, np.zeros((3, 5), np.int8))
+
+
+def test_minus_zero_is_no_direction() -> None:
+    cells = np.ones((5, 7), np.int8)
+    cells[1:-1, 1:-1] = 0
+    rays = np.array([[1.0, -0.0], [-1.0, -0.0], [-0.0, 1.0], [-0.0, -1.0]])
+    lengths = [cast_ray(flat(jump_field(cells)), 2.5, 2.5, *ray, 9.0) for ray in rays]
+    assert lengths == [3.5, 1.5, 1.5, 1.5]

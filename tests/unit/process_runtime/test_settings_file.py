@@ -85,7 +85,8 @@ def test_settings_written_as_toml_are_read_back_the_same(
 
 @given(name=st.sampled_from(sorted(TABLE)), data=st.data())
 def test_every_setting_can_be_given_on_the_command_line(name: str, data: st.DataObject) -> None:
-    value = data.draw(values_of(TABLE[name]).filter(lambda v: str(v) == str(v).strip()))
+    # Blanks around a value are not part of it, and tf's frames have no slash in front.
+    value = data.draw(values_of(TABLE[name]).filter(lambda v: str(v) == str(v).strip().lstrip("/")))
     section, _, key = name.rpartition(".")
     text = str(value).lower() if isinstance(value, bool) else str(value)
     if isinstance(value, str) and text.startswith(('"', "'")):
