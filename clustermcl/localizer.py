@@ -202,7 +202,7 @@ class ClusterMCL(RobotCommands):
             settings=_filter_settings(self._settings),
             filter=filter_state,
             odometry=self._maker.odometry or (scan.stamp_ns, scan.odom_from_robot),
-            commands=self._commands.state(),
+            commands=self._commands.state,
         )
         write_output_file(Path(file), msgspec.msgpack.encode(state))
 
@@ -230,8 +230,7 @@ class ClusterMCL(RobotCommands):
         self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
-        self._commands, self._odometry = Commands(), recent_odometry()
-        self._commands.restore(state.commands)
+        self._commands, self._odometry = Commands(state.commands), recent_odometry()
         self._odometry.add(*state.odometry)
         self._told(resumed.ensemble.again(scan.step, ()), scan)
 

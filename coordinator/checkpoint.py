@@ -40,7 +40,7 @@ SUM_TOLERANCE = 1e-6
 
 
 def ensemble_problem(state: EnsembleState, applied: Scan | None) -> str | None:
-    """Why nobody can have believed this after the step `applied`; None where one can."""
+    """Return why no coordinator can have had this belief after the step `applied`, if so."""
     if state.clusters and applied is None:
         return "no cluster can be tracked before the first step"
     if problem := items_problem(state.clusters) or first_problem(
@@ -150,7 +150,7 @@ def counts_problem(counts: Iterable[int]) -> str | None:
 
 
 def _count_problem(name: str, count: int) -> str | None:
-    """Why a coordinator cannot have counted so far, or could not count on from there."""
+    """Return why a coordinator cannot have this count, or could not continue from it."""
     full = f"{name} {count} leaves no room to count on" if count >= MAX_COUNT else None
     return number_problem(name, count) or full
 
@@ -169,7 +169,7 @@ def _search_problem(state: SearchState, searches: int, applied: Scan | None) -> 
         number_problem("search", state.search)
         or number_problem("first step", state.first_step, least=-1)
         or items_problem(state.evidence.gathered)
-        or first_problem(map(_gathered_problem, state.evidence.gathered))
+        or first_problem(map(_gathered_problem, state.evidence.gathered.items()))
         or (None if 0.0 <= state.evidence.explained <= 1.0 else "a search that explains too much")
         or (None if 0.0 <= state.progress <= 1.0 else "a search beyond its end")
         or _elsewhere_problem(state.evidence.log_elsewhere)
@@ -290,7 +290,7 @@ class CheckpointState(msgspec.Struct, frozen=True):
     """Of the applied scan when this was written, by a live robot's stamps, else of the newest data;
     -1: none."""
     age_known: bool
-    """Whether who wrote it has heard data itself; else nobody knows how old it is."""
+    """Whether its coordinator has received data itself; otherwise the age is unknown."""
     steps_applied: int
     reports_missing: int
     counters: dict[str, int]
@@ -349,9 +349,9 @@ def _problem(state: CheckpointState) -> str | None:
 
 
 def arrival(checkpoint: Checkpoint, heard_ns: int) -> tuple[int, int] | None:
-    """The stamp of the applied scan, and when it arrived, by the clock of `heard_ns` [ns].
+    """Return the stamp of the applied scan, and when it arrived, by the clock of `heard_ns` [ns].
 
-    None where the state tells of no live robot's scan, or cannot be read.
+    None if no live robot's scan was applied, or the state cannot be read.
     """
     try:
         state = _AGES.decode(checkpoint.state)

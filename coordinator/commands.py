@@ -19,9 +19,8 @@ from protocol.errors import printable
 from protocol.message import Covariance, PoseTuple
 from protocol.steps import Scan
 
-KEPT_COMMANDS = 100
-"""A command that is asked once more is answered as before, if it is one of the last."""
-HANDED_ON_COMMANDS = 20
+KEPT_COMMANDS = 20
+"""The answers of the last commands are kept, in case one is repeated."""
 
 
 class Commanded(msgspec.Struct, frozen=True):
@@ -36,32 +35,39 @@ class Commanded(msgspec.Struct, frozen=True):
 
 
 class CommandsState(msgspec.Struct, frozen=True):
-    """What has been commanded, as it is handed on."""
+    """What people have commanded; a part of the coordinator's state."""
 
-    problems: dict[str, str]
-    """The last commands' ids to the reason why each was refused; empty for one that was done."""
-    set_poses: int
-    """How many poses have been given; their random streams are numbered by it."""
+    problems: dict[str, str] = {}
+    """Ids of the last commands to the reason why each was refused; empty for one that was done."""
+    set_poses: int = 0
+    """How many poses have been given; it numbers their random streams."""
     waiting: Commanded | None = None
     """Came before the first step, or before the map, and is carried out after both."""
 
 
 class Commands:
-    """Carries out each command once, however often it is asked."""
+    """Carries out each command once, however often it is repeated."""
 
-    def __init__(self) -> None:
-        self._problems: dict[str, str] = {}
-        self._set_poses = 0
-        self._waiting: Commanded | None = None
+    def __init__(self, state: CommandsState = CommandsState()) -> None:  # noqa: B008 - frozen
+        self.state = state
+
+    def resume(self, state: CommandsState) -> None:
+        """Continue from another coordinator's state, and keep what only this one was commanded."""
+        self.state = replace(
+            state,
+            problems=self.state.problems | state.problems,
+            waiting=state.waiting or self.state.waiting,
+        )
 
     def problem(self, command_id: str) -> str | None:
-        """Why a command was refused, empty if it was done; None for one that is new."""
-        return self._problems.get(command_id)
+        """Return why a command was refused, empty if it was done; None for a new one."""
+        return self.state.problems.get(command_id)
 
     @property
     def forgets(self) -> bool:
         """Whether the first search is to begin without anything that was known before."""
-        return self._waiting is not None and isinstance(self._waiting.command, Relocalize)
+        waiting = self.state.waiting
+        return waiting is not None and isinstance(waiting.command, Relocalize)
 
     def carry_out(
         self,
@@ -73,28 +79,27 @@ class Commands:
     ) -> Outcome | None:
         """Do what is commanded, as of the last applied scan.
 
-        What comes before the first scan is remembered until `carry_out_waiting`, and so is a pose
-        that comes before the map; of several, the last counts.
+        A command before the first scan waits for `carry_out_waiting`, and so does a pose before the
+        map. Of several, the last counts.
 
         Args:
-            command: it has an id that is new.
-            ensemble: is told.
+            command: with a new id.
+            ensemble: carries it out.
             applied: the scan of the last step; None before the first.
-            odometry: tells how the robot moved since a pose was true.
+            odometry: the robot's motion since a pose was true.
             ground: where a robot can be; None: the map has not arrived yet.
 
         Returns:
-            None where nothing is done now: it waits, or is refused.
+            None if nothing is done now: the command waits, or is refused.
         """
         commanded, problem = _held(command, odometry, ensemble.settings.search.regions)
         problem = problem or _ground_problem(command, ground)
-        self._problems[command.command_id] = problem
-        while len(self._problems) > KEPT_COMMANDS:
-            del self._problems[next(iter(self._problems))]
+        self._remember(command, problem)
         if problem:
             return None
         if applied is None or not _can_be_judged(command, ground):
-            self._waiting = replace(commanded, during_search=ensemble.searches > 0)
+            waiting = replace(commanded, during_search=ensemble.searches > 0)
+            self.state = replace(self.state, waiting=waiting)
             return None
         return self._outcome(commanded, ensemble, applied)
 
@@ -112,12 +117,12 @@ class Commands:
         Returns:
             Why it is refused, where it is; None: there is nothing to do.
         """
-        waiting = self._waiting
+        waiting = self.state.waiting
         if waiting is None or not _can_be_judged(waiting.command, ground):
             return None
-        self._waiting = None
+        self.state = replace(self.state, waiting=None)
         if problem := _ground_problem(waiting.command, ground):
-            self._problems[waiting.command.command_id] = problem
+            self._remember(waiting.command, problem)
             return problem
         if isinstance(waiting.command, Relocalize) and not waiting.during_search:
             return None
@@ -130,7 +135,7 @@ class Commands:
             asked = commanded.command
             corners = parsed_regions(ensemble.settings.search.regions).get(asked.region, ())
             return ensemble.relocalize(applied.step, near=asked.near, corners=corners)
-        self._set_poses += 1
+        self.state = replace(self.state, set_poses=self.state.set_poses + 1)
         settings = ensemble.settings
         mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
         given = candidate(
@@ -139,22 +144,16 @@ class Commands:
             covariance,
             seed=settings.seed,
             purpose=Purpose.GIVEN_POSE,
-            entity=self._set_poses,
+            entity=self.state.set_poses,
             step=applied.step,
             odom_from_robot=applied.odom_from_robot,
         )
         return ensemble.set_pose(given)
 
-    def state(self) -> CommandsState:
-        """The last commands, to be handed on."""
-        recent = dict(list(self._problems.items())[-HANDED_ON_COMMANDS:])
-        return CommandsState(recent, self._set_poses, self._waiting)
-
-    def restore(self, state: CommandsState) -> None:
-        """Know what another coordinator was commanded."""
-        self._problems |= state.problems
-        self._set_poses = state.set_poses
-        self._waiting = state.waiting or self._waiting
+    def _remember(self, command: SetPose | Relocalize, problem: str) -> None:
+        known = self.state.problems | {command.command_id: problem}
+        recent = dict(list(known.items())[-KEPT_COMMANDS:])
+        self.state = replace(self.state, problems=recent)
 
 
 def _held(
@@ -203,8 +202,8 @@ def _at_step(
 ) -> tuple[PoseTuple, Covariance]:
     """A given pose, carried by odometry to the step after which it is tracked.
 
-    The motion there makes it less certain. What is told of now, after the step, is carried back
-    as it is: it gets its noise on the way forth.
+    The motion there makes it less certain. A pose given after the step is carried back without
+    noise: the next step adds it.
     """
     covariance = _covariance(given)
     if commanded.odom_from_robot is None:

@@ -1,7 +1,6 @@
-"""The coordinator's decisions: told what happened, answers what to send.
+"""The coordinator's decisions: events and the time in, instructions out.
 
-No network, no clock: events and the time come in, instructions go out, all of them plain objects.
-So a failure of a worker or a network is replayed in a unit test.
+No network and no clock, so a unit test can replay any failure of a worker or a network.
 """
 
 from collections import Counter
@@ -43,11 +42,11 @@ from protocol.steps import Scan
 from protocol.work import Checkpoint, OrderAnswer
 
 SIGN_OF_LIFE_NS = 400_000_000
-"""The checkpoint goes out again after so long, changed or not."""
+"""An unchanged state is published again after this time [ns]."""
 
 
 class CheckpointSeries:
-    """Makes checkpoints of states, and says when the last one goes out once more."""
+    """Numbers the states of one coordinator, and repeats the last one as a sign of life."""
 
     def __init__(self, sender: str) -> None:
         self._sender = sender
@@ -57,12 +56,12 @@ class CheckpointSeries:
     def next(
         self, state: bytes, *, term: int, step: int, founded: bool, now_ns: int
     ) -> PublishCheckpoint:
-        """Something has changed: others must know, before anybody acts upon it.
+        """Return a changed state, which is published before anything that follows from it.
 
         Args:
-            state: of the coordinator, as it travels.
+            state: of the coordinator, encoded.
             term: of the coordinator.
-            step: the last that was applied; -1: none.
+            step: the last one applied; -1: none.
             founded: see `Checkpoint`.
             now_ns: by the clock of all events.
         """
@@ -74,7 +73,7 @@ class CheckpointSeries:
         return PublishCheckpoint(self._last)
 
     def sign_of_life(self, now_ns: int) -> list[PublishCheckpoint]:
-        """The last checkpoint once more, where it is time."""
+        """Return the last state again, if it is due."""
         if self._last is None or now_ns - self._last_ns < SIGN_OF_LIFE_NS:
             return []
         self._last_ns = now_ns
@@ -82,7 +81,7 @@ class CheckpointSeries:
 
 
 class Answers:
-    """Makes messages of what the coordinator knows.
+    """Makes publications and answers of the coordinator's state.
 
     Args:
         sender: name of the process.
@@ -99,18 +98,16 @@ class Answers:
         self._started_ns = now_ns
 
     def pose(self, now_ns: int) -> PoseAnswer:
-        """Where the robot is now."""
         answer = self._state.pose.answer(now_ns, len(self._state.placement.delivery.workers))
         return msgspec.structs.replace(answer, term=self._term.number)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
-        """All places with their probabilities."""
         return Hypotheses(
             sender=self._sender, pose=self.pose(now_ns), hypotheses=self._state.pose.hypotheses()
         )
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
-        """How the system is; `counters` are those of the process around."""
+        """Return the status; `counters` are those of the process."""
         pose = self.pose(now_ns)
         return Status(
             sender=self._sender,
@@ -121,7 +118,7 @@ class Answers:
             scan_age_s=pose.scan_age_s,
             step=pose.step,
             steps_applied=self._state.steps_applied,
-            steps_lost=self._state.collector.steps_lost,
+            steps_lost=self._state.collector.state.steps_lost,
             reports_missing=self._state.reports_missing,
             map_digest=self._state.map_digest,
             clusters=len(self._state.ensemble.clusters),
@@ -137,13 +134,13 @@ class Answers:
         )
 
     def events(self) -> JobEvents:
-        """What has begun and ended of late, and why."""
+        """Return the last events of clusters and searches."""
         return self._told(self._state.event_log.all())
 
     def publication(self, now_ns: int) -> list[PublishEvents | PublishBelief]:
-        """What everybody is told after a step or a command; nothing before the first.
+        """Return what is published after a step or a command; nothing before the first step.
 
-        What has begun and ended is told before the belief it belongs to.
+        Events are published before the belief to which they belong.
         """
         belief = self._belief()
         if belief is None:
@@ -156,7 +153,7 @@ class Answers:
         return JobEvents(sender=self._sender, events=events, term=self._term.number)
 
     def _belief(self) -> Belief | None:
-        """What is believed after the last step or command; None before the first."""
+        """Return the belief after the last step or command; None before the first."""
         outcome, scan = self._state.outcome, self._state.collector.applied
         if outcome is None or scan is None:
             return None
@@ -164,11 +161,11 @@ class Answers:
 
 
 STEPS_AT_ONCE = 4
-"""More that are due wait for the next event: orders, answers and beliefs go out in between."""
+"""More steps wait for the next event, so that orders and answers are sent in between."""
 
 
 class Coordinator:
-    """All that the coordinator process decides."""
+    """Decides everything while the process recovers and leads; see `Replica`."""
 
     def __init__(
         self,
@@ -194,8 +191,8 @@ class Coordinator:
             now_ns: by the clock of all events.
             bridge: the bridge's, for its gate.
             term: see `Term`; raised above all that workers know.
-            known: a checkpoint that was heard before the workers are asked.
-            usual_delay_ns: see `PoseTracker.begin`; None: nobody knows, or the robot is not live.
+            known: the newest state received from another coordinator.
+            usual_delay_ns: see `PoseTracker.begin`; None: unknown, or the robot is not live.
             kept: a checkpoint from the file of this machine, which `state_in` accepts.
         """
         self._sender = sender
@@ -218,12 +215,12 @@ class Coordinator:
 
     @property
     def outranked_by(self) -> int | None:
-        """A higher term that somebody knows of: another coordinator acts, this one must not."""
+        """The higher term of another coordinator, which has deposed this one."""
         return self._term.outranked_by
 
     @property
     def map_digest(self) -> str:
-        """Of the map in which the robot is looked for; empty before the first scan."""
+        """Digest of the map in which the robot is localized; empty before the first scan."""
         return self._state.map_digest
 
     @property
@@ -233,13 +230,13 @@ class Coordinator:
 
     @property
     def begun(self) -> bool:
-        """Whether it knows enough to answer."""
+        """Whether recovery is over."""
         return self._term.begun
 
     def handle(  # noqa: PLR0911, PLR0912 - a branch for each event
         self, event: events.Event, now_ns: int
     ) -> list[Instruction]:
-        """Take in what happened, and say what to do about it, in this order.
+        """Take what happened; return what to do, in this order.
 
         Args:
             event: what happened.
@@ -291,7 +288,6 @@ class Coordinator:
     # --- what the robot does
 
     def _on_scan(self, scan: Scan, now_ns: int, *, fetched: bool = False) -> list[Instruction]:
-        """A step's scan arrived, or was fetched from the bridge's history."""
         state = self._state
         if not state.on_map(scan):
             return []
@@ -314,7 +310,7 @@ class Coordinator:
     def _on_stray_scan(
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
     ) -> list[Instruction]:
-        """A scan that does not go on with the count of steps, which ends with `newest`."""
+        """Handle a scan that does not continue the count of steps, which ends with `newest`."""
         if self.begun and not fetched and self._step_resets.starts_anew(scan, newest):
             self._step_resets.goes_on()
             self._state.count_anew(scan)
@@ -322,14 +318,14 @@ class Coordinator:
         return self._say_again(scan, now_ns)
 
     def _on_history(self, scans: Sequence[Scan], now_ns: int) -> list[Instruction]:
-        """Steps of the past; a coordinator without any begins with the newest of them."""
+        """Handle fetched scans; a coordinator without any begins with the newest of them."""
         if self.begun and not self._state.ensemble.searches:
             self._state.collector.begin_after(scans[-1].step - 1 if scans else -1)
             scans = scans[-1:]
         return [do for scan in scans for do in self._on_scan(scan, now_ns, fetched=True)]
 
     def _say_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
-        """A step that comes again waits for its belief, which may have been lost."""
+        """Publish the belief of a repeated step: the bridge waits, so it may have been lost."""
         applied = self._state.collector.applied
         if not scan.paced or applied is None or scan.step != applied.step:
             return []
@@ -338,14 +334,12 @@ class Coordinator:
     # --- what workers do
 
     def _on_worker_told(self, worker: str, told: events.Told, now_ns: int) -> list[Instruction]:
-        """A worker says what it does, and what the last coordinator had decided."""
         if worker not in self._state.placement.delivery:
             return []
         resumed = self._take_over.on_worker_told(worker, told, now_ns)
         return resumed + self._on_time_passed(now_ns)
 
     def _on_order_answered(self, worker: str, answer: OrderAnswer, now_ns: int) -> None:
-        """A worker took an order, or says why not."""
         if answer.problem:
             self._state.counters["order refused"] += 1  # the worker's log says why
         self._take_over.on_worker_term(answer.term, now_ns)
@@ -354,7 +348,7 @@ class Coordinator:
     # --- what others do
 
     def _on_command(self, command: SetPose | Relocalize, now_ns: int) -> list[Instruction]:
-        """Done once for each id; others know of it before it is answered."""
+        """Carry out a command once for each id; its effects are published before the answer."""
         instructions: list[Instruction] = []
         commands = self._state.commands
         if commands.problem(command.command_id) is None:
@@ -365,15 +359,15 @@ class Coordinator:
         return [*instructions, AnswerCommand(CommandDone(sender=self._sender, problem=problem))]
 
     def _on_map_arrived(self, ground: FreeGround, now_ns: int) -> list[Instruction]:
-        """A pose that waited for the map is believed or refused."""
+        """Accept or refuse a given pose that waited for the map."""
         believed = self._state.on_map_arrived(ground)
         published = self._answers.publication(now_ns) if believed else []
         return [*published, *self._on_time_passed(now_ns)]
 
     def _on_time_passed(self, now_ns: int) -> list[Instruction]:
-        """Apply the steps that are due and tell workers what is news to them.
+        """Apply the steps that are due, and send workers their orders.
 
-        What was decided goes out as a checkpoint before the orders and beliefs that follow from it.
+        A changed state is published before the orders and beliefs that follow from it.
         """
         if not self._linked or self.outranked_by is not None:
             return []
@@ -398,7 +392,7 @@ class Coordinator:
         return [*first, *(SendOrder(worker, order) for worker, order in orders), *instructions]
 
     def _checkpoint(self, now_ns: int, *, needed: bool) -> list[PublishCheckpoint]:
-        """What has been decided, where others need to know it now, or to know that we live."""
+        """Return the state if it changed, or as a sign of life."""
         if not needed:
             return self._checkpoints.sign_of_life(now_ns)
         state = self._state.hand_on(now_ns)
@@ -415,17 +409,15 @@ class Coordinator:
     # --- answers
 
     def pose(self, now_ns: int) -> PoseAnswer:
-        """Where the robot is now."""
         return self._answers.pose(now_ns)
 
     def hypotheses(self, now_ns: int) -> Hypotheses:
-        """All places with their probabilities."""
         return self._answers.hypotheses(now_ns)
 
     def events(self) -> JobEvents:
-        """What has begun and ended of late, and why."""
+        """Return the last events of clusters and searches."""
         return self._answers.events()
 
     def status(self, now_ns: int, counters: dict[str, int]) -> Status:
-        """How the system is; `counters` are those of the process around."""
+        """Return the status; `counters` are those of the process."""
         return self._answers.status(now_ns, counters)

@@ -1,7 +1,7 @@
-"""What a coordinator is told: plain facts, in the order in which they happened.
+"""Events of a coordinator: plain facts, in the order in which they happened.
 
-The loop at the rim makes them of messages, tokens and questions. Each can be written down and read
-again as MessagePack, so that a recorded run is replayed with just these objects.
+The loop makes them of messages, tokens and queries. They are recorded as MessagePack, and a replay
+uses the same objects.
 """
 
 from collections.abc import Iterable
@@ -98,13 +98,13 @@ class WorkerLeft(_Fact, frozen=True):
 
 
 class WorkerReturned(_Fact, frozen=True):
-    """A worker was away with our own link; it may have been started anew meanwhile."""
+    """A worker is visible again after our own link was lost; it may have been restarted."""
 
     worker: str
 
 
 class WorkerToldState(_Fact, frozen=True):
-    """A worker says what it does, and what the last coordinator had decided."""
+    """A worker answered a new coordinator's question."""
 
     worker: str
     told: Told
@@ -118,7 +118,7 @@ class OrderAnswered(_Fact, frozen=True):
 
 
 class TokenChanged(_Fact, frozen=True):
-    """A liveliness token appeared or vanished; see `Replica`, which says what it means."""
+    """A liveliness token appeared or vanished; `Replica` decides what follows from it."""
 
     worker: str | None
     """None: a coordinator's."""
@@ -146,7 +146,7 @@ class LinkBack(_Fact, frozen=True):
 
 
 class CommandArrived(_Fact, frozen=True):
-    """A person says where the robot is, or to search everywhere."""
+    """A person gives the robot's pose, or wants it to be searched for."""
 
     command: SetPose | Relocalize
 

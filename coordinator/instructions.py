@@ -1,4 +1,4 @@
-"""What the coordinator wants done; the rim carries it out."""
+"""What a leading coordinator wants done; `loop` carries it out."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from protocol.work import Checkpoint, TakeOver, WorkOrder
 
 @dataclass(frozen=True)
 class SendOrder:
-    """Ask a worker to follow an order."""
+    """Send a worker its order."""
 
     worker: str
     order: WorkOrder
@@ -17,7 +17,7 @@ class SendOrder:
 
 @dataclass(frozen=True)
 class AskState:
-    """Ask a worker what it does and what it knows of the coordinator before."""
+    """Query a worker for its jobs, its reports and the terms that it knows."""
 
     worker: str
     question: TakeOver
@@ -25,14 +25,14 @@ class AskState:
 
 @dataclass(frozen=True)
 class PublishCheckpoint:
-    """Let others keep what a coordinator after this one would need."""
+    """Publish the state, for followers and for the file."""
 
     checkpoint: Checkpoint
 
 
 @dataclass(frozen=True)
 class PublishBelief:
-    """Tell everybody what is believed."""
+    """Publish the belief, and the pose that follows from it."""
 
     belief: Belief
     pose: PoseAnswer
@@ -40,7 +40,7 @@ class PublishBelief:
 
 @dataclass(frozen=True)
 class PublishEvents:
-    """Tell everybody what has begun and ended."""
+    """Publish events of clusters and searches."""
 
     events: JobEvents
 
@@ -61,7 +61,7 @@ class FetchMap:
 
 @dataclass(frozen=True)
 class AnswerCommand:
-    """Tell the person who gave a command what came of it."""
+    """Answer the client that sent the command."""
 
     done: CommandDone
 

@@ -1,7 +1,7 @@
-"""Which worker has which job, and from where another could carry it on.
+"""Which worker has which job, and from which snapshot another could continue.
 
-A job has an epoch that rises each time it changes hands, so that a slow or resurrected worker
-cannot vote: its reports carry the old one.
+A job's epoch rises each time it changes hands. A slow or resurrected worker cannot vote: its
+reports carry the old epoch.
 """
 
 from collections.abc import Callable, Collection, Container, Iterable, Mapping
@@ -35,14 +35,15 @@ def balanced(
     workers: Collection[str],
     may_move: Callable[[str], bool],
 ) -> list[Move]:
-    """Give each job that waits to the least loaded worker, then even out.
+    """Give each waiting job to the least loaded worker, then even out.
 
-    A job moves only from a worker that has two more than another: else it would soon move back.
-    Of equally loaded workers, the first by name gets a job and the last by name gives one away.
+    A job moves only from a worker that has two more than another, so that it does not move back
+    soon. Of equally loaded workers, the first by name gets a job and the last by name gives one
+    away.
 
     Args:
         jobs: each worker's jobs by id; those of None wait for a worker.
-        workers: who may get jobs; jobs of others stay where they are.
+        workers: workers that may get jobs; jobs of others stay where they are.
         may_move: whether a job may change hands while its worker is well.
     """
     if not workers:
@@ -72,11 +73,11 @@ def balanced(
 MISSED_NS = 1_500_000_000
 """More than the longest pause between two tries to connect, less than a new job is waited for."""
 HAND_OVER_NS = 2_000_000_000
-"""A job that has just been given to a worker is waited for so long."""
+"""A step waits at least this long for a job that was just given to a worker [ns]."""
 
 
 class JobState(msgspec.Struct, frozen=True):
-    """One job and who has it, as it is handed on."""
+    """One job and its worker, in the coordinator's state."""
 
     job_id: Id
     epoch: Number
@@ -121,7 +122,7 @@ class Jobs:
         """Workers that have jobs by a checkpoint, but are not here yet."""
 
     def get(self, job_id: str) -> PlacedJob | None:
-        """A job; None if it is over or never was."""
+        """Return a job; None if it is over or never was."""
         return self._jobs.get(job_id)
 
     def assignment(self, job_id: str) -> Assignment:
@@ -150,11 +151,10 @@ class Jobs:
     # --- how they begin, change hands and end
 
     def begin(self, jobs: Mapping[str, Job]) -> None:
-        """New jobs, to be placed."""
+        """Add jobs, to be placed."""
         self._jobs |= {job_id: PlacedJob(job) for job_id, job in jobs.items()}
 
     def end(self, job_ids: Iterable[str]) -> None:
-        """Jobs that are over."""
         for job_id in job_ids:
             self._jobs.pop(job_id, None)
 
@@ -189,7 +189,7 @@ class Jobs:
                 job.worker = None
 
     def reported(self, report: Report, *, in_time: bool) -> None:
-        """A job reported, and perhaps told from where another worker would carry on."""
+        """Take a job's report, and its snapshot, from which another worker could continue."""
         job = self._jobs[report.job_id]
         job.reported = True
         job.in_step |= in_time
@@ -198,7 +198,7 @@ class Jobs:
             job.job = replace(job.job, start=snapshot, exact=True)
 
     def step_applied(self, step: int) -> None:
-        """Nobody has to look elsewhere at this step any more."""
+        """Move the first step of the job `ElsewhereJob` past an applied step."""
         for job in self._jobs.values():
             if isinstance(job.job, ElsewhereJob) and job.job.first_step <= step:
                 job.job = ElsewhereJob(first_step=step + 1)
@@ -216,14 +216,14 @@ class Jobs:
         return job is not None and job.epoch == epoch and job.worker not in (None, worker)
 
     def placed_ns(self, job_id: str) -> int:
-        """When the job was given to its worker; 0 when nobody has it, or it has arrived there."""
+        """Return when the job was given to its worker; 0 without a worker, or if it has arrived."""
         job = self._jobs.get(job_id)
         return job.placed_ns if job is not None and job.worker and not job.in_step else 0
 
     # --- from one coordinator to the next
 
     def state(self, is_held: Callable[[str, PlacedJob], bool]) -> tuple[JobState, ...]:
-        """All jobs as they are handed on: with particles unless `is_held` by their worker."""
+        """Return all jobs, with particles unless `is_held` by their worker."""
         return tuple(
             JobState(job_id, job.epoch, job.worker, None if is_held(job_id, job) else job.job)
             for job_id, job in self._jobs.items()
@@ -238,10 +238,10 @@ class Jobs:
         *,
         term: int,
     ) -> None:
-        """Take over another's jobs; workers that are not here yet keep theirs for a while.
+        """Continue with another coordinator's jobs; absent workers keep theirs for a while.
 
         Args:
-            jobs: as `state` told.
+            jobs: from its state.
             rebuilt: makes a job of a cluster whose particles only its worker holds.
             present: workers that are here.
             now_ns: by the clock of all events.
@@ -266,25 +266,23 @@ class Jobs:
         }
 
     def misses(self, worker: str) -> bool:
-        """Whether a worker that is not here yet has jobs by a checkpoint."""
         return worker in self._missed_until_ns
 
     def came(self, worker: str) -> None:
-        """A worker is here, missed or not."""
         self._missed_until_ns.pop(worker, None)
 
     def miss_no_longer(self, now_ns: int) -> None:
-        """Workers that have not come in time lose the jobs that were kept for them."""
+        """Take the jobs from workers that have not appeared in time."""
         for worker in [w for w, until_ns in self._missed_until_ns.items() if until_ns <= now_ns]:
             del self._missed_until_ns[worker]
             self.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> list[Assignment]:
-        """A worker tells which jobs it has, and from where another could carry on.
+        """Take the jobs that a worker reports, with snapshots.
 
         Returns:
-            Those of them that it has now; the others are over, another's by a newer epoch, or of
-            a coordinator that this one does not carry on from.
+            Those of them that it has now; the others are over, another's by a newer epoch, or of a
+            coordinator from whose state this one does not continue.
         """
         kept = []
         for held in holds:

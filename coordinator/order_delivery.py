@@ -1,7 +1,7 @@
-"""What each worker has been told to do, and what it has confirmed.
+"""The orders that each worker has been sent, and the jobs that it has confirmed.
 
-An order names all jobs of a worker, so the newest one makes up for all that were lost. It goes out
-when it would differ from the last one, and again until the worker has answered it.
+An order names all jobs of a worker, so the newest one replaces all lost ones. It is sent when it
+differs from the last one, and repeated until the worker has answered it.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -23,16 +23,16 @@ class _Record:
     order: int = 0
     sent_ns: int = -RESEND_AFTER_NS
     told: Mapping[str, int] | None = None
-    """Jobs and epochs of the last order; None: whatever they were, they are to be told anew."""
+    """Jobs and epochs of the last order; None: send an order in any case."""
     known: dict[str, int] = field(default_factory=dict)
     """Jobs and epochs that the worker has confirmed."""
     answered: bool = True
     silent_until_ns: int = 0
-    """It is being asked what it does, and gets no order before."""
+    """It is asked for its state first, and gets no order before."""
 
 
 class OrderDelivery:
-    """Told of live workers and their answers; says which orders are due."""
+    """Decides which orders to live workers are due."""
 
     def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
         self._sender = sender
@@ -58,11 +58,10 @@ class OrderDelivery:
         ]
 
     def joined(self, worker: str, silent_until_ns: int) -> None:
-        """A worker appeared, and knows nothing; it gets no orders for a while."""
+        """Add a worker without jobs, which gets no orders for a while."""
         self._workers[worker] = _Record(silent_until_ns=silent_until_ns)
 
     def left(self, worker: str) -> None:
-        """A worker is gone."""
         self._workers.pop(worker, None)
 
     def repeat(self, worker: str) -> None:
@@ -70,20 +69,20 @@ class OrderDelivery:
         self._workers[worker].told = None
 
     def held(self, worker: str, jobs: Iterable[Assignment]) -> None:
-        """A worker has told which jobs it has: it is silent no longer."""
+        """Take the jobs that a worker reports; it may get orders from now on."""
         record = self._workers[worker]
         record.told, record.silent_until_ns = None, 0
         record.known |= {held.job_id: held.epoch for held in jobs}
 
     def forget(self) -> None:
-        """Another's jobs were taken over: what was told and confirmed so far is worth nothing."""
+        """Forget what was sent and confirmed: another coordinator's jobs replace this one's."""
         for record in self._workers.values():
             record.told, record.known = None, {}
 
     def answered(self, worker: str, answer: OrderAnswer) -> None:
-        """A worker answered an order.
+        """Take a worker's answer to an order.
 
-        One started anew while nobody could see it answers without the jobs that it should keep.
+        A worker that was restarted unnoticed answers without the jobs that it should keep.
         """
         record = self._workers.get(worker)
         if record is None:
@@ -112,14 +111,14 @@ class OrderDelivery:
         map_digest: str,
         now_ns: int,
     ) -> list[tuple[str, WorkOrder]]:
-        """The orders that are due.
+        """Return the orders that are due.
 
         Args:
-            workers: that may get orders now, as `ready` tells.
+            workers: those that may get orders now; see `ready`.
             jobs: each worker's, and their epochs.
             assignment: a job as its worker is to have it.
             term: of this coordinator.
-            map_digest: of the map in which the robot is looked for.
+            map_digest: of the map in which the robot is localized.
             now_ns: by the clock of all events.
         """
         due = []

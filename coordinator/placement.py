@@ -1,4 +1,4 @@
-"""Who does what: live workers, their jobs, and the orders that tell them."""
+"""Which worker has which job: live workers, jobs, and the orders to workers."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
@@ -23,23 +23,23 @@ class Placement:
         jobs = self.jobs.by_worker()
         return {name: tuple(jobs.get(name, ())) for name in self.delivery.workers}
 
-    # --- who is there
+    # --- workers
 
     def joined(self, worker: str, silent_until_ns: int = 0) -> None:
-        """A worker appeared; one that was known has started anew and knows nothing."""
+        """Take that a worker appeared; a known one was restarted and has no jobs."""
         if worker in self.delivery:
             self.left(worker)
         self.jobs.came(worker)
         self.delivery.joined(worker, silent_until_ns)
 
     def left(self, worker: str) -> None:
-        """A worker is gone: its jobs go to others, from their last state."""
+        """Take that a worker is gone: its jobs go to others, from their last snapshots."""
         self.delivery.left(worker)
         self._stragglers.forget(worker)
         self.jobs.take_from(worker)
 
     def held(self, worker: str, holds: Iterable[Assignment], now_ns: int) -> None:
-        """A worker tells which jobs it has, and from where another could carry on."""
+        """Take a worker's jobs, each with a snapshot from which another could continue."""
         self.delivery.held(worker, self.jobs.held(worker, holds, now_ns))
 
     def resize(self, sizes: Mapping[str, tuple[int, int]]) -> None:
@@ -52,16 +52,14 @@ class Placement:
     # --- steps
 
     def waited_for(self, job_ids: Iterable[str]) -> list[str]:
-        """Those jobs whose reports hold a step up: of silent workers only the first time."""
+        """Return the jobs whose reports a step waits for; for a silent worker only once."""
         return list(filter(self.waits_for, job_ids))
 
     def waits_for(self, job_id: str) -> bool:
-        """Whether a job's report holds a step up."""
         job = self.jobs.get(job_id)
         return job is None or job.worker is None or self._stragglers.waits_for(job.worker)
 
     def reported(self, report: Report, *, in_time: bool) -> None:
-        """A job's worker reported."""
         self.jobs.reported(report, in_time=in_time)
         job = self.jobs.get(report.job_id)
         if job is not None and job.worker is not None:
@@ -77,10 +75,10 @@ class Placement:
         *,
         patient: bool = False,
     ) -> None:
-        """A step was decided; workers that again have not reported in time lose their jobs.
+        """Take that a step was decided; workers that are late again lose their jobs.
 
-        A search has steps that take longer than a deadline, so its workers are spared. Where all
-        are slow, it helps nobody to move jobs about: then patience is longer.
+        Workers with a search are spared: its steps may take longer than a deadline. While all
+        workers are slow, moving jobs does not help, so they are given more time.
         """
         owed = {job_id: job for job_id in expected if (job := self.jobs.get(job_id)) is not None}
         late = {
@@ -95,12 +93,12 @@ class Placement:
         for worker in self._stragglers.step_decided(reported, blamed, now_ns, patient=patient):
             self.jobs.take_from(worker)
 
-    # --- what comes of it
+    # --- orders
 
     def orders(
         self, *, term: int, map_digest: str, now_ns: int, newest_step: int = -1
     ) -> list[tuple[str, WorkOrder]]:
-        """Place what has no worker, even out, and tell every worker what is news to it."""
+        """Place jobs without a worker, even out, and return the orders that are due."""
         self.jobs.miss_no_longer(now_ns)
         self._give_up_silent_shards(newest_step, now_ns)
         ready = self.delivery.ready(now_ns)
@@ -145,7 +143,7 @@ class Placement:
     # --- from one coordinator to the next
 
     def state(self) -> tuple[JobState, ...]:
-        """All jobs as they are handed on: without the particles that a worker holds."""
+        """Return all jobs, without particles that a worker holds."""
         return self.jobs.state(
             lambda job_id, job: isinstance(job.job, TrackJob) and self.delivery.is_held(job_id, job)
         )
@@ -153,6 +151,6 @@ class Placement:
     def restore(
         self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
     ) -> None:
-        """Take over another's jobs; see `Jobs.restore`."""
+        """Continue with another coordinator's jobs; see `Jobs.restore`."""
         self.jobs.restore(jobs, rebuilt, self.delivery, now_ns, term=term)
         self.delivery.forget()

@@ -28,11 +28,12 @@ class Lateness:
         self._least_ns = self._least_before_ns = 0
 
     def of(self, stamp_ns: int, now_ns: int) -> int:
-        """How much later than the promptest of late this has come; never negative [ns].
+        """Return how much later this has arrived than the promptest recent data; never negative
+        [ns].
 
         Args:
             stamp_ns: by the robot's clock.
-            now_ns: of its arrival, by this process's.
+            now_ns: time of arrival, by this process's clock.
         """
         delay_ns = now_ns - stamp_ns
         if self._begun_ns is None or delay_ns - self._usual_ns() > MOST_NS:
@@ -46,7 +47,7 @@ class Lateness:
 
     @property
     def usual_ns(self) -> int | None:
-        """From a stamp to its arrival in time, by both clocks; None: nothing has come so far."""
+        """Delay from a stamp to a prompt arrival, by both clocks; None: nothing has arrived."""
         return None if self._begun_ns is None else self._usual_ns()
 
     def _usual_ns(self) -> int:
@@ -58,22 +59,22 @@ MAX_WAITING_SCANS = 1_000
 
 
 def recent_odometry() -> Trajectory:
-    """For the odometry of the last five seconds or more: a given pose may be of then.
+    """Return a trajectory for the last five seconds or more: a given pose may be of that time.
 
-    Between poses 0.1 s apart the robot goes straight. Before the oldest, that holds for a second:
-    whoever gives a pose has another clock.
+    Between poses 0.1 s apart the robot goes straight. Before the oldest, that holds for a second: a
+    client that gives a pose has another clock.
     """
     return Trajectory(most=51, every_ns=100_000_000, held_ns=1_000_000_000)
 
 
 class PoseTracker:
-    """Answers where the robot is now, and how old the data is that says so.
+    """The robot's present pose, and the age of the data behind it.
 
     Args:
         sender: name of the process.
         settings: when a pose is stale or blind.
         motion: how far odometry errs.
-        bridge: its gate is what makes a step.
+        bridge: its gate defines a step.
     """
 
     def __init__(
@@ -94,30 +95,33 @@ class PoseTracker:
         self._stamp_ns = 0
         self._arrived_ns: int | None = None
         self._told_ns = 0
-        """When others told of the newest stamp."""
+        """When another coordinator's state with the newest stamp arrived."""
         self._has_heard = False
-        """Whether anything has come by itself: only then is it known how old the rest is."""
+        """Whether this coordinator has received data itself: only then the age of the rest is
+        known.
+        """
         self._waiting_ns: dict[int, int] = {}
-        """When scans that were not applied yet have arrived, by their stamps."""
+        """By stamp, when scans arrived that are not applied yet."""
         self._scan_ns: int | None = None
         self._by_scan = True
         self._lateness: Lateness | None = None
 
     def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
-        """Go on with another motion model and another gate."""
+        """Continue with another motion model and another gate."""
         self._since_step.use(motion, bridge)
         self._blind.bridge = bridge
 
     @property
     def live(self) -> bool:
-        """Whether stamps are of a clock that runs like any other, as the newest scan said.
+        """Whether stamps are of a clock that runs at the usual rate, as the newest scan says.
 
-        They tell what the network has held up; those of a recording run as fast as it is played.
+        Such stamps show how long the network has delayed data. Recordings may be played at any
+        rate.
         """
         return self._lateness is not None
 
     def odometry(self, stamp_ns: int, odom_from_robot: PoseTuple, now_ns: int) -> None:
-        """The robot's odometry arrived; the same stamp again is no news: its clock stands."""
+        """Take the robot's odometry; a repeated stamp is ignored: the robot's clock has stopped."""
         if self._has_heard and stamp_ns == self._stamp_ns:
             return
         is_known = self._arrived_ns is not None and stamp_ns == self._stamp_ns
@@ -140,10 +144,10 @@ class PoseTracker:
         live: bool = False,
         fetched: bool = False,
     ) -> None:
-        """A step's scan arrived; it was taken before the newest odometry, where there is any.
+        """Take a step's scan; it was taken before the newest odometry.
 
-        One that was fetched says nothing of how long data takes, and takes no place of newer data;
-        before anything else was heard it is stale.
+        A fetched scan says nothing of the network's delay and does not replace newer data. If it is
+        the first data, the pose is stale.
         """
         if live != self.live:
             self._lateness = self._lateness_so_far() if live else None
@@ -157,7 +161,7 @@ class PoseTracker:
             del self._waiting_ns[next(iter(self._waiting_ns))]
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
-        """A scan was applied, and somebody had weighed it: the robot sees where it is."""
+        """Take that a scan was applied that at least one worker had weighed."""
         self._blind.begin_at(odom_from_robot)
         self._blind.on_odometry(self._odom_now)
         if stamp_ns in self._waiting_ns:
@@ -166,13 +170,13 @@ class PoseTracker:
                 del self._waiting_ns[next(iter(self._waiting_ns))]
 
     def believed(self, outcome: Outcome, odom_from_robot: PoseTuple) -> None:
-        """A step was applied; its hypotheses hold at the odometry of its scan."""
+        """Take the outcome of a step; its hypotheses hold at the odometry of its scan."""
         self._outcome = outcome
         self._since_step.begin_at(odom_from_robot)
         self._since_step.on_odometry(self._odom_now)
 
     def begin(self, usual_delay_ns: int, now_ns: int) -> None:
-        """A live robot's data reached others so long after its stamps [ns], by both clocks."""
+        """Use the delay [ns] with which a live robot's data reached other coordinators."""
         self._lateness = Lateness()
         self._lateness.of(now_ns - usual_delay_ns, now_ns)
 
@@ -185,9 +189,9 @@ class PoseTracker:
         *,
         live: bool = False,
     ) -> None:
-        """Another coordinator has heard this.
+        """Take what another coordinator has received.
 
-        Where neither `begin` nor own data tells when, it is stale.
+        It counts as stale, unless `begin` or this coordinator's own data show when it arrived.
         """
         if live and not self.live:
             self._lateness = self._lateness_so_far()
@@ -209,7 +213,7 @@ class PoseTracker:
     def _heard_of(
         self, stamp_ns: int, odom_from_robot: PoseTuple, unless_known_ns: int, now_ns: int
     ) -> None:
-        """Others tell of data; what they told before is not forgotten for what is older."""
+        """Take data that another coordinator received, unless newer data is known."""
         if self._arrived_ns is not None and stamp_ns <= self._stamp_ns:
             return
         self._stamp_ns, self._told_ns, self._odom_now = stamp_ns, now_ns, odom_from_robot
@@ -222,23 +226,23 @@ class PoseTracker:
             self._arrived_ns = unless_known_ns
 
     def _due_ns(self, stamp_ns: int, now_ns: int) -> int | None:
-        """When others must have heard what has this stamp; None: nobody knows."""
+        """Return when another coordinator must have received data of this stamp, if known."""
         usual_ns = self._lateness.usual_ns if self._lateness else None
         return None if usual_ns is None else min(stamp_ns + usual_ns, now_ns)
 
     @property
     def age_known(self) -> bool:
-        """Whether data has come to this coordinator itself."""
+        """Whether this coordinator has received data itself."""
         return self._has_heard
 
     def age_s(self, now_ns: int) -> float:
-        """Since the newest data arrived, or would have in time [s]; -1 before any did."""
+        """Return the age of the newest data [s], as if it had come in time; -1 before any did."""
         return _since_s(self._arrived_ns, now_ns)
 
     def age_of_s(self, stamp_ns: int, now_ns: int) -> float:
-        """Since what has this stamp arrived, or would have in time [s].
+        """Return the age of the data with this stamp [s], as if it had arrived in time.
 
-        Of what is no live robot's nobody knows: as old as the newest. -1 before any data did.
+        Of other sources than a live robot: the age of the newest data. -1 before any data arrived.
         """
         if self._arrived_ns is None or not self.live:
             return self.age_s(now_ns)
@@ -278,7 +282,7 @@ class PoseTracker:
         return "blind" if is_blind else "fresh"
 
     def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:
-        """When a scan would have arrived in time: a live robot's stamps tell how late it is."""
+        """Return when a scan would have arrived in time; a live robot's stamps show its delay."""
         if self._lateness is None or self._arrived_ns is None:
             return now_ns
         return min(self._arrived_ns - (self._stamp_ns - stamp_ns), now_ns)

@@ -1,11 +1,10 @@
-"""How a coordinator begins: its term, whom it asks, and which state it carries on from.
+"""How a coordinator begins: its term, the workers that it asks, the state that it continues from.
 
-Before it begins it decides nothing. Workers that appear later are asked too, where what they know
-may matter: a belief that has never had clusters is given up for one that has.
+Before it begins it decides nothing. Workers that appear later are asked too, if their answers may
+matter: a belief that never had clusters is given up for one that had.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -41,7 +40,7 @@ class Term:
 
     def __init__(self, number: int, *known: Checkpoint | None) -> None:
         self._number = number
-        # Two coordinators that hear the same term at once must not choose the same new one.
+        # Two coordinators that learn of a term at once must not choose the same new one.
         self._own_us = number % APART_US
         self._begun = False
         self._outranked_by: int | None = None
@@ -84,7 +83,7 @@ class Term:
         return True
 
     def on_worker_term(self, number: int, now_ns: int) -> bool:
-        """Take the highest term that a worker knows; as `hear`, but it deposes nobody."""
+        """Take the highest term that a worker knows; unlike `hear`, it never deposes."""
         if not self._begun:
             return self.hear(number)
         if number > self._number:
@@ -111,14 +110,14 @@ class Term:
 
 
 MOVED_BY_HAND = diagonal(0.5, 0.26)
-"""While nobody looked, the robot may have been pushed so far: as when a person says where it is."""
+"""Uncertainty added because the robot may have been pushed meanwhile; as for a given pose."""
 ODOMETRY_STARTS_WITHIN = (0.5, 0.5)
 """Odometry this near to its origin [m], [rad] has probably been set to it."""
 
 
 @dataclass(frozen=True)
 class LastPlace:
-    """The most probable place of an earlier life of the whole system."""
+    """The most probable place when the whole system last ran."""
 
     map_digest: str
     live: bool
@@ -148,10 +147,9 @@ class LastPlace:
         )
 
     def as_prior_at(self, scan: Scan, probability: float) -> PriorPose:
-        """The place as it would be at a scan, wide enough for what happened in between.
+        """Return the place as it would be at a scan, with the uncertainty of the time between.
 
-        The odometry since is counted if it goes on; where it has started anew, the robot stands
-        where it stood.
+        Odometry since then counts, unless it was reset: then the robot stands where it stood.
         """
         pose = np.array(self.map_from_robot)
         if not _starts_anew(self.odom_from_robot, scan.odom_from_robot):
@@ -179,33 +177,32 @@ def _starts_anew(before: PoseTuple, now: PoseTuple) -> bool:
 
 
 ASK_AGAIN_NS = 200_000_000
-"""A worker whose token is there may not serve the question yet."""
+"""A worker whose token is there may not serve the query yet [ns]."""
 ORDERS_AFTER_NS = 2_000_000_000
-"""A worker that does not say what it does gets orders all the same after so long."""
+"""A worker that does not answer the question gets orders after this time [ns]."""
 MAX_HEARD = 4
-"""Checkpoints that others publish while this coordinator has not begun."""
+"""Most states kept of those that others publish before this coordinator begins."""
 KNOWN_NS, UNKNOWN_NS = 500_000_000, 3_000_000_000
-"""So long a beginner waits for the last worker, with a checkpoint of places and without."""
+"""Longest wait for the last worker, with a state that has places and without one [ns]."""
 SILENT_NS = 30_000_000_000
-"""So long it waits without one while most are silent: busy as they are, they know it."""
+"""Longest wait without one while most workers are silent: busy workers may know the state [ns]."""
 
 
 def best_first(checkpoints: Iterable[Checkpoint]) -> list[Checkpoint]:
-    """Each once, in the order in which they are worth carrying on from."""
+    """Return each state once, the best one to continue from first."""
     once = {(one.rank, one.state): one for one in checkpoints}
     return sorted(once.values(), key=lambda one: one.rank, reverse=True)
 
 
 class StateRecovery:
-    """Who has to be asked, who has answered, and which checkpoints there are to carry on from.
+    """The workers to ask, their answers, and the states to continue from.
 
-    What others have published meanwhile can be carried on from. What the file holds may be of
-    another life of the whole system: it counts as soon as a worker knows its term, and as long as
-    none knows of a belief of a later one.
+    A state of another coordinator always counts. The state in the file may be of an earlier run of
+    the whole system: it counts if a worker knows its term, and none knows a belief of a later one.
 
     Args:
         sender: of this coordinator.
-        known: what another published last, as this one stood by.
+        known: the newest state that this process received as a follower.
         kept: what the file holds.
         now_ns: by the clock of all events.
     """
@@ -217,21 +214,20 @@ class StateRecovery:
         self._began_ns = now_ns
         self._asked_ns: dict[str, int | None] = {}
         self._told: dict[str, Told] = {}
-        self._heard = deque([known] if known else [], MAX_HEARD)
+        self._heard = [known] if known else []
         self._kept = kept
         self._is_of_this_life = False
-        """What is kept."""
         self._founded = 0
-        """The highest term of a belief that a worker has heard of."""
+        """The highest term of a belief that a worker has received."""
 
     @property
     def told(self) -> Mapping[str, Told]:
-        """The answers of the workers that are there."""
+        """The answers of the present workers."""
         return self._told
 
     @property
     def checkpoints(self) -> list[Checkpoint]:
-        """Those of other coordinators, the best to carry on from first."""
+        """The states of other coordinators, the best one to continue from first."""
         kept = [self._kept] if self._kept and self._counts(self._kept) else []
         return best_first([*self._heard, *kept])
 
@@ -239,44 +235,42 @@ class StateRecovery:
         return self._is_of_this_life and self._founded <= kept.term
 
     def expect(self, worker: str) -> None:
-        """A worker is there and has to be asked."""
+        """Ask a worker that is there."""
         self._asked_ns[worker] = None
         self._told.pop(worker, None)
 
     def forget(self, worker: str) -> None:
-        """A worker is gone."""
         self._asked_ns.pop(worker, None)
         self._told.pop(worker, None)
 
     def hear(self, checkpoint: Checkpoint) -> None:
-        """Another coordinator has published a checkpoint."""
-        self._heard.append(checkpoint)
+        """Take another coordinator's state."""
+        self._heard = best_first([*self._heard, checkpoint])[:MAX_HEARD]
 
     def answered(self, worker: str, told: Told) -> None:
-        """A worker has answered."""
         self._asked_ns.pop(worker, None)
         self._told[worker] = told
         self._founded = max(self._founded, told.founded)
         self._is_of_this_life |= self._kept is not None and self._kept.term in told.terms
 
     def forget_checkpoints(self) -> None:
-        """This coordinator has begun, from one of them or from none: they are of no use."""
+        """Drop the states: this coordinator has begun, from one of them or from none."""
         self._heard.clear()
         if self._kept and self._counts(self._kept):
             self._kept = None
 
     def forget_told(self) -> None:
-        """This coordinator has a belief of its own: nobody carries on from theirs any more."""
+        """Drop everything: this coordinator has a belief of its own."""
         self._told.clear()
         self._kept = None
 
     def ask_all_again(self) -> None:
-        """All must be asked anew: the term was too low."""
+        """Ask all workers again, in a higher term."""
         for worker in (*self._asked_ns, *self._told):
             self._asked_ns[worker] = None
 
     def questions(self, term: int, applied: int, now_ns: int) -> list[AskState]:
-        """Whom to ask now, in the name of a term; `applied` is this one's own last step."""
+        """Return the workers to ask now; `applied` is this coordinator's own last step."""
         due = [
             worker
             for worker, asked_ns in sorted(self._asked_ns.items())
@@ -290,9 +284,10 @@ class StateRecovery:
         return [AskState(worker, question) for worker in due]
 
     def is_over(self, now_ns: int) -> bool:
-        """Whether to wait for no more workers before beginning.
+        """Return whether to begin without waiting for more workers.
 
-        Who begins without a checkpoint may forget all places: not because workers are busy.
+        To begin without a state may forget all places, which must not happen because workers are
+        busy.
         """
         waited_ns = now_ns - self._began_ns
         if any(checkpoint.founded for checkpoint in self.checkpoints):
@@ -305,20 +300,20 @@ class StateRecovery:
 
 
 NEVER_LATER = 16
-"""More steps than this lost before the first scan that is heard, and nobody looks for them."""
+"""If more steps were lost before the first scan received, they are not requested."""
 EARLY_REPORTS, EARLY_BULKY_REPORTS = 10_000, 256
-"""Reports that are kept before the beginning, and those of them with particles of places."""
+"""Most reports kept before the beginning, and most of them with particles of places."""
 
 
 class Succession:
-    """Decides when this coordinator begins, and from what.
+    """Decides when this coordinator begins, and from which state.
 
     Args:
-        state: of this coordinator; empty so far.
+        state: of this coordinator; empty.
         term: of this coordinator; it begins here.
-        recovery: whom to ask.
-        publication: publishes the belief after another's state was taken over.
-        last_place: where the robot was at the end of an earlier life; None: nobody knows.
+        recovery: asks the workers.
+        publication: publishes the belief after a state was restored.
+        last_place: where the robot was when the system last ran; None: unknown.
         last_pose_probability: given to it when the first search ends; 0: it is not used.
     """
 
@@ -336,10 +331,10 @@ class Succession:
         self._last_place, self._last_pose_probability = last_place, last_pose_probability
         self._early_reports: list[tuple[Report, str]] = []
 
-    # --- what is heard
+    # --- events
 
     def on_worker_joined(self, worker: str, now_ns: int) -> None:
-        """A worker is there; it is asked before it gets orders, unless it can know nothing new."""
+        """Ask a new worker before it gets orders, unless it can know nothing new."""
         is_missed = self._state.placement.jobs.misses(worker)
         is_asked = is_missed or not (self._term.begun and self._state.founded)
         if is_asked:
@@ -347,12 +342,11 @@ class Succession:
         self._state.on_worker_joined(worker, now_ns + ORDERS_AFTER_NS if is_asked else 0)
 
     def on_worker_left(self, worker: str) -> None:
-        """A worker is gone."""
         self._recovery.forget(worker)
         self._state.on_worker_left(worker)
 
     def on_worker_told(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
-        """A worker says what it does, and what the last coordinator had decided."""
+        """Take a worker's answer: its jobs, its reports, and the terms that it knows."""
         self.on_worker_term(told.term, now_ns)
         if told.term <= self._term.number:
             self._recovery.answered(worker, told)
@@ -368,18 +362,18 @@ class Succession:
         return resumed
 
     def on_checkpoint(self, checkpoint: Checkpoint) -> None:
-        """Another coordinator published its checkpoint."""
+        """Take another coordinator's state."""
         self._term.hear(checkpoint.term)
         if not self._term.begun:
             self._recovery.hear(checkpoint)
 
     def on_worker_term(self, number: int, now_ns: int) -> None:
-        """A worker knows a term; all are asked again if this coordinator's had to be raised."""
+        """Take a worker's highest term; ask all again if this coordinator's was raised."""
         if self._term.on_worker_term(number, now_ns):
             self._recovery.ask_all_again()
 
     def on_report(self, report: Report, worker: str) -> None:
-        """A worker's job took a step; before the beginning nobody knows whether it counts."""
+        """Take a report; before the beginning it is unknown whether it counts."""
         if self._term.begun:
             self._state.on_report(report, worker)
             return
@@ -390,10 +384,10 @@ class Succession:
         else:
             self._state.counters["report far ahead, or beside too many"] += 1
 
-    # --- what is done
+    # --- decisions
 
     def proceed(self, now_ns: int) -> list[Instruction]:
-        """Ask whom there is to ask, and begin when nobody is waited for any longer."""
+        """Ask the workers that are due, and begin when waiting is over."""
         applied = self._state.collector.applied
         own_step = applied.step if applied else -1
         questions = self._recovery.questions(self._term.number, own_step, now_ns)
@@ -408,7 +402,7 @@ class Succession:
         return instructions
 
     def _begin(self, now_ns: int) -> list[Instruction]:
-        """All has been heard: carry on from another's state, or begin anew."""
+        """Continue from a state, or search for the robot."""
         self._term.begin()
         instructions = self._resume_best(self._recovery.checkpoints, now_ns)
         self._recovery.forget_checkpoints()
@@ -426,7 +420,7 @@ class Succession:
         return instructions
 
     def begin_search(self, scan: Scan) -> None:
-        """The first search begins with this scan, or those that were lost just before it."""
+        """Begin the first search with this scan, or with those that were lost just before it."""
         if self._state.ensemble.searches:
             return
         before = self._state.collector.before
@@ -435,7 +429,7 @@ class Succession:
         self._state.begin_search(first, self._prior_pose(scan))
 
     def _prior_pose(self, scan: Scan) -> PriorPose | None:
-        """Where the robot was at the end of an earlier life, as one place that is possible."""
+        """Return the last place, if it may be one hypothesis."""
         last, probability = self._last_place, self._last_pose_probability
         if last is None or probability == 0.0 or self._state.commands.forgets:
             return None
@@ -444,14 +438,14 @@ class Succession:
         return last.as_prior_at(scan, probability)
 
     def _resume_best(self, checkpoints: Iterable[Checkpoint], now_ns: int) -> list[Instruction]:
-        """Carry on from the first of them that can be used; nothing is done if none can."""
+        """Continue from the first state that can be used; do nothing if none can."""
         resumed = (self._resume(checkpoint, now_ns) for checkpoint in checkpoints)
         return next(filter(None, resumed), [])
 
     def _resume(self, checkpoint: Checkpoint, now_ns: int) -> list[Instruction]:
-        """Carry on from another's state; nothing is done if it cannot be used.
+        """Continue from a state; do nothing if it cannot be used.
 
-        The belief that was last is published again: the one before may not have come to it.
+        The last belief is published again, as its coordinator may have died before it was.
         """
         next_step = self._state.resume(checkpoint, now_ns)
         if next_step is None:
@@ -461,7 +455,7 @@ class Succession:
         return [FetchScans(next_step, None), *self._publication(now_ns)]
 
     def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
-        """Take what a worker holds, and what it has reported while nobody was there."""
+        """Take a worker's jobs, and the reports since the state."""
         self._state.placement.held(worker, told.holds, now_ns)
         applied = self._state.collector.applied
         for report in told.reports:

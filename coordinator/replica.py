@@ -1,4 +1,4 @@
-"""What one coordinator process decides from its start to its end: when it leads, and when not.
+"""When a coordinator process leads, and when it does not, from its start to its end.
 
 A follower watches the leader. When that one dies, the follower recovers the state from what it
 holds and what workers report, and leads. A leader that learns of a higher term is deposed.

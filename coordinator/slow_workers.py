@@ -1,13 +1,12 @@
-"""How long a worker that does not report is waited for: one deadline, and then it is given up.
+"""How long a worker that does not report is waited for, and when its jobs go to others.
 
-The first step that it misses costs the others one deadline. From then on nobody waits for it until
-it speaks again; after some steps more it loses its jobs to others. A worker that comes back takes
-jobs again after a pause, which doubles each time: one that is too slow would else take jobs and
-lose them for ever.
+The first step that it misses costs the others one deadline. No later step waits for it until it
+reports again, and after some more steps it loses its jobs. A worker that returns gets jobs again
+after a pause, which doubles each time; otherwise a slow worker would take and lose jobs forever.
 
-Workers that have reported before come first. The others of one certificate, which are called alike
-but for their number, count as one until each has reported: else sixty names that answer orders and
-compute nothing would hold up sixty times as many steps as one.
+Workers that have reported come first. The others of one certificate, whose names differ only in
+their number, count as one worker until each has reported. Otherwise sixty names that answer orders
+and compute nothing would each delay a step.
 """
 
 from collections import Counter
@@ -18,13 +17,13 @@ from coordinator.jobs import PlacedJob
 from protocol.work import SearchJob
 
 GIVEN_UP_AFTER = 3
-"""So many steps in a row without a report in time, and a worker loses its jobs."""
+"""A worker loses its jobs after this number of steps in a row without a report in time."""
 GIVEN_UP_LATER = 10
-"""The same where everybody is slow."""
+"""The same while all workers are slow."""
 FIRST_PAUSE_NS = 2_000_000_000
 LONGEST_PAUSE_NS = 60_000_000_000
 FORGOTTEN_AFTER_NS = 120_000_000_000
-"""Who has worked for so long since its last pause starts from the first one again."""
+"""After working for this time since its last pause, a worker's next pause is short again [ns]."""
 
 
 @dataclass
@@ -32,7 +31,7 @@ class _Record:
     missed: int = 0
     """Steps in a row."""
     silent: bool = False
-    """It has missed a step and not been heard since."""
+    """It has missed a step, and has not reported since."""
     paused: bool = False
     pause_ns: int = FIRST_PAUSE_NS
     """The next one's length."""
@@ -40,13 +39,13 @@ class _Record:
 
 
 def origin(worker: str) -> str:
-    """A worker's name without its number: that of the machine and certificate it comes from."""
+    """Return a worker's name without its number: its machine and certificate."""
     prefix, _, number = worker.rpartition("-")
     return prefix if prefix and number.isdecimal() else worker
 
 
 class StragglerPolicy:
-    """Told who reported and who did not; answers whom to wait for and who may have jobs."""
+    """Decides which workers a step waits for, and which may have jobs."""
 
     def __init__(self) -> None:
         self._records: dict[str, _Record] = {}
@@ -55,7 +54,7 @@ class StragglerPolicy:
         """Workers that have reported."""
 
     def heard(self, worker: str, *, in_time: bool) -> None:
-        """A report of a worker arrived; a late one is a sign of life, no more."""
+        """Take a worker's report; a late one only shows that the worker is alive."""
         self._proven.add(worker)
         record = self._records.get(worker)
         if record is not None:
@@ -65,13 +64,13 @@ class StragglerPolicy:
     def step_decided(
         self, reported: Set[str], missing: Set[str], now_ns: int, *, patient: bool = False
     ) -> list[str]:
-        """A step was decided without some reports; who is given up for it.
+        """Take that a step was decided without some reports; return the workers to give up.
 
         Args:
             reported: workers that reported the step with one of their jobs.
             missing: workers that owed a report and did not send it in time.
             now_ns: by the clock of the process.
-            patient: everybody is slow.
+            patient: all workers are slow.
         """
         if not reported:  # not one worker is slow then, but the way to all of them
             return []
@@ -89,18 +88,17 @@ class StragglerPolicy:
         return given_up
 
     def give_up(self, worker: str, now_ns: int) -> bool:
-        """Let a worker have no new jobs for a while; returns whether it has never reported."""
+        """Give a worker no new jobs for a while; return whether it has never reported."""
         self._pause(self._records.setdefault(self._who(worker), _Record()), now_ns)
         return worker not in self._proven
 
     def is_proven(self, worker: str) -> bool:
-        """Whether a worker has reported."""
         return worker in self._proven
 
     def trusted(self, workers: Sequence[str]) -> list[str]:
-        """Those that may have as many jobs as others: they or others of their origin have reported.
+        """Return the workers that get a full share of the jobs: their origin has reported.
 
-        While none has, it is all; never those of an origin that was given up.
+        Until one has, all workers are trusted, except those of an origin that was given up.
         """
         known = {origin(worker) for worker in self._proven}
         return [
@@ -118,17 +116,16 @@ class StragglerPolicy:
         return worker if worker in self._proven else origin(worker)
 
     def waits_for(self, worker: str) -> bool:
-        """Whether a step is held up for a worker."""
         record = self._records.get(self._who(worker))
         return record is None or not record.silent
 
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
-        """Whether a worker may have jobs.
+        """Return whether a worker may have jobs.
 
         Args:
             worker: its name.
             now_ns: by the clock of the process.
-            answers: it has answered its last order; one that was frozen is back then.
+            answers: it has answered its last order, as a worker does that is no longer frozen.
         """
         record = self._records.get(self._who(worker))
         if record is None or not record.paused:
@@ -139,7 +136,7 @@ class StragglerPolicy:
         return not record.paused
 
     def forget(self, worker: str) -> None:
-        """A worker is gone; one of the same name is another, and has reported nothing."""
+        """Forget a worker that is gone; another one of this name has reported nothing."""
         if worker in self._proven:
             self._proven.discard(worker)
             self._records.pop(worker, None)
@@ -153,15 +150,15 @@ class StragglerPolicy:
 
 
 STEPS = 5
-"""So many steps of each other shard without a word of this one."""
+"""A shard is silent when each other shard has reported this number of steps since it last did."""
 SHORTEST_NS = 3_000_000_000
-"""And at least for so long."""
+"""A shard is given up after this time at the earliest [ns]."""
 TIMES_THE_OTHERS = 3
-"""And for so many times as long as the slowest other one took for its first step."""
+"""And after this multiple of the time that the slowest other shard took for its first step."""
 LONGEST_NS = 30_000_000_000
-"""For so long whatever the others do; doubled each time, for the map may be a large one."""
+"""A shard is given up after this time in any case; doubled each time, as maps may be large [ns]."""
 PAUSE_NS = 1_000_000_000
-"""This process has not looked for longer: nobody could report."""
+"""If this process paused for longer, silence proves nothing [ns]."""
 
 
 @dataclass
@@ -176,7 +173,11 @@ class _Watch:
 
 
 class SilentShards:
-    """Told of search reports; says which shards another worker should have."""
+    """Decides which shards of a search another worker should have.
+
+    A step of a search may take long, depending on the map. So a shard is compared with the others:
+    it may take some times as long as they did. A shard on which all others wait is limited by time.
+    """
 
     def __init__(self) -> None:
         self._reports: Counter[str] = Counter()
@@ -188,7 +189,6 @@ class SilentShards:
         self._looked_ns = 0
 
     def reported(self, job_id: str, step: int) -> None:
-        """A shard's worker has reported a step."""
         self._reports[job_id] += 1
         self._steps[job_id] = max(step, self._steps.get(job_id, step))
 

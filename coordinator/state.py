@@ -41,13 +41,13 @@ from protocol.steps import Scan, mirrored
 from protocol.work import Checkpoint, Place, Report, TrackJob
 
 STEPS = 20
-"""One worker that dies holds up a few steps; an overload, most of so many."""
+"""A worker that dies delays a few steps; an overload delays most of this number."""
 LATE_NS, IN_TIME_NS = 100_000_000, 50_000_000
 """From its scan to its decision half of the steps take longer; and again no longer than that."""
 
 
 class OverloadDetector:
-    """Told how long steps have waited."""
+    """Detects from the waiting times of steps that the machine is overloaded."""
 
     def __init__(self) -> None:
         self._waits_ns: deque[int] = deque(maxlen=STEPS)
@@ -55,11 +55,11 @@ class OverloadDetector:
 
     @property
     def is_overloaded(self) -> bool:
-        """Whether there is no time for what can be done later."""
+        """Whether work that can wait has to wait."""
         return self._overloaded
 
     def step_decided(self, waited_ns: int) -> None:
-        """A step was decided so long after its scan had come."""
+        """Take how long a step has waited from its scan to its decision [ns]."""
         self._waits_ns.append(waited_ns)
         if len(self._waits_ns) == STEPS:
             bound_ns = IN_TIME_NS if self._overloaded else LATE_NS
@@ -71,10 +71,10 @@ NEEDED = 3
 
 
 class MapChangeDetector:
-    """Told of each scan; says when the bridge has been started anew with another map.
+    """Detects that the bridge was restarted with another map.
 
-    A second bridge on the same robot's name, or a stray message, is not followed: scans of our own
-    map come between. A bridge that waits for a belief sends the same scan again, which counts.
+    A second bridge of the same robot, or a stray message, is not followed: scans of the present map
+    come in between. A bridge that waits for a belief repeats its scan, which counts.
     """
 
     def __init__(self) -> None:
@@ -109,7 +109,7 @@ class EventLog:
         self._news: list[NumberedEvent] = []
 
     def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
-        """Keep what a step or a command came to.
+        """Number and keep the events of a step or a command.
 
         Args:
             events: in the order in which they were decided.
@@ -123,11 +123,10 @@ class EventLog:
             self._news.append(numbered)
 
     def all(self) -> tuple[NumberedEvent, ...]:
-        """All that are kept, oldest first."""
         return tuple(self._kept)
 
     def news(self) -> tuple[NumberedEvent, ...]:
-        """Those that have come since the last call."""
+        """Return the events since the last call."""
         news, self._news = tuple(self._news), []
         return news
 
@@ -202,11 +201,11 @@ class CoordinatorState:
 
     @property
     def changed(self) -> bool:
-        """Whether others have to be told before anything that is decided leaves this process."""
+        """Whether the state has to be published before anything that follows from it."""
         return self._changed
 
     def publish_again(self) -> None:
-        """The state has to be published, though only the term has changed."""
+        """Publish the state, though only the term has changed."""
         self._changed = True
 
     def place_counts(self, was_live: bool) -> bool:
@@ -236,7 +235,7 @@ class CoordinatorState:
         return known if known and known.map_digest == self._map_digest else None
 
     def wants_map(self, now_ns: int) -> bool:
-        """Whether to ask for the map now; poses that are given are compared with it."""
+        """Return whether to request the map now: given poses are checked with it."""
         asked_ns = self._map_asked_ns
         if not self._map_digest or self._free_ground is not None:
             return False
@@ -252,12 +251,11 @@ class CoordinatorState:
         return applied is not None and self._carry_out_waiting(applied)
 
     def on_worker_joined(self, worker: str, silent_until_ns: int) -> None:
-        """A worker is there; it gets no orders for a while, and has heard no checkpoint yet."""
+        """Add a worker, which gets no orders for a while."""
         self.placement.joined(worker, silent_until_ns)
         self._changed = True
 
     def on_worker_left(self, worker: str) -> None:
-        """A worker is gone."""
         self.placement.left(worker)
         self._changed = True
 
@@ -285,7 +283,6 @@ class CoordinatorState:
             self.counters["report late"] += 1
 
     def begin_search(self, first_step: int, prior_pose: PriorPose | None) -> None:
-        """Search for the first time."""
         self.collector.begin_after(first_step - 1)
         self.placement.jobs.begin(self.ensemble.begin_at(first_step, prior_pose))
         self._changed = True
@@ -360,7 +357,7 @@ class CoordinatorState:
         return True
 
     def count_anew(self, scan: Scan) -> None:
-        """The bridge has forgotten the steps so far, and with them where odometry was."""
+        """Search for the robot: the bridge was restarted, and steps and odometry begin again."""
         self.counters["steps counted anew"] += 1
         self._begin_anew(scan, "steps restarted")
 
@@ -408,15 +405,15 @@ class CoordinatorState:
     # --- from one coordinator to the next
 
     def hand_on(self, now_ns: int) -> CheckpointState:
-        """All that decides, but for particles that workers hold; it counts as told to others."""
+        """Return the state without particles that workers hold; from now on it is unchanged."""
         self._changed = False
         return CheckpointState(
             version=STATE_VERSION,
             map_digest=self._map_digest,
             ensemble=self.ensemble.state(),
             jobs=self.placement.state(),
-            collector=self.collector.state(),
-            commands=self.commands.state(),
+            collector=self.collector.state,
+            commands=self.commands.state,
             missing=self.outcome.missing if self.outcome else (),
             age_s=self._applied_age_s(now_ns),
             age_known=self.pose.age_known,
@@ -430,7 +427,7 @@ class CoordinatorState:
         return self.pose.age_of_s(applied.stamp_ns, now_ns) if applied else -1.0
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
-        """Carry on from another's state.
+        """Continue from another coordinator's state.
 
         Returns:
             The step that follows; None if the state is of no use, and nothing was changed.
@@ -445,7 +442,7 @@ class CoordinatorState:
         search, applied = state.ensemble.search, state.collector.applied
         newest = self.collector.newest_scan
         if not state.ensemble.searches:
-            self.commands.restore(state.commands)
+            self.commands.resume(state.commands)
             return None
         if self._map_digest not in ("", state.map_digest):
             self.counters["checkpoint of another map"] += 1
@@ -467,8 +464,8 @@ class CoordinatorState:
         rebuilt = partial(self._rebuilt, state)
         self.placement.restore(state.jobs, rebuilt, now_ns, term)
         self._begin_standing_jobs(state.collector.applied)
-        self.collector.restore(state.collector)
-        self.commands.restore(state.commands)
+        self.collector.resume(state.collector)
+        self.commands.resume(state.commands)
         self.steps_applied, self.reports_missing = state.steps_applied, state.reports_missing
         self.counters.update(state.counters)
         self._changed = True
@@ -492,7 +489,7 @@ class CoordinatorState:
         jobs.begin({job_id: job for job_id, job in standing.items() if jobs.get(job_id) is None})
 
     def _rebuilt(self, state: CheckpointState, job_id: str) -> TrackJob:
-        """A cluster whose particles were lost with its worker: drawn anew from its Gaussian."""
+        """Draw a cluster from its Gaussian: its particles were lost with its worker."""
         applied = state.collector.applied
         assert applied is not None  # `state_checks` has looked
         tracked = (*state.ensemble.clusters, *state.ensemble.decoy.places)

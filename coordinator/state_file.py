@@ -1,7 +1,7 @@
-"""The coordinator's state on disk: the next process carries on from it, also after a power cut.
+"""The coordinator's state on disk, from which the next process continues, also after a power cut.
 
-A file is written beside its name and renamed: whoever reads finds the old one or the new one,
-whole. Its checksum tells a damaged one, which is named in the log and replaced by the next state.
+A file is written under another name and renamed, so a reader finds the old state or the new one. A
+checksum detects a damaged file, which is logged and replaced by the next state.
 """
 
 import hashlib
@@ -188,7 +188,7 @@ class StateKeeper:
                     sync_at_s = time.monotonic() + SYNC_EVERY_S
 
     def _write(self, folder: Path, checkpoint: Checkpoint, *, sync: bool) -> None:
-        """Write; a disk that cannot be written is told once, and tried again."""
+        """Write; a disk that cannot be written is logged once, and tried again."""
         try:
             write(folder, self._robot, checkpoint, sync=sync)
             self._failed = False

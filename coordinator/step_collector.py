@@ -50,13 +50,13 @@ def check_places(report: Report, settings: FilterSettings) -> None:
 
 
 FETCH_NS = 500_000_000
-"""A scan that was lost on its way is waited for so long, while the bridge is asked for it."""
+"""A step waits this long for an earlier scan, which is requested from the bridge [ns]."""
 REPORTS_AHEAD = 300
-"""Reports of steps further above the newest scan are refused; the bridge keeps as many scans."""
+"""Reports of steps further above the newest scan are refused; it is the length of the history."""
 KEPT_AHEAD = 1_000
-"""Reports of at most so many different steps are kept."""
+"""Reports of at most this number of different steps are kept."""
 BULKY_REPORTS = 16
-"""Reports of one job with places in them that wait: as many steps as a search is pooled from."""
+"""Waiting reports of one job that contain places: the number of steps that a search pools."""
 
 
 @dataclass
@@ -95,11 +95,12 @@ class ReadyStep:
 
 
 class StepCollectorState(msgspec.Struct, frozen=True):
-    """Which steps are over, as it is handed on."""
+    """Which steps are over; a part of the coordinator's state."""
 
-    applied: Scan | None
-    """The scan of the last applied step, without its beams."""
-    steps_lost: int
+    applied: Scan | None = None
+    """The scan of the last applied step, without its beams; None: no step of this count is over."""
+    steps_lost: int = 0
+    """Steps left out because their scans never came."""
 
 
 class StepCollector:
@@ -109,36 +110,33 @@ class StepCollector:
         self._settings = settings
         self._open: dict[int, OpenStep] = {}
         self._late: list[SearchReport] = []
-        self._applied: Scan | None = None
-        self._steps_lost = 0
+        self.state = StepCollectorState()
         self._base: int | None = None
 
     def begin_after(self, step: int) -> None:
-        """The first step that is applied follows this one; those before it are nobody's."""
-        if self._applied is None:
+        """Start after `step`; discard earlier steps."""
+        if self.state.applied is None:
             self._base = step
             self._open = {one: opened for one, opened in self._open.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
-        """Steps are counted anew: the next one follows `before`.
+        """Follow a new count of steps, which goes on after `before`.
 
         Args:
             before: its number.
-            applied: stands for the scan of that step, where places are known from it.
+            applied: takes the place of that step's scan, if places are known from it.
         """
         self._open.clear()
         self._late.clear()
-        self._applied, self._base = applied, before
+        self.state = msgspec.structs.replace(
+            self.state, applied=applied and _without_beams(applied)
+        )
+        self._base = before
 
     @property
     def applied(self) -> Scan | None:
         """The scan of the last applied step; None: there was none in this count of steps."""
-        return self._applied
-
-    @property
-    def steps_lost(self) -> int:
-        """Steps that were left out because their scans never came."""
-        return self._steps_lost
+        return self.state.applied
 
     @property
     def oldest_scan(self) -> Scan | None:
@@ -159,7 +157,7 @@ class StepCollector:
         return max(waiting, key=lambda scan: scan.step, default=None)
 
     def on_scan(self, scan: Scan, now_ns: int) -> bool:
-        """A scan arrived; False for one that is not news."""
+        """Take a scan; return False if it is old or known."""
         if self.before is not None and scan.step <= self.before:
             return False
         opened = self._open.setdefault(scan.step, OpenStep())
@@ -177,12 +175,12 @@ class StepCollector:
         return newest + 1, scan.step - 1
 
     def wait_anew(self, now_ns: int) -> None:
-        """The link was lost and is back: nobody could report meanwhile."""
+        """Restart the deadlines: no report could arrive while the link was lost."""
         for opened in self._open.values():
             opened.arrived_ns = now_ns
 
     def has_room_for(self, report: Report, *, is_told_late: bool = False) -> bool:
-        """Whether a report may wait for its step.
+        """Return whether a report may wait for its step.
 
         Args:
             report: of a job's present worker.
@@ -212,21 +210,21 @@ class StepCollector:
         )
 
     def on_report(self, report: Report) -> bool:
-        """A report arrived; False when its step is over and it can tell nothing any more."""
+        """Take a report; return False if its step is over and it says nothing new."""
         if not self._is_over(report.step):
             opened = self._open.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
             return True
         if not isinstance(report, SearchReport):
             return False
-        self._late.append(report)  # a search tells the same a step later
+        self._late.append(report)  # it may arrive a step later
         of_job = [late for late in self._late if late.job_id == report.job_id]
         if len(of_job) > BULKY_REPORTS:
             self._late.remove(min(of_job, key=lambda late: late.step))
         return True
 
     def _is_over(self, step: int) -> bool:
-        return self._applied is not None and step <= self._applied.step
+        return self.state.applied is not None and step <= self.state.applied.step
 
     def ready(
         self,
@@ -235,13 +233,13 @@ class StepCollector:
         now_ns: int,
         unhurried: Container[str] = (),
     ) -> ReadyStep | None:
-        """The next step, if it is complete or its deadline has passed.
+        """Return the next step, if it is complete or its deadline has passed.
 
         Args:
             expected: jobs whose report it waits for.
-            placed_ns: when a job was given to its worker; a fresh one is waited for longer.
+            placed_ns: when a job was given to its worker; the step waits longer for a fresh one.
             now_ns: by the same clock as `on_scan`.
-            unhurried: those of the jobs that may tell a step later.
+            unhurried: those of the jobs that may report a step later.
         """
         step = min((s for s, opened in self._open.items() if opened.scan), default=None)
         if step is None:
@@ -263,7 +261,7 @@ class StepCollector:
     @property
     def before(self) -> int | None:
         """The step after which the next one should be; None: any may be the first."""
-        return self._base if self._applied is None else self._applied.step
+        return self._base if self.state.applied is None else self.state.applied.step
 
     @property
     def waits_for_no_search(self) -> bool:
@@ -291,27 +289,19 @@ class StepCollector:
         assert opened.scan is not None  # `ready` chose a step that has one
         for older in [other for other in self._open if other < step]:
             del self._open[older]
-        if self.before is not None:
-            self._steps_lost += step - self.before - 1
-        before, self._applied = self._applied, opened.scan
+        lost = 0 if self.before is None else step - self.before - 1
+        before = self.state.applied
+        self.state = StepCollectorState(_without_beams(opened.scan), self.state.steps_lost + lost)
         late, self._late = self._late, []
         reports = (*late, *opened.reports.values())
         return ReadyStep(opened.scan, before, reports, opened.arrived_ns)
 
-    # --- from one coordinator to the next
+    def resume(self, state: StepCollectorState) -> None:
+        """Continue from another coordinator's state; waiting scans of later steps stay.
 
-    def state(self) -> StepCollectorState:
-        """Which steps are over, to be handed on."""
-        empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
-        applied = self._applied and msgspec.structs.replace(self._applied, ranges=empty, others=())
-        return StepCollectorState(applied, self._steps_lost)
-
-    def restore(self, state: StepCollectorState) -> None:
-        """Another coordinator has applied the steps so far; scans of others, which wait, stay.
-
-        Reports do not: they are of jobs that this one had, and that have the same ids.
+        Reports do not: they are of this coordinator's own jobs, which may have the same ids.
         """
-        self._applied, self._steps_lost = state.applied, state.steps_lost
+        self.state = state
         self._late.clear()
         over = -1 if state.applied is None else state.applied.step
         self._open = {
@@ -319,3 +309,8 @@ class StepCollector:
             for step, opened in self._open.items()
             if step > over and opened.scan
         }
+
+
+def _without_beams(scan: Scan) -> Scan:
+    empty = ArrayBlob(dtype="float32", shape=(0,), data=b"")
+    return msgspec.structs.replace(scan, ranges=empty, others=())

@@ -163,7 +163,7 @@ class SearchCourse:
 
     def state(self) -> SearchCourseState:
         """All that decides."""
-        search = self._pool.state(self.evidence.state()) if self._pool else None
+        search = self._pool.state(_copied(self.evidence)) if self._pool else None
         return SearchCourseState(search, self.begun, self._next_step)
 
     def restore(self, state: SearchCourseState) -> None:
@@ -173,8 +173,12 @@ class SearchCourse:
         if (search := state.search) is not None:
             self._pool = self.new_pool(search.search, search.first_step)
             self._pool.progress = search.progress
-            self.evidence = SearchEvidence.restored(search.evidence)
+            self.evidence = _copied(search.evidence)
         self.begun, self._next_step = state.searches, state.next_search_step
+
+
+def _copied(evidence: SearchEvidence) -> SearchEvidence:
+    return replace(evidence, gathered=dict(evidence.gathered))
 
 
 class DecoyState(msgspec.Struct, frozen=True):

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from coordinator.belief.search_evidence import SearchEvidenceState
+from coordinator.belief.search_evidence import SearchEvidence
 from particle_filter.arrays import Poses
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
@@ -32,7 +32,7 @@ class SearchState(msgspec.Struct, frozen=True):
 
     search: int
     first_step: int
-    evidence: SearchEvidenceState
+    evidence: SearchEvidence
     progress: float = 0.0
     """How near it is to its end, 0 to 1."""
 
@@ -111,7 +111,7 @@ class SearchPool:
         """The jobs of this search, one a shard."""
         return tuple(f"{self._kind}{self.search}.{shard}" for shard in range(self._settings.shards))
 
-    def state(self, evidence: SearchEvidenceState) -> SearchState:
+    def state(self, evidence: SearchEvidence) -> SearchState:
         """The search as it is handed on, with what it is compared with."""
         return SearchState(self.search, self.first_step, evidence, self.progress)
 

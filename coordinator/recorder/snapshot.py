@@ -18,35 +18,33 @@ from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
 from coordinator.belief.search_course import SearchCourse
+from coordinator.belief.search_evidence import SearchEvidence
 from coordinator.belief.search_pool import SearchPool
-from coordinator.commands import Commanded
+from coordinator.commands import CommandsState
 from coordinator.coordinator import Coordinator
 from coordinator.events import Told
 from coordinator.free_ground import FreeGround
 from coordinator.jobs import PlacedJob
 from coordinator.pose_tracker import Lateness
 from coordinator.recorder.records import Started, without_bulk
-from coordinator.step_collector import OpenStep
+from coordinator.step_collector import OpenStep, StepCollectorState
 from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from particle_filter.view_memory import ViewMemory
 from protocol.job_events import JobEvent, NumberedEvent
 from protocol.live_settings import LiveSettings
 from protocol.message import Covariance, PoseTuple
-from protocol.steps import Scan
 from protocol.work import Checkpoint, Job, Report, SearchReport
 
 
 def _search_at(path: str) -> dict[str, dict[str, Any]]:
     """What changes in a `SearchCourse`."""
     return {
-        path: {"begun": int, "_next_step": int, "_means": dict[int, dict[str, PoseTuple]]},
-        f"{path}.evidence": {
-            "log_elsewhere": float,
-            "log_off_map": float,
-            "_gathered": dict[int, float],
-            "_total": float,
-            "_explained": float,
+        path: {
+            "begun": int,
+            "evidence": SearchEvidence,
+            "_next_step": int,
+            "_means": dict[int, dict[str, PoseTuple]],
         },
         f"{path}._pool": {
             "search": int,
@@ -135,8 +133,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "_state.collector": {
             "_open": dict[int, OpenStep],
             "_late": list[SearchReport],
-            "_applied": Scan | None,
-            "_steps_lost": int,
+            "state": StepCollectorState,
             "_base": int | None,
         },
         "_state.pose": {
@@ -168,11 +165,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_count": int,
             "_news": list[NumberedEvent],
         },
-        "_state.commands": {
-            "_problems": dict[str, str],
-            "_set_poses": int,
-            "_waiting": Commanded | None,
-        },
+        "_state.commands": {"state": CommandsState},
         "_state.overload": {"_waits_ns": list[int], "_overloaded": bool},
         "_state._map_changes": {"_digest": str, "_step": int, "_in_a_row": int},
         "": {"_linked": bool},

@@ -91,9 +91,12 @@ def test_states_that_cannot_be_used_are_refused_with_the_reason(state: Checkpoin
         (changed(state, ensemble=replace(state.ensemble, seen=ViewMemory(b"x"))), "of views"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.nan)), "elsewhere"),
         (changed(state, ensemble=gathering(state, log_elsewhere=math.inf)), "elsewhere"),
-        (changed(state, ensemble=gathering(state, gathered=((3, math.nan),))), "log-likelihood"),
-        (changed(state, ensemble=gathering(state, gathered=((-3, 1.0),))), "step"),
-        (changed(state, ensemble=gathering(state, gathered=((3, 1.0),) * 3000)), "of one kind"),
+        (changed(state, ensemble=gathering(state, gathered={3: math.nan})), "log-likelihood"),
+        (changed(state, ensemble=gathering(state, gathered={-3: 1.0})), "step"),
+        (
+            changed(state, ensemble=gathering(state, gathered=dict.fromkeys(range(3000), 1.0))),
+            "of one kind",
+        ),
         (changed(state, jobs=tuple(misnamed)), "no cluster"),
     ):
         with pytest.raises(ValueError, match=words):

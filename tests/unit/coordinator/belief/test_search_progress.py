@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from coordinator.belief.search_evidence import SearchEvidence
 from coordinator.belief.search_pool import SearchPool
 from particle_filter.settings import SearchSettings
 from tests.unit.coordinator.reports import pool_of
@@ -32,9 +31,3 @@ def test_what_was_left_out_is_not_held() -> None:
 def test_it_ends_with_its_time() -> None:
     assert progress(0.0, 0.99, 7) == pytest.approx(0.7)
     assert progress(0.0, 0.99, 10) == 1.0
-
-
-def test_it_is_handed_on() -> None:
-    search = SearchPool(0, 1, SETTINGS)
-    search.progress = 0.4
-    assert search.state(SearchEvidence().state()).progress == 0.4

@@ -85,6 +85,13 @@ def test_one_that_took_over_without_a_belief_leaves_the_file_as_it_is() -> None:
     assert recovery.checkpoints == [KEPT]
 
 
+def test_states_of_a_coordinator_without_places_displace_no_state_with_places() -> None:
+    recovery = asked("w1", known=KNOWN)
+    for serial in range(10):
+        recovery.hear(replace(KNOWN, term=7, serial=serial, founded=False))
+    assert recovery.checkpoints[0] == KNOWN
+
+
 def test_reports_are_asked_for_since_the_oldest_step_to_carry_on_from() -> None:
     newer = replace(KNOWN, step=8, serial=4)
     for known, kept, since in ((None, None, 5), (newer, None, 8), (newer, KEPT, 3)):
