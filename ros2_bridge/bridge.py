@@ -29,7 +29,7 @@ from protocol.steps import LaserReading, MapReading, OdometryReading
 from protocol.work import Report, TrackReport
 from ros2_bridge import topics
 from ros2_bridge.amcl import Amcl
-from ros2_bridge.bond import BondThread
+from ros2_bridge.bond import BondThread, Doing, RestartFile, restart_file
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
@@ -45,7 +45,6 @@ from ros2_bridge.outputs import (
     Refused,
     SearchEverywhere,
 )
-from ros2_bridge.restart_file import Doing, RestartFile, restart_file
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.ros_log import log_to_ros
 from ros2_bridge.services import Services

@@ -3,6 +3,7 @@
 import logging
 
 import numpy as np
+from msgspec.structs import replace
 
 from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
@@ -20,14 +21,7 @@ _log = logging.getLogger(__name__)
 def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
     """Run every kernel once: a small search, tracking of its best place, elsewhere."""
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
-    small = FilterSettings(
-        seed=settings.seed,
-        motion=settings.motion,
-        sensor=settings.sensor,
-        cluster=settings.cluster,
-        search=search,
-        belief=settings.belief,
-    )
+    small = replace(settings, search=search)
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
     model = computed_model(Grid(cells, 0.1, np.zeros(3)), small.sensor)
