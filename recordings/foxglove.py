@@ -6,7 +6,7 @@ is read again holds the fields of one of the classes below; Foxglove ignores the
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -16,11 +16,13 @@ from grid_maps.map_message import cells_of
 from particle_filter.arrays import OCCUPIED
 from protocol.answers import Hypothesis
 from protocol.arrays import ArrayBlob
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Covariance, Finite, PoseTuple, Positive, ScanStep, Stamp
 from protocol.steps import LaserBeams, Scan
 
 Json: TypeAlias = dict[str, Any]
 
+_FAR_M = 1e6
+_Range: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=_FAR_M)]
 MAP, ODOM, BASE = "map", "odom", "base_link"
 """Frames, as ROS calls them (REP 105)."""
 _INT8, _INFO = 2, 2
@@ -39,14 +41,14 @@ _COLOURS = (
 class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
     """The measurement of one laser for a step, as in `Scan`; a range of 0 is no return."""
 
-    step: int
-    stamp_ns: int
+    step: ScanStep
+    stamp_ns: Stamp
     odom_from_robot: PoseTuple
     robot_from_laser: PoseTuple
-    angle_min_rad: float
-    angle_step_rad: float
-    range_max_m: float
-    ranges: list[float]
+    angle_min_rad: Finite
+    angle_step_rad: Finite
+    range_max_m: _Range
+    ranges: list[_Range]
     map_digest: str
 
     def beams(self) -> LaserBeams:
@@ -61,9 +63,9 @@ class LaserFields(msgspec.Struct, frozen=True, kw_only=True):
 
 def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
     """`foxglove.LaserScan` of one laser of a step, and `LaserFields`."""
-    ranges = beams.ranges.array().astype(np.float64)
+    ranges, range_max_m = beams.ranges.array().astype(np.float64), min(beams.range_max_m, _FAR_M)
     with np.errstate(invalid="ignore"):
-        ranges[~((ranges > 0.0) & (ranges < beams.range_max_m))] = 0.0
+        ranges[~((ranges > 0.0) & (ranges < range_max_m))] = 0.0
     short = np.round(ranges, 4)  # the same in 32 bits, unless it was finer than 0.1 mm
     own = LaserFields(
         step=scan.step,
@@ -72,7 +74,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
         robot_from_laser=beams.robot_from_laser,
         angle_min_rad=beams.angle_min_rad,
         angle_step_rad=beams.angle_step_rad,
-        range_max_m=beams.range_max_m,
+        range_max_m=range_max_m,
         ranges=np.where(short.astype(np.float32) == ranges, short, ranges).tolist(),
         map_digest=scan.map_digest,
     )
@@ -88,7 +90,7 @@ def laser_scan(scan: Scan, beams: Scan | LaserBeams) -> Json:
 class LinkFields(msgspec.Struct, frozen=True):
     """Where a frame is in its parent, to the last bit."""
 
-    stamp_ns: int
+    stamp_ns: Stamp
     child_frame_id: str
     parent_from_child: PoseTuple
 
@@ -107,9 +109,9 @@ def frame_transform(stamp_ns: int, parent: str, child: str, pose: PoseTuple) -> 
 class MapFields(msgspec.Struct, frozen=True):
     """A map, as ROS has it: 0 is free, 100 occupied, -1 unknown."""
 
-    cell_m: float
+    cell_m: Positive
     map_from_grid: PoseTuple
-    column_count: int
+    column_count: Annotated[int, msgspec.Meta(gt=0, lt=2**31)]
     data: bytes
 
     def grid_map(self) -> GridMap:
@@ -118,7 +120,7 @@ class MapFields(msgspec.Struct, frozen=True):
         Raises:
             ValueError: the bytes are no map.
         """
-        occupancy = np.frombuffer(self.data, np.int8).reshape(-1, max(self.column_count, 1))
+        occupancy = np.frombuffer(self.data, np.int8).reshape(-1, self.column_count)
         return GridMap(cells_of(occupancy), self.cell_m, self.map_from_grid)
 
 

@@ -23,6 +23,7 @@ from protocol.answers import Belief
 from protocol.errors import RecordingError
 from protocol.pose_arrays import pose_tuple
 from protocol.steps import OdometryReading, Scan
+from protocol.validity import problem_of
 from recordings import foxglove
 from recordings.bag_chunks import mcap_records
 from recordings.foxglove import BASE, MAP, ODOM
@@ -270,9 +271,13 @@ def decoded(message: LogMessage, kind: type[T], path: Path) -> T:
         RecordingError: it is something else.
     """
     try:
-        return msgspec.json.decode(message.data, type=kind)
-    except (msgspec.DecodeError, RecursionError) as error:
-        raise RecordingError(path, f"{message.topic}: {error}") from None
+        content = msgspec.json.decode(message.data, type=kind)
+        problem = problem_of(content)
+    except (ValueError, RecursionError) as error:  # of msgspec's, and of strings
+        problem = str(error)
+    if problem:
+        raise RecordingError(path, f"{message.topic}: {problem}")
+    return content
 
 
 def playback(path: Path) -> tuple[list[Entry], list[SkippedLine]]:

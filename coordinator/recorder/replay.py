@@ -204,7 +204,7 @@ def _head(path: Path, message: LogMessage, version: str) -> Head:
 def _unpacked(path: Path, message: LogMessage, decoder: "msgspec.msgpack.Decoder[T]") -> T:
     try:
         return decoder.decode(message.data)
-    except (msgspec.DecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # of msgspec's, and of strings
         raise RecordingError(path, f"{message.topic}: {error}") from None
 
 

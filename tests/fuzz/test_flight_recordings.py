@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,9 +14,15 @@ from hypothesis import strategies as st
 from coordinator.recorder.records import EventTold, Head
 from coordinator.recorder.replay import replayed
 from coordinator.recorder.ring import EVENTS, HEAD, files_in
+from grid_maps.grid_map import GridMap
 from live_view.recorded_run import RecordedRun
-from protocol.errors import RecordingError
+from process_runtime.settings import BridgeSettings
+from protocol.errors import MapFileError, RecordingError
+from recordings.map_file import load_map
+from recordings.recording import open_recording
 from recordings.run_log import LogFile, LogMessage, RunLog
+from robot_simulator.worlds.catalogue import world
+from sensor_bridge.recorded import steps_of
 from tests.fuzz.effort import cases
 from tests.fuzz.mutations import damaged, with_other_numbers
 from tests.unit.coordinator.living import Living, symmetric_room
@@ -98,20 +105,46 @@ def test_heads_and_events_with_other_numbers_are_replayed_or_refused(
             replay(folder)
 
 
+def numbers_changed(content: bytes) -> st.SearchStrategy[bytes]:
+    """The same JSON with other numbers."""
+    packed = st.just(msgspec.msgpack.encode(msgspec.json.decode(content)))
+    return with_other_numbers(packed).map(msgspec.msgpack.decode).map(msgspec.json.encode)
+
+
 @cases(0.03)
 @given(st.data())
-def test_messages_with_other_contents_are_shown_or_refused(
+def test_messages_with_other_contents_are_used_or_refused(
     folder: Path, data: st.DataObject
 ) -> None:
-    messages = recording()[1]
-    shown = [number for number, message in enumerate(messages) if message.topic[1] != "c"]
-    at = data.draw(st.sampled_from(shown))
-    other = data.draw(damaged(st.just(messages[at].data)))
-    with RunLog(folder / NAME) as log:
+    messages = [message for message in recording()[1] if message.topic[1] != "c"]
+    topic = data.draw(st.sampled_from(sorted({message.topic for message in messages})))
+    chosen = [number for number, message in enumerate(messages) if message.topic == topic]
+    at = data.draw(st.sampled_from(chosen))
+    content = messages[at].data
+    other = data.draw(damaged(st.just(content)) | numbers_changed(content))
+    path = folder / "run.mcap"
+    with RunLog(path) as log:
+        log.on_map(world("cross").map, 0)
         for number, message in enumerate(messages):
-            content = msgspec.Raw(other if number == at else message.data)
-            log.write(message.topic, content, message.at_ns)
+            written = msgspec.Raw(other if number == at else message.data)
+            log.write(message.topic, written, message.at_ns)
     with contextlib.suppress(RecordingError):
-        run = RecordedRun(folder, None)
+        run = RecordedRun(path, None)
         while run.read_for(1.0):
             pass
+    with contextlib.suppress(RecordingError):
+        list(steps_of(open_recording(path, BridgeSettings()), BridgeSettings(), ""))
+
+
+@cases(0.03)
+@given(st.data())
+def test_a_map_with_other_contents_is_a_map_or_refused(folder: Path, data: st.DataObject) -> None:
+    path = folder / "run.mcap"
+    with RunLog(path) as log:
+        log.on_map(GridMap(np.eye(4, 5, dtype=np.int8), 0.05, (1.0, 2.0, 0.5)), 0)
+    (message,) = LogFile(path).messages()
+    other = data.draw(damaged(st.just(message.data)) | numbers_changed(message.data))
+    with RunLog(path) as log:
+        log.write(message.topic, msgspec.Raw(other), 0)
+    with contextlib.suppress(MapFileError):
+        load_map(path)
