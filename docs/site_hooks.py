@@ -49,6 +49,12 @@ def _runs() -> dict[str, str]:
     return {f"demo/{name}.html": play_runs.page(story) for name, story in play_runs.STORIES.items()}
 
 
+def on_post_page(output: str, **_rest: object) -> str:
+    """Name the search for screen readers, which the theme leaves out."""
+    search = 'data-md-component="search" role="dialog"'
+    return output.replace(search, f'{search} aria-label="Search"')
+
+
 def on_page_markdown(markdown: str, page: Page, **_rest: object) -> str:
     """Replace links to files outside the site by their names; the files must exist."""
     here = DOCS / page.file.src_uri

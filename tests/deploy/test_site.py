@@ -8,7 +8,11 @@ import re
 import subprocess
 import sys
 import zlib
+from contextlib import ExitStack
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from types import ModuleType
 
 import pytest
@@ -17,6 +21,10 @@ import clustermcl
 from process_runtime.settings_table import TABLE
 from protocol import answers, health, job_events, steps, work
 from protocol.message import Message
+from tests.integration.live_view.conftest import started_browser
+from tests.integration.live_view.page import Page, serious_problems
+
+pytestmark = pytest.mark.timeout(300)  # the site takes 10 s of a core, the browser as much
 
 REPOSITORY = Path(__file__).parents[2]
 
@@ -71,7 +79,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     made = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)],
-        cwd=REPOSITORY, capture_output=True, text=True, timeout=100, check=False,
+        cwd=REPOSITORY, capture_output=True, text=True, timeout=280, check=False,
         env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
     )  # fmt: skip
     assert made.returncode == 0, made.stderr
@@ -116,3 +124,27 @@ def test_the_notebook_runs_and_is_shown_with_its_pictures(site: Path) -> None:
     page = (site / "tutorials/notebook/index.html").read_text()
     assert page.count('src="../notebook-') == 3
     assert "localized" in page
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(
+    ("screen", "scheme"), [("1300x800", ""), ("1300x800", "dark"), ("360x800", "")]
+)
+def test_axe_finds_nothing_serious_on_the_site(site: Path, scheme: str, screen: str) -> None:
+    """Also that no page is wider than its window: tables scroll by themselves."""
+    handler = partial(SimpleHTTPRequestHandler, directory=str(site))
+    with ExitStack() as ended, ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        driver = started_browser()
+        ended.callback(driver.quit)
+        Thread(target=server.serve_forever, daemon=True).start()
+        ended.callback(server.shutdown)
+        page = Page(driver, f"http://127.0.0.1:{server.server_port}/")
+        with page.on_screen(screen, scheme):
+            page.run("localStorage.clear()")  # the mode of the page that is open already
+            for name in ("", "reference/library/", "tutorials/notebook/"):
+                driver.get(f"{page.link}{name}")
+                assert page.run("return document.body.dataset.mdColorScheme") == (
+                    "slate" if scheme else "default"
+                )
+                assert serious_problems(page) == [], name
+                assert not page.run("return document.documentElement.scrollWidth > innerWidth")

@@ -1,6 +1,7 @@
 """What a test sees of the page, and does on it."""
 
 import base64
+import importlib.util
 import io
 import json
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -171,3 +173,19 @@ def press(page: Page, keys: str) -> None:
     from selenium.webdriver.common.action_chains import ActionChains  # noqa: PLC0415 - an extra
 
     ActionChains(page.driver).send_keys(keys).perform()
+
+
+def serious_problems(page: Page) -> list[str]:
+    """What axe-core finds on the page, the serious and the critical."""
+    package = importlib.util.find_spec("axe_core_python")
+    if package is None or package.origin is None:
+        pytest.skip("axe-core-python is not installed: pip install 'clustermcl[browser]'")
+    page.run((Path(package.origin).parent / "axe.min.js").read_text())
+    found = page.run_async(
+        "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}).then(done)"
+    )
+    return [
+        f"{violation['id']}: {[(n['html'][:90], n['any'][:1]) for n in violation['nodes'][:3]]}"
+        for violation in found["violations"]
+        if violation["impact"] in ("serious", "critical")
+    ]

@@ -1,6 +1,5 @@
 """The page's drawings of given messages, in a real browser, without a system behind it."""
 
-import importlib.util
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from protocol.arrays import ArrayBlob
 from protocol.job_events import Ended, JobEvents, NumberedEvent
 from protocol.steps import TruePose
 from protocol.work import TrackReport
-from tests.integration.live_view.page import Page, press
+from tests.integration.live_view.page import Page, press, serious_problems
 from tests.integration.live_view.stage import Stage
 from tests.integration.waiting import wait_until
 from tests.unit.live_view.messages import (
@@ -684,22 +683,6 @@ def test_axe_finds_nothing_serious(
                 press(drawn, "?")
         drawn.save(pictures / f"{shown}-{screen}.png")
         assert serious_problems(drawn) == []
-
-
-def serious_problems(page: Page) -> list[str]:
-    """What axe-core finds on the page, the serious and the critical."""
-    package = importlib.util.find_spec("axe_core_python")
-    if package is None or package.origin is None:
-        pytest.skip("axe-core-python is not installed: pip install 'clustermcl[browser]'")
-    page.run((Path(package.origin).parent / "axe.min.js").read_text())
-    found = page.run_async(
-        "axe.run({runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa']}).then(done)"
-    )
-    return [
-        f"{violation['id']}: {[(n['html'][:90], n['any'][:1]) for n in violation['nodes'][:3]]}"
-        for violation in found["violations"]
-        if violation["impact"] in ("serious", "critical")
-    ]
 
 
 def test_a_demo_shows_its_captions(stage: Stage, drawn: Page, pictures: Path) -> None:
