@@ -7,10 +7,10 @@ import pytest
 
 from particle_filter.arrays import Cells, Points, Pose
 from particle_filter.likelihood_field import LikelihoodField, scan_log_likelihood
+from particle_filter.likelihood_field_model import occluded_log_likelihood
 from particle_filter.poses import between, compose
 from particle_filter.ray_casting import jump_field
 from particle_filter.settings import SensorSettings
-from particle_filter.visibility import occluded_log_likelihood
 from tests.unit.particle_filter.naive_rays import cast_ray
 from tests.unit.particle_filter.rooms import CELL_M, plain_room
 
