@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cache
 from io import BufferedIOBase
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, cast
 
 from process_runtime.compressed import (
@@ -99,12 +98,7 @@ class BagFile:
     def __enter__(self) -> "BagFile":
         return self
 
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_how: object) -> None:
         self._closing.close()
 
     def of_type(self, message_type: str) -> list[str]:
