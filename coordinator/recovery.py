@@ -83,7 +83,7 @@ class Term:
         return True
 
     def on_worker_term(self, number: int, now_ns: int) -> bool:
-        """Take the highest term that a worker knows; unlike `hear`, it never deposes."""
+        """Take the highest term that a worker knows, which never deposes."""
         if not self._begun:
             return self.hear(number)
         if number > self._number:
