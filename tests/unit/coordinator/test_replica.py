@@ -1,0 +1,81 @@
+"""One coordinator process from follower to leader and back."""
+
+from coordinator.events import CheckpointHeard, LinkChanged, TimePassed, TokenChanged
+from coordinator.instructions import AskState, PublishCheckpoint
+from coordinator.recorder.records import Started
+from coordinator.replica import LISTEN_NS, PAUSE_NS, SETTLE_NS, Replica
+from particle_filter.settings import FilterSettings
+from process_runtime.settings import CoordinatorSettings
+from protocol.work import Checkpoint
+
+SECOND = 1_000_000_000
+SILENCE_S = 2.0
+
+
+def state(term: int, serial: int = 0) -> Checkpoint:
+    return Checkpoint(sender="other", term=term, serial=serial, step=-1, founded=False, state=b"")
+
+
+def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
+    """Let a replica lead, alone in the world."""
+    started = Started(
+        sender="c",
+        filter_settings=FilterSettings(),
+        settings=CoordinatorSettings(),
+        version="test",
+        now_ns=now_ns,
+        term=term,
+        known=replica.newest.checkpoint,
+    )
+    replica.lead(started.coordinator(), now_ns)
+    return replica
+
+
+def test_a_follower_leads_when_the_leaders_token_vanishes_and_the_link_stays() -> None:
+    replica = Replica(SILENCE_S, 0)
+    replica.handle(TokenChanged(None, alive=True), 0)
+    replica.handle(TokenChanged(None, alive=False), SECOND)
+    assert not replica.is_leader_dead(SECOND + SETTLE_NS - 1)
+    assert replica.is_leader_dead(SECOND + SETTLE_NS)
+    replica.handle(LinkChanged(up=False), SECOND + SETTLE_NS)
+    assert not replica.is_leader_dead(60 * SECOND), "it has lost its own link"
+
+
+def test_a_new_leader_asks_its_workers_and_rises_above_the_term_that_it_followed() -> None:
+    replica = Replica(SILENCE_S, 0)
+    replica.handle(CheckpointHeard(state(term=500)), 0)
+    leading(replica, SECOND, term=100)
+    assert replica.role == "recovering"
+    decided = replica.handle(TokenChanged("w0", alive=True), SECOND)
+    (ask,) = [do for do in replica.release(decided, SECOND) if isinstance(do, AskState)]
+    assert ask.question.term > 500
+    assert not replica.may_answer(SECOND)
+
+
+def test_a_leader_is_deposed_by_a_state_of_a_higher_term_and_follows_from_it() -> None:
+    replica = leading(Replica(SILENCE_S, 0), 0)
+    replica.handle(TimePassed(), 1)
+    assert replica.role == "leading"
+    assert replica.may_answer(1)
+    replica.handle(CheckpointHeard(state(term=50)), 2)
+    assert replica.role == "leading", "that one is older"
+    decided = replica.handle(CheckpointHeard(state(term=900)), 3)
+    assert replica.role == "deposed"
+    assert replica.release([*decided, PublishCheckpoint(state(100))], 3) == []
+    replica.follow(4)
+    assert (replica.role, replica.newest.checkpoint) == ("follower", state(term=900))
+
+
+def test_a_leader_that_was_stopped_publishes_and_answers_nothing_until_it_has_listened() -> None:
+    replica = leading(Replica(SILENCE_S, 0), 0)
+    replica.handle(TimePassed(), 1)
+    woken_ns = PAUSE_NS + 2
+    assert not replica.may_answer(woken_ns)
+    decided = [PublishCheckpoint(state(100))]
+    assert replica.release([*decided], woken_ns + 1) == []
+    later_ns = woken_ns
+    while later_ns < woken_ns + LISTEN_NS:
+        later_ns += SECOND // 2
+        released = replica.release([], later_ns)
+    assert released == decided
+    assert replica.may_answer(later_ns)
