@@ -1,7 +1,7 @@
 """What the beams of a scan come to at one pose: counted by class, not summed.
 
 People stand before walls, so a short beam says nothing about the place. A wall that is not there
-does: nobody can push a beam through one. And where the place is right, beams end *on* obstacles;
+does: no person can make a beam longer. And where the place is right, beams end *on* obstacles;
 elsewhere they end near some by chance.
 """
 
@@ -22,7 +22,7 @@ NEAR_M = 0.3
 CLOSE_M = 2.0
 """Of obstacles closer than this: what ends just before one may have met a person there."""
 THROUGH_M = 0.45
-"""An end so far behind the first obstacle on the way went through it."""
+"""A beam that ends this far behind the first obstacle on its way went through it."""
 
 
 def beam_classes(map_from_robot: Pose, beams: Beams, grid: Grid, jumps: JumpField) -> BeamClasses:

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 _BEAMS = 16.0
-"""A scan counts like so many independent beams."""
+"""Effective number of independent beams of a scan."""
 
 
 class BeamClasses(NamedTuple):
-    """How many beams of each class; those without return are not counted."""
+    """Numbers of beams by class; beams without return are left out."""
 
     sharp: int
     """End on an obstacle that the laser can see from there."""
@@ -46,7 +46,7 @@ _RESEMBLING, _FOREIGN = _Kind((9.0, 1.8), (2.0, 9.0)), _Kind((1.5, 1.0), (1.3, 1
 """Wrong places: in a building that is much like this one, and in one that is not."""
 _KINDS = (_CLEAR, _CRUDE, _RESEMBLING, _FOREIGN)
 _CRUDE_SHARE, _RESEMBLING_SHARE = 0.1, 0.5
-"""Before anything was seen."""
+"""Before the first view."""
 _SHORT_SHARE, _SHORT_LEARNED = 0.2, 0.5
 """Before anything was seen; what a view says of it, against all earlier ones."""
 _ODD_VIEW = 0.05
@@ -57,16 +57,16 @@ _FORGOTTEN = 0.002
 """What a view takes from what was learned of the map."""
 
 _DIFFERENCE = 1.0
-"""Larger differences between the robot's fit and the decoy's count as this one [nat/beam]."""
+"""Largest difference between the robot's fit and the decoy's that counts [nat/beam]."""
 _DECOY_RIGHT, _DECOY_WRONG, _DECOY_ALIKE = (0.8, 0.45), (-0.25, 0.5), (0.0, 0.12)
 """Mean and standard deviation of that difference [nat/beam]: at right places, at wrong ones, and at
 all places of a map that is its own mirror image."""
 _ALIKE_SHARE = 0.5
-"""Before anything was seen."""
+"""Before the first view."""
 
 
 class MapQuality(msgspec.Struct, frozen=True):
-    """What has been learned of the map."""
+    """Properties of the map, learned while localizing."""
 
     crude: float = _CRUDE_SHARE
     """Probability that right places look as in a crude map."""
@@ -81,20 +81,20 @@ class MapQuality(msgspec.Struct, frozen=True):
 def log_odds_by_decoy(
     quality: MapQuality, difference: float, log_here: float, new_view: float
 ) -> tuple[float, MapQuality]:
-    """What a decoy says for the robot being at one of its places, against at none.
+    """Return the evidence of a decoy for the robot being at a tracked place.
 
-    What the mirrored scans reach is what a robot reaches that is not there, unless the map is its
-    own mirror image: then both reach the same, and this tells nothing.
+    The decoy's fit is what a robot reaches that is not on the map. If the map is its own mirror
+    image, both fits are alike, and the evidence is zero.
 
     Args:
-        quality: as learned so far.
+        quality: before this scan.
         difference: how much better the scan fits at the best place than the mirrored scan does
             where the decoy is [nat/beam].
         log_here: log of the probability that the robot is at one of its places.
         new_view: how much of a new view of the building the scan is, from 0 to 1.
 
     Returns:
-        What the log-odds grow by, and what is known of the map now.
+        The change of the log-odds, and the quality after this scan.
 
     References:
         Elias and Gygi (2007), target-decoy search, Nature Methods 4.
@@ -120,16 +120,16 @@ def log_odds_of_here(
     classes: Sequence[BeamClasses],
     new_view: float,
 ) -> tuple[float, MapQuality]:
-    """What a scan says for the robot being at one of its places, against at none.
+    """Return the evidence of the beams' classes for the robot being at a tracked place.
 
     Args:
-        quality: as learned so far.
-        probabilities: (K,) of the places, among themselves.
+        quality: before this scan.
+        probabilities: (K,) of the places, summing to one.
         classes: K of the scan's beams, each at the best pose of a place.
         new_view: how much of a new view of the building the scan is, from 0 to 1.
 
     Returns:
-        What the log-odds grow by, and what is known of the map now.
+        The change of the log-odds, and the quality after this scan.
     """
     if new_view == 0.0:
         return 0.0, quality

@@ -187,7 +187,7 @@ class ClusterSet:
             new_view: share of the scan that shows what none before has shown (`ViewMemory`).
             news: share of it that is news of whether the robot is at any cluster (`news_of`).
             decoy: report of a job that tracks the mirrored scans; None: there is none.
-            awaits_decoy: a decoy is searched for; until it is found, classes of beams do not count.
+            awaits_decoy: the first decoy is being searched for; classes do not count until then.
 
         Returns:
             Log of the scan's likelihood before it was known where the robot is: what a hypothesis
@@ -239,7 +239,7 @@ class ClusterSet:
         here = np.append(among + log_here, (log_there, log_off))
         told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
         self._set(belief.normalised_logs(told))
-        # Newcomers, whose beams nobody has classed, are worth no less for places that fit well.
+        # A newcomer's beams have no classes yet: good classes of tracked places do not lower it.
         return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
@@ -250,7 +250,7 @@ class ClusterSet:
     def _log_odds_of_here(
         self, among: NDArray[np.float64], reports: Mapping[str, TrackReport], new_view: float
     ) -> float:
-        """What the classes of beams say for the clusters; they tell something of the map, too."""
+        """Return the evidence of the beams' classes for the clusters; update the map's quality."""
         if 0.0 in (self._rules.kidnapping_probability, self._rules.off_map_probability):
             return 0.0
         told = [reports.get(job_id) for job_id in self.job_ids]
@@ -274,7 +274,7 @@ class ClusterSet:
         decoy: TrackReport,
         new_view: float,
     ) -> float:
-        """What a scan says for the clusters beyond what the mirrored scan says for a decoy."""
+        """Return the evidence for the clusters, given the report of a decoy."""
         best = reports.get(self.job_ids[int(np.argmax(among))])
         difference = (
             best.log_likelihood_per_beam - decoy.log_likelihood_per_beam if best else math.nan
@@ -285,7 +285,7 @@ class ClusterSet:
         of_decoy, _ = log_odds_of_here(self.quality, np.ones(1), classes, new_view)
         log_here = math.log1p(-min(self.nowhere, 1.0 - 1e-12))
         by_fit, self.quality = log_odds_by_decoy(self.quality, difference, log_here, new_view)
-        # Where a decoy's beams are classed alike, classes tell nothing.
+        # Classes count only where they differ from the decoy's.
         return min(max(odds - of_decoy, min(odds, 0.0)), max(odds, 0.0)) + by_fit
 
     def _follow_fit(self, log_scan: float, log_best: float, news: float) -> None:
@@ -416,10 +416,10 @@ class ClusterSet:
         first_step: float = math.inf,
         protected_until: int = -1,
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Let newcomers in beside the clusters; the least probable leave where there are too many.
+        """Add newcomers; the least probable clusters end where there are too many.
 
         Args:
-            newcomers: with their weights beside the belief; all are normalised afterwards.
+            newcomers: with weights relative to the belief; all are normalised afterwards.
             step: the step after which they are tracked.
             first_step: of the search that has found them; its earlier finds are not protected.
             protected_until: the step before which they may not be replaced.
@@ -452,10 +452,10 @@ class ClusterSet:
     def sharing(
         self, newcomers: Sequence[Newcomer], first_step: int, explained: float
     ) -> list[Newcomer]:
-        """Let newcomers take from those that the same search has brought, and from nobody else.
+        """Take the probability of newcomers from earlier places of the same search only.
 
         Args:
-            newcomers: what the search has found since, with their weights beside the belief.
+            newcomers: found by the search since, with weights relative to the belief.
             first_step: of the search; those it has brought hold more than nothing.
             explained: what was elsewhere, and is theirs now.
 
@@ -485,7 +485,7 @@ class ClusterSet:
         return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
 
     def protect_alternatives(self, until: int) -> None:
-        """Let nobody take the place of those that the robot may well be at, before this step.
+        """Protect the probable clusters from replacement before this step.
 
         A scan or two that fit badly, for people stand around, make a robot look lost; what is found
         then shall not put out the place where it was all along.
@@ -497,7 +497,7 @@ class ClusterSet:
                 self._clusters[cluster.cluster] = protected
 
     def lift_alternatives(self, step: int, first_step: int) -> None:
-        """Let those be worth a look that were probable before newcomers came; see above.
+        """Keep a least probability for clusters that were probable before newcomers; see above.
 
         Args:
             step: the last one.
@@ -539,9 +539,9 @@ class ClusterSet:
         that fit well, too, so this says nothing against it. Off the map does not gain by it.
 
         Args:
-            newcomers: with their weights beside the belief.
+            newcomers: with weights relative to the belief.
             log_elsewhere: log of the probability of elsewhere when their search began.
-            log_off_map: likewise, of off the map.
+            log_off_map: log of the probability of off the map at that time.
         """
         weight = math.fsum(place.share for place, _ in newcomers)
         most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)

@@ -1,4 +1,4 @@
-"""The belief and the search for new places: told of steps, answers with jobs.
+"""The belief and the search for new places: takes steps, returns jobs.
 
 A plain object without clock, network or particles. The same object runs in the coordinator
 process and in `clustermcl evaluate`, so that both believe the same, bit for bit. All that it
@@ -51,11 +51,11 @@ let a job that moves to another worker start after the review before."""
 NEARLY = 0.8
 """A cluster keeps its number of particles while its share is at least this much of it."""
 ELSEWHERE = "e0"
-"""The job that weighs scans all over the map; it begins anew where steps or maps do."""
+"""The job that weighs scans over the whole map; it starts again when steps or maps do."""
 OPEN = 0.1
-"""While the robot is off the map with more than this probability, a decoy is tracked."""
+"""A decoy is tracked while the robot is off the map with a higher probability than this."""
 LEAST_REST = 1e-12
-"""What is left beside a place that is given for certain."""
+"""Least probability of all other places after a certain pose was given."""
 
 
 class EnsembleState(msgspec.Struct, frozen=True):
@@ -107,7 +107,7 @@ class Ensemble:
 
     @property
     def unhurried(self) -> tuple[str, ...]:
-        """Those of them that may tell a step later: searches beside clusters."""
+        """Those of them that may report later: searches while clusters are tracked."""
         return (*self._search.job_ids, *self._decoy.search_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
@@ -124,7 +124,7 @@ class Ensemble:
         return begin
 
     def standing_jobs(self, first_step: int) -> dict[str, Job]:
-        """What is done all the time, from this step on."""
+        """Return the jobs that always run, from this step on."""
         return {job_id: ElsewhereJob(first_step=first_step) for job_id in self._elsewhere}
 
     def advance(
@@ -141,7 +141,7 @@ class Ensemble:
         """
         was_lost, had_fallen = self._lost, self.clusters.fit.has_fallen
         arrived = {report.job_id for report in reports if report.step == step}
-        arrived |= set(self.unhurried)  # nobody misses them
+        arrived |= set(self.unhurried)  # searches may lag
         missing = tuple(job_id for job_id in self.expected if job_id not in arrived)
         tracks = {r.job_id: r for r in reports if isinstance(r, TrackReport) and r.step == step}
         elsewhere = (
@@ -181,7 +181,7 @@ class Ensemble:
         return self._outcome(step, missing)
 
     def postpone_search(self, step: int) -> None:
-        """Let no periodic search begin after this step; one for a robot that is lost may."""
+        """Delay the next periodic search; a search for a lost robot may still begin."""
         self._search.postpone(step)
 
     def set_pose(self, given: Place) -> Outcome:
@@ -206,7 +206,7 @@ class Ensemble:
             step: the last one.
             cause: why the clusters end.
             near: where to search first; None: everywhere. Later searches look everywhere.
-            corners: of a region, likewise; empty: everywhere.
+            corners: of a region to search first; empty: everywhere.
         """
         self._forget(step, cause)
         self._seen, self._found = ViewMemory(), False
@@ -230,7 +230,7 @@ class Ensemble:
     # --- handed on
 
     def state(self) -> EnsembleState:
-        """All that decides; ask for it between steps."""
+        """Return what a checkpoint keeps; valid between steps."""
         search = self._search.state()
         return EnsembleState(
             clusters=self.clusters.all(),
@@ -249,7 +249,7 @@ class Ensemble:
         )
 
     def restore(self, state: EnsembleState) -> None:
-        """Go on from where another was; of a search, the last reports must be given again."""
+        """Continue from a checkpoint; the last reports of a search have to arrive again."""
         self.clusters.restore(
             state.clusters,
             state.next_cluster,
@@ -265,7 +265,7 @@ class Ensemble:
         self._decoy.restore(state.decoy)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        """What the last step came to, without the jobs that it began or ended, and why."""
+        """Return the outcome of the last step again, without jobs and events."""
         return self._outcome(step, missing)
 
     # --- clusters

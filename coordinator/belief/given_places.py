@@ -1,4 +1,4 @@
-"""Clouds round a place that nobody has tracked: a person gave it, or it was known before."""
+"""Particles around a place that has no cluster yet: a given pose, or the last one."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the belief comes to after a step, and how places are told."""
+"""The result of a step, and the messages made of it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from protocol.work import Job
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one step, or one command, came to."""
+    """The result of one step or one command."""
 
     step: int
     state: State
@@ -62,7 +62,7 @@ def belief_after(scan: Scan, outcome: Outcome, sender: str, term: int = 0) -> Be
 
 
 def hypothesis_of(cluster: Cluster, step: int) -> Hypothesis:
-    """A tracked place as it is told."""
+    """Return a cluster as a hypothesis of the belief message."""
     return Hypothesis(
         cluster=cluster.cluster,
         probability=cluster.probability,

@@ -34,7 +34,7 @@ def with_prior_pose(
     odom_from_robot: PoseTuple,
     settings: FilterSettings,
 ) -> list[Newcomer]:
-    """Give the offered place its probability beside the places that a search has found.
+    """Combine the prior place with the places that a search has found.
 
     A place that was found there anyway gets it; else the offered one takes the last place of K.
 

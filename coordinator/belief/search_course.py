@@ -1,4 +1,4 @@
-"""A search for new places from its begin to its end, and when the next one is due."""
+"""Searches for new places and for a decoy: when they begin, what they find, when they end."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,18 +15,18 @@ from protocol.message import Circle, Corners, PoseTuple
 from protocol.work import Job, Report, SearchJob, SearchReport, TrackJob, TrackReport
 
 LOST_SEARCHES = 5
-"""Times as often as usual a robot is searched for that is probably not on the map."""
+"""Searches are this many times as frequent while the robot is probably not on the map."""
 
 DECOYS = 3
-"""Places of the mirrored robot that are tracked."""
+"""Tracked places of the mirrored robot."""
 SCANS = 4
-"""They are searched for by so many scans."""
+"""Scans of one search for them."""
 PATIENCE = 10
-"""Steps from the end of a search for them to the next."""
+"""Steps from the end of a search for them to the next search."""
 
 
 class SearchCourseState(msgspec.Struct, frozen=True):
-    """As it is handed on."""
+    """What a checkpoint keeps of a `SearchCourse`."""
 
     search: SearchState | None
     searches: int
@@ -34,46 +34,46 @@ class SearchCourseState(msgspec.Struct, frozen=True):
 
 
 class SearchCourse:
-    """The search that runs, if one does, and what it is compared with."""
+    """The current search, if any, and the evidence of the clusters since it began."""
 
     def __init__(self, settings: FilterSettings, *, mirrored: bool = False) -> None:
         self._settings, self._mirrored = settings, mirrored
         self._pool: SearchPool | None = None
         self.evidence = SearchEvidence()
-        """What the clusters have gathered since the search began."""
+        """Log-likelihoods of the clusters since the search began."""
         self.begun = 0
-        """How many searches have."""
+        """Number of searches so far."""
         self._next_step = 0
         self._means: dict[int, dict[str, PoseTuple]] = {}
-        """Where the clusters were at the last steps; those without a report, by odometry."""
+        """Mean of each cluster at the last steps; by odometry where a report is missing."""
 
     @property
     def runs(self) -> bool:
-        """Whether there is one."""
+        """Whether a search is running."""
         return self._pool is not None
 
     @property
     def job_ids(self) -> tuple[str, ...]:
-        """The jobs of the search, one a shard; none, if there is none."""
+        """The jobs of the current search, one for each shard."""
         return self._pool.job_ids if self._pool else ()
 
     @property
     def first_step(self) -> int:
-        """The first step whose scan the search takes; 0, if there is none."""
+        """The first step whose scan the search uses; 0: no search is running."""
         return self._pool.first_step if self._pool else 0
 
     @property
     def progress(self) -> float:
-        """How near the search is to its end, 0 to 1; 0, if there is none."""
+        """Progress of the search, 0 to 1; 0: no search is running."""
         return self._pool.progress if self._pool else 0.0
 
     def is_due(self, step: int, patience: int) -> bool:
-        """Whether the time has come for another one: so many steps after the last at the latest."""
+        """Return whether the next search may begin, `patience` steps after the last."""
         sooner = self._settings.belief.search_every_steps - patience
         return step >= self._next_step - sooner
 
     def postpone(self, step: int) -> None:
-        """Let none be due after this step."""
+        """Make the next search wait until after this step."""
         self._next_step = max(self._next_step, step + 1)
 
     def begin(
@@ -84,17 +84,17 @@ class SearchCourse:
         near: Circle | None = None,
         corners: Corners = (),
     ) -> dict[str, Job]:
-        """Begin one.
+        """Begin a search.
 
         Args:
-            first_step: the first whose scan it takes.
+            first_step: the first step whose scan it uses.
             log_elsewhere: log of the probability that the robot is elsewhere on the map.
             log_off_map: log of the probability that it is not on the map.
             near: where to look; None: everywhere.
-            corners: of a region, likewise; empty: everywhere.
+            corners: of a region to search; empty: everywhere.
 
         Returns:
-            Its jobs.
+            The jobs of the search.
         """
         self._pool = self.new_pool(self.begun, first_step)
         jobs: dict[str, Job] = {
@@ -113,31 +113,31 @@ class SearchCourse:
         return jobs
 
     def stop(self, step: int, cause: EndedCause) -> list[Ended]:
-        """End it, if there is one; the next one is due some steps after this one."""
+        """End the search, if one is running; the next is due `search_every_steps` later."""
         ended = [Ended(job_id, cause) for job_id in self.job_ids]
         self._pool = None
         self._next_step = step + self._settings.belief.search_every_steps
         return ended
 
     def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
-        """Where the clusters are after this step."""
+        """Record the means of the clusters after this step."""
         self._means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
         while len(self._means) > KEPT_STEPS:
             del self._means[next(iter(self._means))]
 
     def means_at(self, step: int) -> Mapping[str, PoseTuple]:
-        """Where clusters were after a step, by their jobs; nothing of what is long ago."""
+        """Return the means of the clusters after a step, by job; empty for old steps."""
         return self._means.get(step, {})
 
     def hear(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
-        """What the search has found, if it told something new.
+        """Return the places that the search has found, if all shards have reported a new step.
 
         Args:
             reports: of all jobs.
-            clusters: jobs of the clusters that its places are held against.
+            clusters: jobs of the clusters that its places are compared with.
 
         Returns:
-            None also where it is not known where one of the clusters was at that step.
+            None also where the mean of one of the clusters at that step is unknown.
         """
         if self._pool is None:
             return None
@@ -151,7 +151,7 @@ class SearchCourse:
         return fresh if all(job_id in then for job_id in clusters) else None
 
     def finished(self, pool: Pool, *, patient: bool) -> bool:
-        """As `SearchPool.finished`, for as many places as can be tracked."""
+        """Return `SearchPool.finished` for the maximum number of clusters."""
         most = self._settings.belief.max_clusters
         return self._pool is None or self._pool.finished(pool, most, patient=patient)
 
@@ -159,15 +159,15 @@ class SearchCourse:
         """Make the pool of a search of this course."""
         return SearchPool(search, first_step, self._settings.search, mirrored=self._mirrored)
 
-    # --- handed on
+    # --- checkpoint
 
     def state(self) -> SearchCourseState:
-        """All that decides."""
+        """Return what a checkpoint keeps."""
         search = self._pool.state(_copied(self.evidence)) if self._pool else None
         return SearchCourseState(search, self.begun, self._next_step)
 
     def restore(self, state: SearchCourseState) -> None:
-        """Go on from where another was; the last reports must be given again."""
+        """Continue from a checkpoint; the last reports have to arrive again."""
         self._pool = None
         self._means.clear()
         if (search := state.search) is not None:
@@ -182,38 +182,38 @@ def _copied(evidence: SearchEvidence) -> SearchEvidence:
 
 
 class DecoyState(msgspec.Struct, frozen=True):
-    """As it is handed on."""
+    """What a checkpoint keeps of a `Decoy`."""
 
     search: SearchCourseState
     places: tuple[Cluster, ...]
 
 
 class Decoy:
-    """A robot that is not there: what the mirrored scans reach in this map (docs/unknown.md).
+    """Searches for a mirrored robot and tracks it (docs/unknown.md).
 
-    It is searched for and tracked as the robot is, but only while it is open whether the robot is
-    on the map.
+    A mirrored robot is not on the map, so its fit is the fit of a wrong place. The ensemble needs
+    it only while it is uncertain whether the robot is on the map.
     """
 
     def __init__(self, settings: FilterSettings) -> None:
         self._settings = settings
         self._search = SearchCourse(settings, mirrored=True)
         self.places: tuple[Cluster, ...] = ()
-        """Where the decoy is tracked."""
+        """The tracked places of the decoy."""
 
     @property
     def search_ids(self) -> tuple[str, ...]:
-        """The jobs of its search."""
+        """The jobs of the current search for it."""
         return self._search.job_ids
 
     @property
     def is_awaited(self) -> bool:
-        """Whether it is searched for and not tracked yet."""
+        """Whether the first search for it is running."""
         return self._search.runs and not self.places
 
     @property
     def track_ids(self) -> tuple[str, ...]:
-        """The job that tracks it."""
+        """The jobs that track it."""
         return tuple(place.job_id for place in self.places)
 
     def best_of(self, reports: Mapping[str, TrackReport]) -> TrackReport | None:
@@ -234,7 +234,7 @@ class Decoy:
         Args:
             step: its number.
             reports: of all jobs.
-            is_open: whether it is open if the robot is on the map.
+            is_open: whether it is uncertain that the robot is on the map.
 
         Returns:
             The jobs that begin, and those that end.
@@ -260,7 +260,7 @@ class Decoy:
         return begin, ended
 
     def stop(self, step: int) -> list[Ended]:
-        """End its jobs."""
+        """End all its jobs."""
         return self._end_tracking() + self._search.stop(step, "search stopped")
 
     def _end_tracking(self) -> list[Ended]:
@@ -269,10 +269,10 @@ class Decoy:
         return ended
 
     def state(self) -> DecoyState:
-        """All that decides."""
+        """Return what a checkpoint keeps."""
         return DecoyState(self._search.state(), self.places)
 
     def restore(self, state: DecoyState) -> None:
-        """Go on from where another was."""
+        """Continue from a checkpoint."""
         self._search.restore(state.search)
         self.places = state.places

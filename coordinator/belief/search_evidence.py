@@ -1,11 +1,11 @@
-"""What the clusters have gathered while a search ran: what its places are held against."""
+"""The evidence of the clusters during a search, for comparison with the places it finds."""
 
 import math
 
 import msgspec
 
 KEPT_STEPS = 100
-"""Steps that a search may lie behind the clusters it is compared with."""
+"""Largest number of steps by which a search may lag behind the clusters."""
 
 
 class SearchEvidence(msgspec.Struct):
@@ -21,22 +21,22 @@ class SearchEvidence(msgspec.Struct):
     """Share of the search's places that clusters hold or that were admitted."""
 
     def gather(self, step: int, log_likelihood: float) -> None:
-        """A step's scan was that likely before it was known where the robot is."""
+        """Add the log-likelihood of a scan, averaged over the whole belief."""
         self.gathered[step] = next(reversed(self.gathered.values()), 0.0) + log_likelihood
         if len(self.gathered) > KEPT_STEPS:
             del self.gathered[next(iter(self.gathered))]
 
     def log_weight(self, step: int, log_evidence: float) -> float:
-        """Log of the weight, beside the belief, of all that the search has found.
+        """Return the log weight of all places of the search, relative to the belief.
 
         Args:
-            step: up to which it has searched.
+            step: the last step that the search has used.
             log_evidence: log of the average likelihood of all its scans over the whole map.
         """
         gathered = self.gathered.get(step)
         return -math.inf if gathered is None else self.log_elsewhere + log_evidence - gathered
 
     def newly_explained(self, share: float) -> float:
-        """Of what is elsewhere still, how much is explained now that `share` of the search is."""
+        """Return the newly explained share of elsewhere; `share` of the search is explained."""
         before, self.explained = self.explained, max(share, self.explained)
         return 1.0 - (1.0 - self.explained) / (1.0 - before) if before < 1.0 else 0.0

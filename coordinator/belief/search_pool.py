@@ -20,7 +20,7 @@ from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, Place, SearchReport
 
 KEPT_STEPS = 16
-"""Reports of so many steps are kept while shards run apart."""
+"""Steps whose reports are kept while shards are at different steps."""
 _PATIENCE = 4
 """Times as long as usual a search may take while more is possible than can be tracked."""
 _NO_WEIGHT = 0.01
@@ -67,9 +67,9 @@ class Pool:
     """The views of each place, one or several, the most probable first."""
     views: Views
     log_evidence: float
-    """Log of the average likelihood of all scans so far, over the whole free space."""
+    """Log of the average likelihood of all scans of the search, over the whole free space."""
     left_out_gap: float
-    """What the search has left out was worse than its best by so much at least [nat]."""
+    """Least difference in log-likelihood between the best pose and the discarded ones [nat]."""
 
     @cached_property
     def mean(self) -> Poses:
@@ -77,7 +77,7 @@ class Pool:
         return self.views.mean[[rows[0] for rows in self.rows]]
 
     def place(self, index: int, share: float) -> Place:
-        """One to be tracked, of so much weight: samples side by side, weighed by share."""
+        """Return a place to track with this share, with the samples of all its views."""
         views, rows = self.views, self.rows[index]
         poses, log_weights = [], []
         for row in rows:
@@ -116,7 +116,7 @@ class SearchPool:
         return SearchState(self.search, self.first_step, evidence, self.progress)
 
     def add(self, report: SearchReport) -> None:
-        """Keep one shard's report; none can tell of a step before the search began."""
+        """Keep the report of a shard, unless its step is before the search."""
         if report.step < self.first_step:
             return
         self._reports.setdefault(report.step, {})[report.job_id] = report
