@@ -54,6 +54,8 @@ ELSEWHERE = "e0"
 """The job that weighs scans over the whole map; it starts again when steps or maps do."""
 OPEN = 0.1
 """A decoy is tracked while the robot is off the map with a higher probability than this."""
+LEADS = 0.1
+"""And one cluster has more than this share of the probability of all: else none is near 0.9."""
 LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
@@ -328,8 +330,9 @@ class Ensemble:
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
 
     def _follow_decoy(self, step: int, reports: Sequence[Report]) -> None:
-        off_map = self.clusters.off_map
-        is_open = len(self.clusters) > 0 and off_map > OPEN
+        best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
+        has_best = best > LEADS * (1.0 - self.clusters.nowhere)
+        is_open = has_best and self.clusters.off_map > OPEN
         begin, ended = self._decoy.follow(step, reports, is_open=is_open)
         self._begin |= begin
         self._events += ended
