@@ -119,7 +119,7 @@ def test_whatever_scans_come_a_worker_reports_what_is_valid(
 
 # --- the coordinator ------------------------------------------------------------------------------
 
-JOBS = st.sampled_from(["c0", "c1", "c2", "s0.0", "s1.0", "e0", "c9", ""])
+JOBS = st.sampled_from(["c0", "c1", "c2", "s0.0", "s1.0", "e0", "m0.0", "d0", "c9", ""])
 STEPS = st.integers(0, 12) | st.integers(0, 2**53 - 1)
 LOGS = st.floats(-50.0, 50.0) | st.floats(allow_nan=False, allow_infinity=False)
 
@@ -139,7 +139,7 @@ def reports(draw: st.DrawFn) -> Report:
     """Valid reports of existing and unknown jobs; the epoch is set when one is delivered."""
     poses = NEAR_POSE | ANY_POSE.filter(lambda pose: all(abs(x) < 1e8 for x in pose))
     job, step, pose = draw(JOBS), draw(STEPS), draw(poses)
-    if job.startswith("s"):
+    if job.startswith(("s", "m")):
         shares = draw(st.dictionaries(poses, st.floats(0.0, 1.0), max_size=4))
         return searched(
             job, step, shares, log_evidence=draw(LOGS), left_out_gap=draw(st.floats(0.0, 20.0))
