@@ -38,9 +38,9 @@ _CORRECTED_SHARE = 0.01
 """Places with a smaller share are not corrected for occlusion, because ray casting is expensive."""
 _SAMPLED = 0.05
 """If a larger share of the weight is only a sample of the possible poses, everything is searched
-again when there are twice as many scans."""
+again when the number of scans has doubled."""
 _MOSTLY_SAMPLED = 0.5
-"""Above this share, everything is searched again after four times as many scans."""
+"""Above this share, everything is searched again when the number of scans has quadrupled."""
 _SCANS_JOINED = 8
 """Largest number of scans by which everything is searched."""
 _CORRECTION_WORK = 2**16

@@ -2,7 +2,7 @@
 
 The field rewards a beam that ends near an obstacle, even if a wall is in front of it. So a wrong
 place among many walls may score better than the true one. Ray casting shows the difference, but
-takes a hundred times as long; it is done for a few particles of each cluster.
+takes a hundred times longer; it is done for a few particles of each cluster.
 """
 
 from dataclasses import dataclass

@@ -6,9 +6,9 @@ beams bounds the scan's score (Hess et al., "Real-time loop closure in 2D lidar 
 16). On the finest level tiles are leaves, and a leaf has the score at its centre.
 
 Tiles lie side by side, but beams end at any offset from them. So a level has one maximum for each
-offset within a tile: as many numbers as the map has cells. Squares of one offset are in memory in
-the order of their tiles. So a beam is scored for a row of tiles by adding two rows of numbers, in
-a tenth of the time that look-ups take.
+offset within a tile: in all, one number for each cell of the map. Squares of one offset are in
+memory in the order of their tiles. So a beam is scored for a row of tiles by adding two rows of
+numbers, in a tenth of the time that look-ups take.
 """
 
 from collections.abc import Mapping
