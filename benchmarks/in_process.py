@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.cases import CELL_M, CENTRE, cells
 from particle_filter import belief
-from particle_filter.evidence_model import contenders, counted
+from particle_filter.evidence_model import contenders, tempered
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from particle_filter.sensor_model import Grid, SensorModel
 from particle_filter.sensor_models import computed_model
@@ -45,7 +45,7 @@ def steps(
         reports = [job.advance(scan) for job in jobs]
         evidence = np.array([report.log_weight_sum - np.log(particles) for report in reports])
         contends = contenders(log_belief)
-        told = counted(evidence, contends, 0.2, settings.belief.evidence_noise)
+        told = tempered(evidence, contends, 0.2, settings.belief.evidence_noise)
         log_belief = belief.mixed(belief.updated(log_belief, told), 0.0001)
         yield log_belief
         step += 1

@@ -67,6 +67,6 @@ def to_the_letter(settings: FilterSettings) -> FilterSettings:
             kidnapping_probability=0.0,
             view_distance_m=0.0,
             evidence_noise=0.0,
-            evidence_misfit=math.inf,
+            evidence_residual=math.inf,
         ),
     )

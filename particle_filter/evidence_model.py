@@ -47,7 +47,7 @@ def contenders(log_belief: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(no_more_probable > (1.0 - CONTENDED) * up_to[-1])
 
 
-def counted(
+def tempered(
     log_evidence: NDArray[np.float64],
     contends: NDArray[np.bool_],
     share: NDArray[np.float64] | float,
@@ -77,20 +77,20 @@ def counted(
     return np.asarray(share * gained)
 
 
-def share_that_counts(new_view: float, misfit: float, rules: BeliefSettings) -> float:
+def evidence_weight(new_view: float, residual: float, rules: BeliefSettings) -> float:
     """Share of a difference in log evidence that is not the map's error.
 
     Args:
         new_view: how much of a new view of the building the scan is, from 0 to 1.
-        misfit: how much worse the best particle fits than one could [nat/beam].
-        rules: the misfit at which half counts.
+        residual: how much worse the best particle fits than one could [nat/beam].
+        rules: the residual at which half counts.
     """
-    if math.isnan(misfit) or math.isinf(rules.evidence_misfit):
+    if math.isnan(residual) or math.isinf(rules.evidence_residual):
         return new_view
-    return new_view / (1.0 + (misfit / rules.evidence_misfit) ** 2)
+    return new_view / (1.0 + (residual / rules.evidence_residual) ** 2)
 
 
-def misfit(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
+def residual(log_likelihood_per_beam: float, settings: SensorSettings) -> float:
     """How much worse a particle fits than one could whose beams all end on obstacles [nat/beam]."""
     return max(_log_hit(settings) - log_likelihood_per_beam, 0.0)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from particle_filter.arrays import LogWeights, Points, Pose, Poses
 from particle_filter.branch_and_bound import BranchAndBoundSearch, Circle, SearchSpace
 from particle_filter.cluster_filter import ParticleSet
-from particle_filter.evidence_model import misfit, share_that_counts
+from particle_filter.evidence_model import evidence_weight, residual
 from particle_filter.kernels import kernel
 from particle_filter.log_weights import log_sum, normalised_weights
 from particle_filter.motion import move
@@ -249,7 +249,7 @@ class GlobalSearch:
         gain = self._exponent * fits + penalty
         likelihood = log_sum(kept.log_weights + gain)
         settings = self._settings
-        share = share_that_counts(new_view, misfit(per_beam, settings.sensor), settings.belief)
+        share = evidence_weight(new_view, residual(per_beam, settings.sensor), settings.belief)
         log_weights = kept.log_weights + share * gain
         log_weights += likelihood - log_sum(log_weights)
         yield

@@ -263,7 +263,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float,
         described("Monte Carlo error of the difference in evidence between places", "nat", ge=0),
     ] = 0.3
-    evidence_misfit: Annotated[
+    evidence_residual: Annotated[
         float,
         described("residual at which differences between places count half", "nat/beam", gt=0),
     ] = 0.25
@@ -286,7 +286,7 @@ class BeliefSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
         float,
         described("state `lost` above this probability of elsewhere and off the map", gt=0, le=1),
     ] = 0.5
-    newcomer_probability: Annotated[
+    candidate_probability: Annotated[
         float,
         described(
             "least weight of a search's places, relative to the belief, at its end", ge=0, le=0.5

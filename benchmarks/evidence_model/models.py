@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.evidence_model.records import Floats
 
 BEST_FIT = 0.69
-"""Log-likelihood a beam of a perfect scan, nearly; misfit is what lacks to it [nat/beam]."""
+"""Log-likelihood a beam of a perfect scan, nearly; residual is what lacks to it [nat/beam]."""
 
 
 @dataclass(frozen=True)
@@ -37,16 +37,16 @@ class Tempered:
 
     view_m: float
     view_rad: float
-    doubling_misfit: float = np.inf
-    """Misfit at which the variance of a difference has doubled [nat/beam]."""
+    doubling_residual: float = np.inf
+    """Residual at which the variance of a difference has doubled [nat/beam]."""
     alike_nat: float = 0.0
     """Differences well under this are as likely Monte Carlo error of places that look alike."""
 
     def __call__(self, worse: Floats, fit: Floats, distance_m: Floats, turn_rad: Floats) -> Floats:
         """As `Counted`."""
         new = -np.expm1(-(distance_m / self.view_m + turn_rad / self.view_rad))
-        misfit = np.maximum(BEST_FIT - np.nan_to_num(fit, nan=BEST_FIT), 0.0)
-        variance = 1.0 + (misfit / self.doubling_misfit) ** 2
+        residual = np.maximum(BEST_FIT - np.nan_to_num(fit, nan=BEST_FIT), 0.0)
+        variance = 1.0 + (residual / self.doubling_residual) ** 2
         unlike = worse / np.maximum(worse + self.alike_nat, 1e-12)
         return np.asarray(new / variance * unlike * worse)
 
@@ -57,9 +57,9 @@ def families() -> list[Sloped | Tempered]:
         *(Sloped(1.0, 0.0, most) for most in (0.2, 1.0, np.inf)),
         *(Sloped(slope, knee) for slope in (0.1, 0.2, 0.3) for knee in (3.0, 5.0)),
         *(
-            Tempered(view, 2.0 * view, misfit, alike)
+            Tempered(view, 2.0 * view, residual, alike)
             for view in (0.4, 0.6, 0.8, 1.0)
-            for misfit in (0.15, 0.25, 0.4, np.inf)
+            for residual in (0.15, 0.25, 0.4, np.inf)
             for alike in (0.0, 0.3)
         ),
     ]

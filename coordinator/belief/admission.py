@@ -1,4 +1,4 @@
-"""Which places of a search enter beside the clusters, and how probable they are (section 4).
+"""Select the places of a search that become clusters, and give their probabilities (section 4).
 
 A search explains what the belief calls elsewhere. A place that it finds has what elsewhere had
 when the search began, times the likelihood of all scans since, times its share; the clusters have
@@ -29,15 +29,15 @@ def first_places(pool: Pool, rules: BeliefSettings) -> list[Place]:
 
 
 MOST_LOG = 100.0
-"""Of a weight beside the belief: all the rest is nothing beside it, and numbers stay finite."""
+"""Bound of a log weight relative to the belief: far more is the same, and numbers stay finite."""
 
 
 @dataclass(frozen=True)
 class Admission:
-    """What a search comes to beside the clusters."""
+    """The result of comparing a search with the clusters."""
 
     entering: tuple[Place, ...]
-    """Most probable first, each with its weight beside the belief as its share."""
+    """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
     """Share of the search that is where clusters are, or enters."""
     asking: int
@@ -56,25 +56,24 @@ def admission(
     most: float = math.inf,
     trial: float = 0.0,
 ) -> Admission:
-    """The places of a search that no cluster holds and that are probable enough.
+    """Select the places of a search that no cluster holds and that are probable enough.
 
-    When the search is over, its places get a trial all the same: the belief may have lost the
-    robot without a sign of it. But one so near to a cluster that a search tells them no further
-    apart is more likely that cluster's own, and has to earn its place.
+    When the search is over, its places get a trial weight: the belief may have lost the robot
+    without noticing. A place too near to a cluster for a search to separate them is more likely
+    that cluster's own, and gets no trial.
 
     Args:
-        pool: what the search has found.
+        pool: the places of the search.
         held: where the clusters were at the step of the pool.
-        room: how probable the clusters are whose places could be taken, least first; 0 is a free
-            place.
-        log_weight: log of the weight of all that the search has found, beside the belief.
-        settings: how near is near.
-        is_over: it has seen all that it will see.
-        holds_own: clusters are this search's own places, so it tells none from those beside them;
-            and they tell what it is worth.
-        most: so much all who enter can hold together, however they weigh among themselves; with
-            that they have to be more probable than those whose places they take.
-        trial: least weight beside the belief of all together when the search is over.
+        room: probabilities of the clusters that may be replaced, least first; 0 is a free place.
+        log_weight: log weight of all places of the search together, relative to the belief.
+        settings: distances at which places count as one.
+        is_over: the search takes no further scans.
+        holds_own: some clusters are places of this search; they give the search its weight.
+        most: largest probability of all new clusters together, used to decide which clusters they
+            may replace.
+        trial: least weight of all places together, relative to the belief, when the search is
+            over.
     """
     rules, search = settings.belief, settings.search
     reach_m = search.source_radius_m if holds_own else rules.merge_distance_m
@@ -85,7 +84,7 @@ def admission(
     explained = sum(share[is_held].tolist(), start=0.0)
     earned = math.exp(min(log_weight, MOST_LOG))
     on_trial = (
-        max(earned, rules.newcomer_probability, trial) if is_over and not holds_own else earned
+        max(earned, rules.candidate_probability, trial) if is_over and not holds_own else earned
     )
     weight = share * np.where(is_beside, earned, on_trial)
     asking = np.flatnonzero(~is_held & (share > 0.0) & (weight >= rules.least_probability))
@@ -105,9 +104,9 @@ def admission(
 def log_weight_of_held(
     pool: Pool, held: Sequence[tuple[PoseTuple, float]], rules: SearchSettings
 ) -> float | None:
-    """Log of the weight of a whole search by what it shares with the clusters; None: nothing.
+    """Log weight of a whole search, from the clusters that it shares; None: it shares none.
 
-    For a search whose own places are clusters: they tell what its shares are worth.
+    Used once places of the search are clusters: their probabilities scale its shares.
 
     Args:
         pool: what the search has found.

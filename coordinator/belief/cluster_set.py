@@ -14,10 +14,10 @@ from particle_filter.arrays import Pose
 from particle_filter.evidence_model import (
     UsualFit,
     contenders,
-    counted,
-    misfit,
-    share_that_counts,
+    evidence_weight,
+    residual,
     short_beam_gain,
+    tempered,
     through_beam_loss,
     way,
 )
@@ -38,17 +38,17 @@ from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import ParticleCount, Place, TrackReport
 
 NEWS_M, NEWS_RAD = 0.1, 0.2
-"""So far away, or turned, nearly all of a scan is news of whether the robot is at any cluster."""
+"""After this motion most of a scan is new evidence on whether the robot is at any cluster."""
 ALTERNATIVE = 0.1
-"""Of the best cluster's probability: who has so much is where the robot may well be."""
+"""A cluster with this share of the best one's probability is an alternative."""
 STILL_PROBABLE = 0.05
-"""Of one that was such an alternative, after newcomers came: the alarm may have been false."""
+"""Least probability of an alternative after candidates entered: the alarm may have been false."""
 PERHAPS_LIFTED = 0.2
-"""Elsewhere has so much at least, against all clusters, while scans fit worse than usual."""
+"""Least probability of elsewhere, against all clusters, while scans fit worse than usual."""
 RETURNS = 2.0
-"""So much more often than it is lifted a robot that is off the map comes back."""
+"""Rate at which a robot off the map returns, relative to the rate at which robots are lifted."""
 LEAST_LOG = -1e6
-"""Of a probability that is as good as zero: it stays finite, and comes back if it must."""
+"""Least log probability: it stays finite, so that evidence can raise it again."""
 
 
 def news_of(before_from_after: Pose) -> float:
@@ -88,9 +88,9 @@ class Cluster(msgspec.Struct, frozen=True):
         return math.exp(self.log_probability)
 
 
-Newcomer: TypeAlias = tuple[Place, BeganCause]
-"""A place that asks to be tracked and where it comes from; its share is its weight beside the
-belief, which sums to one before it comes in."""
+Candidate: TypeAlias = tuple[Place, BeganCause]
+"""A place that may become a cluster, and its origin. Its share is its weight relative to the
+belief, which sums to one before it enters."""
 
 
 class ClusterSet:
@@ -101,7 +101,7 @@ class ClusterSet:
         self._clusters: dict[int, Cluster] = {}
         self._next_cluster = 0
         self.quality = MapQuality()
-        """What has been learned of the map."""
+        """Quality of the map, learned during the run."""
         self.fit = UsualFit()
         """How well scans fit where the robot is."""
         self.log_elsewhere = self.log_off_map = 0.0
@@ -113,7 +113,7 @@ class ClusterSet:
 
     @property
     def next_cluster(self) -> int:
-        """The number that the next newcomer gets."""
+        """The number that the next candidate gets."""
         return self._next_cluster
 
     @property
@@ -177,8 +177,8 @@ class ClusterSet:
     ) -> float:
         """Kidnapping, one Bayes update (eq. 12-17), and the transition between clusters.
 
-        Where the robot is among the clusters, and whether it is at any of them, are asked one
-        after the other: what nobody can explain tells little of the first, and much of the second.
+        Two updates in turn: which cluster is right, and whether any is. A scan that fits no
+        cluster says little about the first and much about the second.
 
         Args:
             reports: of the jobs that reported; those of clusters that have ended are left out.
@@ -217,8 +217,8 @@ class ClusterSet:
         log_mass = np.logaddexp.reduce(among[reported])
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         contends = contenders(np.where(reported, among, -np.inf))
-        share = self._share_that_counts(reports, contends, new_view)
-        told = counted(evidence, contends, share, self._rules.evidence_noise)
+        share = self._evidence_weight(reports, contends, new_view)
+        told = tempered(evidence, contends, share, self._rules.evidence_noise)
         among = belief.updated(among, told)
         among = belief.mixed(among, self._rules.transition_probability * news)
         cut_short, through = self._explained(among, reports)
@@ -239,11 +239,11 @@ class ClusterSet:
         here = np.append(among + log_here, (log_there, log_off))
         told = here + np.append(np.full(len(among), odds), (0.0, 0.0))
         self._set(belief.normalised_logs(told))
-        # A newcomer's beams have no classes yet: good classes of tracked places do not lower it.
+        # A candidate's beams have no classes yet: good classes of tracked places do not lower it.
         return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
-        if self._rules.kidnapping_probability == 0.0:  # nobody weighs what is elsewhere
+        if self._rules.kidnapping_probability == 0.0:  # elsewhere is not weighed
             return True
         return bool(log_here > log_elsewhere)
 
@@ -345,25 +345,25 @@ class ClusterSet:
         off = self._rules.off_map_probability if is_ever_lost else 0.0
         self.log_elsewhere, self.log_off_map = _log(1.0 - off), _log(off)
 
-    def _share_that_counts(
+    def _evidence_weight(
         self, reports: Mapping[str, TrackReport], contends: NDArray[np.bool_], new_view: float
     ) -> NDArray[np.float64]:
-        """(K,) of what tells each cluster from the contenders.
+        """(K,) weight of the evidence between each cluster and the contenders.
 
-        The best fit of these, the cluster included, decides: what explains a scan may be the one
-        that has been improbable so far.
+        It follows from the best fit among them and the cluster itself, for an improbable cluster
+        may be the one that explains the scan.
         """
         ordered = [reports.get(job_id) for job_id in self.job_ids]
         fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
-        misfits = [misfit(best, self.sensor) for best in fit.tolist()]
+        residuals = [residual(best, self.sensor) for best in fit.tolist()]
         if self._rules.off_map_probability > 0.0:
             # Errors of a crude map favour a wrong place as often as the true one.
             new_view /= 1.0 + self.quality.crude
-        return np.array([share_that_counts(new_view, each, self._rules) for each in misfits])
+        return np.array([evidence_weight(new_view, each, self._rules) for each in residuals])
 
     def _fit_beside_people(self, report: TrackReport) -> float:
-        """The best particle's fit per beam; as many beams may be short as usually are."""
+        """The best particle's fit per beam, forgiving the usual number of short beams."""
         beams = sum(report.beam_classes)
         if self._rules.off_map_probability == 0.0 or beams == 0:
             return report.log_likelihood_per_beam
@@ -375,7 +375,7 @@ class ClusterSet:
     def carry(
         self, job_ids: Collection[str], before_from_after: Pose, motion: MotionSettings
     ) -> None:
-        """Move clusters that were not heard of by odometry: nobody else says where they are now.
+        """Move clusters without a report by odometry.
 
         Args:
             job_ids: theirs.
@@ -410,26 +410,26 @@ class ClusterSet:
 
     def admit(
         self,
-        newcomers: Sequence[Newcomer],
+        candidates: Sequence[Candidate],
         step: int,
         *,
         first_step: float = math.inf,
         protected_until: int = -1,
     ) -> tuple[list[Cluster], list[JobEvent]]:
-        """Add newcomers; the least probable clusters end where there are too many.
+        """Add candidates; the least probable clusters end where there are too many.
 
         Args:
-            newcomers: with weights relative to the belief; all are normalised afterwards.
+            candidates: with weights relative to the belief; all are normalised afterwards.
             step: the step after which they are tracked.
             first_step: of the search that has found them; its earlier finds are not protected.
             protected_until: the step before which they may not be replaced.
 
         Returns:
-            The new clusters, in the order of the newcomers, and who began and who ended.
+            The new clusters, in the order of the candidates, and who began and who ended.
         """
-        leaving = self._make_room(len(newcomers), step, first_step)
+        leaving = self._make_room(len(candidates), step, first_step)
         first = self._next_cluster
-        for place, cause in newcomers:
+        for place, cause in candidates:
             self._clusters[self._next_cluster] = Cluster(
                 self._next_cluster,
                 math.log(place.share) if place.share > 0.0 else LEAST_LOG,
@@ -445,41 +445,41 @@ class ClusterSet:
         events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
-            for cluster, (_, cause) in zip(admitted, newcomers, strict=True)
+            for cluster, (_, cause) in zip(admitted, candidates, strict=True)
         ]
         return admitted, events
 
     def sharing(
-        self, newcomers: Sequence[Newcomer], first_step: int, explained: float
-    ) -> list[Newcomer]:
-        """Take the probability of newcomers from earlier places of the same search only.
+        self, candidates: Sequence[Candidate], first_step: int, explained: float
+    ) -> list[Candidate]:
+        """Take the probability of candidates from earlier places of the same search only.
 
         Args:
-            newcomers: found by the search since, with weights relative to the belief.
+            candidates: found by the search since, with weights relative to the belief.
             first_step: of the search; those it has brought hold more than nothing.
             explained: what was elsewhere, and is theirs now.
 
         Returns:
-            The newcomers with what they get.
+            The candidates with what they get.
         """
         own = [cluster for cluster in self.all() if cluster.born_step >= first_step]
         held = math.fsum(cluster.probability for cluster in own)
-        weight = math.fsum(place.share for place, _ in newcomers)
+        weight = math.fsum(place.share for place, _ in candidates)
         kept = (held + explained) / (held + weight)
         for cluster in own:
             less = replace(cluster, log_probability=cluster.log_probability + math.log(kept))
             self._clusters[cluster.cluster] = less
-        return [(replace(place, share=kept * place.share), cause) for place, cause in newcomers]
+        return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self, step: int, first_step: float = math.inf) -> list[float]:
-        """How probable those are whose places newcomers could take, in the order of leaving.
+        """How probable those are whose places candidates could take, in the order of leaving.
 
-        Free places come first, as clusters of probability 0. Those in their grace yield to nobody
-        but to what the search that brought them has found since.
+        Free places come first, as clusters of probability 0. Clusters within their minimum
+        lifetime yield only to later finds of their own search.
 
         Args:
             step: the last one.
-            first_step: of the search that has found the newcomers.
+            first_step: of the search that has found the candidates.
         """
         free = self._rules.max_clusters - len(self._clusters)
         return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
@@ -487,8 +487,8 @@ class ClusterSet:
     def protect_alternatives(self, until: int) -> None:
         """Protect the probable clusters from replacement before this step.
 
-        A scan or two that fit badly, for people stand around, make a robot look lost; what is found
-        then shall not put out the place where it was all along.
+        One or two bad scans, as among people, make a robot look lost; the places found then must
+        not replace the right one.
         """
         ordered = self.by_probability()
         for cluster in ordered:
@@ -496,12 +496,12 @@ class ClusterSet:
                 protected = replace(cluster, protected_until=max(cluster.protected_until, until))
                 self._clusters[cluster.cluster] = protected
 
-    def lift_alternatives(self, step: int, first_step: int) -> None:
-        """Keep a least probability for clusters that were probable before newcomers; see above.
+    def apply_floor(self, step: int, first_step: int) -> None:
+        """Keep a least probability for clusters that were probable before candidates; see above.
 
         Args:
             step: the last one.
-            first_step: of the search that found the newcomers; who came by it is none of them.
+            first_step: of the search that found the candidates; who came by it is none of them.
         """
         for cluster in self.all():
             old = cluster.born_step < first_step and step < cluster.protected_until
@@ -525,25 +525,25 @@ class ClusterSet:
         self._normalise()
         return ended
 
-    def explain(self, share: float) -> None:
-        """So much of what was elsewhere is among the newcomers now, or where clusters are."""
+    def take_from_elsewhere(self, share: float) -> None:
+        """So much of what was elsewhere is among the candidates now, or where clusters are."""
         rest = math.log1p(-share) if share < 1.0 else LEAST_LOG
         self.log_elsewhere += rest
 
     def keep_off_map(
-        self, newcomers: Sequence[Newcomer], log_elsewhere: float, log_off_map: float
+        self, candidates: Sequence[Candidate], log_elsewhere: float, log_off_map: float
     ) -> None:
-        """Keep the odds of off the map against elsewhere for newcomers; call it before `admit`.
+        """Keep the odds of off the map against elsewhere for candidates; call it before `admit`.
 
-        Newcomers were chosen because they fit well. A robot that is not on the map finds places
+        Candidates were chosen because they fit well. A robot that is not on the map finds places
         that fit well, too, so this says nothing against it. Off the map does not gain by it.
 
         Args:
-            newcomers: with weights relative to the belief.
+            candidates: with weights relative to the belief.
             log_elsewhere: log of the probability of elsewhere when their search began.
             log_off_map: log of the probability of off the map at that time.
         """
-        weight = math.fsum(place.share for place, _ in newcomers)
+        weight = math.fsum(place.share for place, _ in candidates)
         most = min(max(self.off_map, math.exp(log_off_map)), 1.0 - 1e-12)
         kept = min(
             _log(weight) + log_off_map - log_elsewhere,
@@ -566,10 +566,10 @@ class ClusterSet:
         """
         whole = self._clusters.pop(int(job_id.removeprefix("c")))
         total = math.fsum(part.share for part in parts)
-        newcomers: list[Newcomer] = [
+        candidates: list[Candidate] = [
             (replace(part, share=whole.probability * part.share / total), "split") for part in parts
         ]
-        admitted, events = self.admit(newcomers, step)
+        admitted, events = self.admit(candidates, step)
         for part in admitted:
             aged = replace(
                 part,
@@ -630,10 +630,10 @@ def _log(probability: float) -> float:
 
 
 def _pushed_out(leaving: Sequence[Cluster], admitted: Sequence[Cluster]) -> list[Ended]:
-    """Each by a newcomer of its own, the last ones.
+    """Each by a candidate of its own, the last ones.
 
     More leave than come where clusters were protected, so that there were too many before: the
-    last newcomer pushed out those, too.
+    last candidate pushed out those, too.
     """
     pushing = admitted[-len(leaving) :]
     return [

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.admission import admission, first_places, log_weight_of_held
-from coordinator.belief.cluster_set import PERHAPS_LIFTED, Cluster, ClusterSet, Newcomer, news_of
+from coordinator.belief.cluster_set import PERHAPS_LIFTED, Candidate, Cluster, ClusterSet, news_of
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from coordinator.belief.search_course import (
@@ -225,7 +225,7 @@ class Ensemble:
         """
         self._forget(step, cause)
         self._seen = ViewMemory()
-        self.clusters.explain(1.0)
+        self.clusters.take_from_elsewhere(1.0)
         self._admit([(place, "prior pose") for place in places], step)
         return self._outcome(step, ())
 
@@ -324,7 +324,7 @@ class Ensemble:
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
-            all_in = self._admit_newcomers(fresh, step, is_over=is_over)
+            all_in = self._admit_candidates(fresh, step, is_over=is_over)
         if is_over and all_in:
             self._stop_search(step, "search over")
             self.clusters.fit = UsualFit()  # it has found nothing better, so this is usual now
@@ -342,21 +342,21 @@ class Ensemble:
         first = first_places(pool, self.settings.belief)
         if not first:
             return
-        entering: list[Newcomer] = [(place, "first search") for place in first]
+        entering: list[Candidate] = [(place, "first search") for place in first]
         if self._prior_pose is not None:
             odom_from_robot = first[0].sample.odom_from_robot
             entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
         self._prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere
-        self.clusters.explain(self._search.evidence.newly_explained(explained))
+        self.clusters.take_from_elsewhere(self._search.evidence.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
-    def _admit_newcomers(self, pool: Pool, step: int, *, is_over: bool) -> bool:
+    def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> bool:
         """Places that no cluster holds; what the search explains is no longer elsewhere.
 
-        The scans since the search began tell what it is worth; once places of its own are
-        clusters, they do, and share what they have with those it finds later.
+        The scans since the search began give its weight. Once places of its own are clusters,
+        their probability does, and they share it with later finds.
 
         Returns:
             False if some have to wait for the end of other clusters' grace.
@@ -383,30 +383,30 @@ class Ensemble:
             most=most,
             trial=PERHAPS_LIFTED if self.clusters.fit.has_fallen else 0.0,
         )
-        self.clusters.explain(evidence.newly_explained(found.explained))
-        entering: list[Newcomer] = [(place, "restart") for place in found.entering]
+        self.clusters.take_from_elsewhere(evidence.newly_explained(found.explained))
+        entering: list[Candidate] = [(place, "restart") for place in found.entering]
         if told is not None:
             explained = before - self.clusters.elsewhere
             entering = self.clusters.sharing(entering, first_step, explained)
         self.clusters.keep_off_map(entering, evidence.log_elsewhere, evidence.log_off_map)
         self._admit(entering, step, first_step, step + settings.belief.grace_steps)
         if entering and not own:
-            self.clusters.lift_alternatives(step, first_step)
+            self.clusters.apply_floor(step, first_step)
         return found.asking <= len(room) or len(room) == settings.belief.max_clusters
 
     def _admit(
         self,
-        newcomers: Sequence[Newcomer],
+        candidates: Sequence[Candidate],
         step: int,
         first_step: float = math.inf,
         protected_until: int = -1,
     ) -> None:
-        if newcomers and len(self.clusters):
-            self._seen = ViewMemory.of_this_scan()  # more tells others apart, but not these
+        if candidates and len(self.clusters):
+            self._seen = ViewMemory.of_this_scan()  # further scans separate others, not these
         admitted = self.clusters.admit(
-            newcomers, step, first_step=first_step, protected_until=protected_until
+            candidates, step, first_step=first_step, protected_until=protected_until
         )
-        self._track([place for place, _ in newcomers], *admitted)
+        self._track([place for place, _ in candidates], *admitted)
 
     def _track(
         self, places: Iterable[Place], clusters: Iterable[Cluster], events: Iterable[JobEvent]

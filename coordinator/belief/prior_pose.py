@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import Newcomer
+from coordinator.belief.cluster_set import Candidate
 from coordinator.belief.given_places import candidate
 from particle_filter.overlaps import is_near
 from particle_filter.poses import between, compose
@@ -33,7 +33,7 @@ def with_prior_pose(
     prior: PriorPose,
     odom_from_robot: PoseTuple,
     settings: FilterSettings,
-) -> list[Newcomer]:
+) -> list[Candidate]:
     """Combine the prior place with the places that a search has found.
 
     A place that was found there anyway gets it; else the offered one takes the last place of K.
@@ -59,7 +59,7 @@ def with_prior_pose(
     if there is not None:
         raised = scaled[there].share + prior.probability
         scaled[there] = replace(scaled[there], share=raised)
-    both: list[Newcomer] = [(place, "first search") for place in scaled]
+    both: list[Candidate] = [(place, "first search") for place in scaled]
     if there is None:
         both.append((_offered(now, prior, prior.probability, settings), "prior pose"))
     return both

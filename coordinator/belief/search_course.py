@@ -42,7 +42,7 @@ class SearchCourse:
         self.evidence = SearchEvidence()
         """Log-likelihoods of the clusters since the search began."""
         self.begun = 0
-        """Number of searches so far."""
+        """Number of searches begun."""
         self._next_step = 0
         self._means: dict[int, dict[str, PoseTuple]] = {}
         """Mean of each cluster at the last steps; by odometry where a report is missing."""

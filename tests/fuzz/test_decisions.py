@@ -127,7 +127,7 @@ LOGS = st.floats(-50.0, 50.0) | st.floats(allow_nan=False, allow_infinity=False)
 BELIEF = {
     "kidnapping_probability": 0.01,
     "transition_probability": 1e-4,
-    "evidence_misfit": 0.25,
+    "evidence_residual": 0.25,
     "evidence_noise": 0.3,
     "view_distance_m": 0.8,
     "least_probability": 1e-4,

@@ -33,7 +33,7 @@ SETTINGS = FilterSettings(
         max_clusters=3,
         elsewhere_poses=20,
         search_every_steps=6,
-        newcomer_probability=0.05,
+        candidate_probability=0.05,
         grace_steps=2,
     ),
 )

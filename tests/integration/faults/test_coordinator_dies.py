@@ -32,7 +32,7 @@ PACED = msgspec.structs.replace(
     belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
 )
-"""As fast as the workers follow, with searches and newcomers all along."""
+"""As fast as the workers follow, with searches and candidates all along."""
 PATIENT = msgspec.structs.replace(
     SMALL,
     coordinator=CoordinatorSettings(step_deadline_s=10.0, search_deadline_s=10.0),

@@ -16,7 +16,7 @@ from coordinator.belief import cluster_set
 from coordinator.events import WorkerReturned
 from coordinator.recorder.records import EventTold, Head
 from coordinator.recorder.ring import files_in
-from particle_filter.evidence_model import counted
+from particle_filter.evidence_model import tempered
 from particle_filter.sensor_model import SensorModel
 from protocol.errors import ClusterMclError
 from recordings.run_log import RunLog
@@ -91,7 +91,7 @@ def test_a_belief_that_differs_has_exit_code_1(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the filter had been changed since."""
-    monkeypatch.setattr(cluster_set, "counted", lambda *given: counted(*given) * 1.0000001)
+    monkeypatch.setattr(cluster_set, "tempered", lambda *given: tempered(*given) * 1.0000001)
     result = run(recording)
     assert result.exit_code == 1
     assert "NOT the recorded belief" in result.stdout

@@ -19,7 +19,7 @@ def test_no_two_clusters_share_a_number_and_none_changes_its_own(steps: list[set
         before = now
 
 
-def test_a_newcomer_does_not_look_like_the_one_that_has_just_ended() -> None:
+def test_a_candidate_does_not_look_like_the_one_that_has_just_ended() -> None:
     slots = ColourSlots()
     was = slots.assign([1, 2])[2]
     slots.assign([1])

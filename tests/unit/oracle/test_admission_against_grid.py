@@ -48,7 +48,7 @@ SEARCH = SearchSettings(
 def searching(seed: int, shards: int) -> FilterSettings:
     """A search begins at every step at which none runs; its places have to earn their weight."""
     rules = settings(
-        seed, search_every_steps=1, kidnapping_probability=HAZARD, newcomer_probability=0.0
+        seed, search_every_steps=1, kidnapping_probability=HAZARD, candidate_probability=0.0
     )
     return replace(rules, search=replace(SEARCH, shards=shards))
 

@@ -10,42 +10,42 @@ from numpy.typing import NDArray
 from particle_filter.evidence_model import (
     UsualFit,
     contenders,
-    counted,
-    misfit,
-    share_that_counts,
+    evidence_weight,
+    residual,
     short_beam_gain,
+    tempered,
     way,
 )
 from particle_filter.poses import between
 from particle_filter.settings import BeliefSettings, SensorSettings
 
-RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_misfit=0.5)
+RULES = BeliefSettings(view_distance_m=0.8, view_turn_rad=1.6, evidence_residual=0.5)
 EVIDENCE = arrays(np.float64, 5, elements=st.floats(-1e6, 1e6))
 ALL = np.ones(5, np.bool_)
 
 
 def test_differences_to_the_best_count_by_their_share_and_missing_reports_stay() -> None:
     evidence = np.array([-11.0, np.nan, -10.0, -14.0])
-    np.testing.assert_allclose(counted(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
-    np.testing.assert_allclose(counted(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
+    np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.25, 0.0), [-0.25, np.nan, 0.0, -1.0])
+    np.testing.assert_allclose(tempered(evidence, ALL[:4], 0.0, 0.0), [0.0, np.nan, 0.0, 0.0])
 
 
 @given(EVIDENCE)
 def test_a_share_of_one_is_the_papers_update(evidence: NDArray[np.float64]) -> None:
-    np.testing.assert_allclose(counted(evidence, ALL, 1.0, 0.0), evidence - evidence.max())
+    np.testing.assert_allclose(tempered(evidence, ALL, 1.0, 0.0), evidence - evidence.max())
 
 
 def test_what_lies_within_monte_carlo_error_counts_next_to_nothing() -> None:
     evidence = -np.array([0.0, 0.003, 0.3, 3.0, 300.0])
     expected = [0.0, 0.003 * 0.003 / 0.303, 0.15, 9.0 / 3.3, 300.0 * 300.0 / 300.3]
-    np.testing.assert_allclose(counted(evidence, ALL, 0.5, 0.3), -0.5 * np.array(expected))
+    np.testing.assert_allclose(tempered(evidence, ALL, 0.5, 0.3), -0.5 * np.array(expected))
 
 
 @given(EVIDENCE, st.floats(0.0, 1.0), st.floats(0.0, 2.0))
 def test_a_better_fit_never_weighs_less_and_no_fit_weighs_more_than_its_difference(
     evidence: NDArray[np.float64], share: float, noise: float
 ) -> None:
-    told = counted(evidence, ALL, share, noise)
+    told = tempered(evidence, ALL, share, noise)
     assert np.all(np.diff(told[np.argsort(evidence)]) >= 0.0)
     assert told.max() == 0.0
     lost = evidence.max() - evidence
@@ -55,7 +55,7 @@ def test_a_better_fit_never_weighs_less_and_no_fit_weighs_more_than_its_differen
 def test_an_improbable_hypothesis_gains_as_much_as_a_probable_one_would_lose_to_it() -> None:
     evidence, contends = np.array([0.0, -0.3, 5.0]), np.array([True, True, False])
     expected = [0.0, -0.3 * 0.3 / 0.6, 5.0 * 5.0 / 5.3]
-    np.testing.assert_allclose(counted(evidence, contends, 1.0, 0.3), expected)
+    np.testing.assert_allclose(tempered(evidence, contends, 1.0, 0.3), expected)
 
 
 @given(EVIDENCE, st.floats(0.0, 2.0), st.floats(-1e6, 1e6))
@@ -63,9 +63,9 @@ def test_what_contenders_gain_does_not_depend_on_what_is_no_contender(
     evidence: NDArray[np.float64], noise: float, other: float
 ) -> None:
     contends = np.array([True, True, True, True, False])
-    one = counted(evidence, contends, 0.5, noise)
+    one = tempered(evidence, contends, 0.5, noise)
     evidence[-1] = other
-    np.testing.assert_array_equal(counted(evidence, contends, 0.5, noise)[:-1], one[:-1])
+    np.testing.assert_array_equal(tempered(evidence, contends, 0.5, noise)[:-1], one[:-1])
 
 
 @pytest.mark.parametrize(
@@ -93,21 +93,21 @@ def test_contenders_are_the_most_probable_with_99_percent_of_the_belief(
 
 
 def test_less_counts_the_worse_the_best_one_fits() -> None:
-    shares = [share_that_counts(1.0, bad, RULES) for bad in (0.0, 0.25, 0.5, 1.0)]
+    shares = [evidence_weight(1.0, bad, RULES) for bad in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([1.0, 0.8, 0.5, 0.2])
-    assert share_that_counts(0.3, 0.5, RULES) == pytest.approx(0.15)
-    assert share_that_counts(0.3, math.nan, RULES) == 0.3, "no beam said how it fits"
-    literal = BeliefSettings(evidence_misfit=math.inf)
-    assert share_that_counts(1.0, 9.0, literal) == 1.0
+    assert evidence_weight(0.3, 0.5, RULES) == pytest.approx(0.15)
+    assert evidence_weight(0.3, math.nan, RULES) == 0.3, "no beam said how it fits"
+    literal = BeliefSettings(evidence_residual=math.inf)
+    assert evidence_weight(1.0, 9.0, literal) == 1.0
 
 
-def test_misfit_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> None:
+def test_residual_is_what_is_missing_to_beams_that_all_end_on_obstacles() -> None:
     sensor = SensorSettings(hit_weight=0.75, random_weight=0.25, hit_sigma_m=0.15, max_range_m=30.0)
     best = math.log(0.75 / (math.sqrt(2.0 * math.pi) * 0.15) + 0.25 / 30.0)
-    assert misfit(best, sensor) == 0.0
-    assert misfit(best - 1.5, sensor) == pytest.approx(1.5)
-    assert misfit(best + 1e-9, sensor) == 0.0, "rounding"
-    assert math.isnan(misfit(math.nan, sensor))
+    assert residual(best, sensor) == 0.0
+    assert residual(best - 1.5, sensor) == pytest.approx(1.5)
+    assert residual(best + 1e-9, sensor) == 0.0, "rounding"
+    assert math.isnan(residual(math.nan, sensor))
 
 
 def test_the_way_is_as_the_robot_has_gone_and_turns_go_round() -> None:

@@ -23,7 +23,7 @@ from tests.unit.particle_filter.rooms import (
 )
 
 START = np.array([1.0, 3.2, -0.4])
-LITERAL = BeliefSettings(view_distance_m=0.0, evidence_misfit=math.inf)
+LITERAL = BeliefSettings(view_distance_m=0.0, evidence_residual=math.inf)
 """Each scan counts in full."""
 SETTINGS = FilterSettings(belief=LITERAL, search=SearchSettings(poses=6_000, shards=1))
 

@@ -25,7 +25,7 @@ SETTINGS = FilterSettings(
         max_clusters=4,
         merge_distance_m=0.5,
         merge_heading_rad=0.35,
-        newcomer_probability=0.02,
+        candidate_probability=0.02,
         least_probability=0.001,
     ),
 )
@@ -84,7 +84,7 @@ def test_when_a_search_is_over_all_it_has_found_is_worth_no_less_than_is_set() -
     trial = {FAR: 0.01, FARTHER: 0.002}
     assert on_trial(found, NO_EVIDENCE) == pytest.approx(trial), "0.0008 is too improbable"
     assert entered(found, NO_EVIDENCE) == {}, "it may yet see what tells them apart"
-    assert on_trial(found, NO_EVIDENCE, newcomer_probability=0.0) == {}
+    assert on_trial(found, NO_EVIDENCE, candidate_probability=0.0) == {}
     earned = {FAR: 0.05, FARTHER: 0.01, LEAST: 0.004}
     assert on_trial(found, math.log(0.1)) == pytest.approx(earned), "it is worth more"
 
@@ -99,7 +99,7 @@ def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
         assert [place.share for place in admitted.entering] == pytest.approx(came)
 
 
-def test_the_search_that_found_the_clusters_has_no_newcomers_beside_them() -> None:
+def test_the_search_that_found_the_clusters_has_no_candidates_beside_them() -> None:
     found = pool((0.6, BESIDE), (0.4, FAR))
     came = admission(found, HELD, (0.0,) * 4, 0.0, SETTINGS, is_over=False, holds_own=True)
     assert [place.mean for place in came.entering] == [FAR]
@@ -129,7 +129,7 @@ def test_a_place_is_near_only_in_place_and_heading() -> None:
     assert set(entered(found, 0.0)) == {turned, aside}
 
 
-def test_nobody_more_probable_leaves_for_a_newcomer() -> None:
+def test_nobody_more_probable_leaves_for_a_candidate() -> None:
     found = pool((0.5, FAR), (0.3, FARTHER), (0.2, LEAST))
     assert set(entered(found, 0.0, (0.0, 0.2, 0.25))) == {FAR, FARTHER}
     assert set(entered(found, 0.0, (0.0, 0.31, 0.4))) == {FAR}

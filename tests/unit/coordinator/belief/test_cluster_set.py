@@ -12,11 +12,11 @@ from coordinator.belief.cluster_set import (
     LEAST_LOG,
     NEWS_M,
     STILL_PROBABLE,
+    Candidate,
     ClusterSet,
-    Newcomer,
     news_of,
 )
-from particle_filter.evidence_model import misfit, through_beam_loss
+from particle_filter.evidence_model import residual, through_beam_loss
 from particle_filter.off_map import MapQuality
 from particle_filter.settings import SensorSettings
 from protocol.job_events import Ended
@@ -32,7 +32,7 @@ def first(*shares: float, **belief: object) -> ClusterSet:
     """Clusters with these probabilities; the rest is elsewhere."""
     rules = literal_bayes(**{"kidnapping_probability": 0.01, **belief})
     made = ClusterSet(rules, SensorSettings())
-    made.explain(min(math.fsum(shares), 1.0))
+    made.take_from_elsewhere(min(math.fsum(shares), 1.0))
     made.admit([(place(s, PLACES[i % 3], 0), "first search") for i, s in enumerate(shares)], 0)
     return made
 
@@ -95,7 +95,7 @@ def test_where_no_cluster_was_heard_of_nothing_changes() -> None:
 
 def test_a_cluster_that_has_ended_has_no_say() -> None:
     """Its worker may not have heard yet, or nobody may have been there to tell it."""
-    both, one = (first(0.6, 0.3, evidence_misfit=0.5) for _ in range(2))
+    both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
     reports = told(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
     assert both.weigh(reports, -3.0) == one.weigh(told(0.2, 0.1, fit=-1.0), -3.0)
@@ -118,11 +118,11 @@ def test_a_robot_that_is_never_lifted_is_nowhere_else() -> None:
 def test_what_tells_places_apart_counts_in_part_and_what_tells_them_from_elsewhere_in_full() -> (
     None
 ):
-    """Where half of the scan is a new view, and where the best one's misfit halves it again."""
+    """Where half of the scan is a new view, and where the best one's residual halves it again."""
     best = math.log(0.5)
     made = first(
         0.5, 0.3, kidnapping_probability=1e-9,
-        evidence_misfit=misfit(best, SensorSettings()),
+        evidence_residual=residual(best, SensorSettings()),
     )  # fmt: skip
     said = made.weigh(told(0.4, 0.1, fit=best), math.log(0.05), new_view=0.5)
     scan = (0.5 * 0.4 + 0.3 * 0.1) / 0.8
@@ -145,7 +145,7 @@ def test_two_places_are_told_apart_as_if_there_were_no_improbable_third(
     fit_c: float,
 ) -> None:  # fmt: skip
     """However well the third one fits."""
-    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25}
+    rules = {"evidence_noise": 0.3, "evidence_residual": 0.25}
     likelihoods = [math.exp(nat) for nat in (a, b, c)]
     reports = told(*likelihoods)
     for (job, report), fit in zip(reports.items(), (fit_a, fit_b, fit_c), strict=True):
@@ -160,7 +160,7 @@ def test_two_places_are_told_apart_as_if_there_were_no_improbable_third(
 
 def test_an_improbable_place_that_fits_far_better_rises_by_what_explains_the_scan() -> None:
     """Its own fit, not that of the probable places, which do not explain the scan."""
-    rules = {"evidence_noise": 0.3, "evidence_misfit": 0.25, "kidnapping_probability": 0.0}
+    rules = {"evidence_noise": 0.3, "evidence_residual": 0.25, "kidnapping_probability": 0.0}
     made = first(0.997, 0.003, **rules)
     reports = told(math.exp(-9.0), 1.0, fit=-1.0)
     good = math.log(0.75 / (math.sqrt(2.0 * math.pi) * SensorSettings().hit_sigma_m))
@@ -205,7 +205,7 @@ def test_in_a_crude_map_half_of_what_tells_places_apart_counts() -> None:
 def test_places_are_told_apart_among_people_where_the_other_beams_fit() -> None:
     """Three of ten beams end at people, at the true place as at another."""
     made = first(
-        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_misfit=0.25
+        0.5, 0.5, kidnapping_probability=0.001, off_map_probability=0.05, evidence_residual=0.25
     )
     hit = through_beam_loss(SensorSettings())
     fits = (0.69 - 0.3 * hit, 0.2 - 0.3 * hit)
@@ -224,20 +224,20 @@ def test_the_transition_is_between_clusters_and_never_elsewhere() -> None:
     assert probabilities(made) == pytest.approx([0.5, 0.3, 0.2])
 
 
-def test_what_newcomers_explain_is_no_longer_elsewhere() -> None:
-    """Elsewhere had 0.5; the search explains 0.8 of it, half of which the newcomer has."""
+def test_what_candidates_explain_is_no_longer_elsewhere() -> None:
+    """Elsewhere had 0.5; the search explains 0.8 of it, half of which the candidate has."""
     made = first(0.5)
-    made.explain(0.8)
+    made.take_from_elsewhere(0.8)
     made.admit([(place(0.2, SOUTH, 1), "restart")], 1)
     assert probabilities(made) == pytest.approx([0.5 / 0.8, 0.2 / 0.8, 0.1 / 0.8])
-    made.explain(1.0)
+    made.take_from_elsewhere(1.0)
     made.admit([], 1)
     assert probabilities(made) == pytest.approx([5 / 7, 2 / 7, 0.0])
     made.weigh(told(0.1, 0.1), math.nan)
     assert made.elsewhere == pytest.approx(0.01), "until the robot may have been lifted"
 
 
-def test_the_newcomers_weights_are_beside_those_of_the_belief() -> None:
+def test_the_candidates_weights_are_beside_those_of_the_belief() -> None:
     made = first(0.5, 0.3, 0.2, max_clusters=3)
     assert made.room(0) == pytest.approx([0.2, 0.3, 0.5])
     admitted, _ = made.admit([(place(0.45, NORTH, 1), "restart")], 1, protected_until=9)
@@ -252,9 +252,9 @@ def test_free_places_are_room_for_anybody() -> None:
 
 
 def test_who_is_pushed_out_is_told_by_whom() -> None:
-    """Of three newcomers the first takes the free place, the others the least probable ones'."""
+    """Of three candidates the first takes the free place, the others the least probable ones'."""
     made = first(0.5, 0.2, 0.3, max_clusters=4)
-    more: list[Newcomer] = [(place(0.1, EAST, 0), "restart") for _ in range(3)]
+    more: list[Candidate] = [(place(0.1, EAST, 0), "restart") for _ in range(3)]
     _, events = made.admit(more, 1)
     assert [event for event in events if isinstance(event, Ended)] == [
         Ended("c1", "pushed out", ("c4",), pytest.approx(0.2)),
@@ -331,7 +331,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
         kidnapping_probability=hazard,
         least_probability=0.05,
         transition_probability=0.01,
-        evidence_misfit=0.3,
+        evidence_residual=0.3,
         evidence_noise=0.2,
     )
     for step, (deed, values, value) in enumerate(deeds):
@@ -342,7 +342,7 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
                 reports = {job: tracked(job, step, v, NORTH) for job, v in heard.items()}
                 made.weigh(reports, math.log(value) if hazard > 0.0 else math.nan)
             case "admit":
-                made.explain(value)
+                made.take_from_elsewhere(value)
                 made.admit([(place(v, SOUTH, step), "restart") for v in values], step)
             case "drop":
                 made.drop_improbable(step)
@@ -359,12 +359,12 @@ def test_the_places_and_elsewhere_sum_to_one_whatever_happens(
             assert made.elsewhere == 0.0
 
 
-def test_only_who_was_there_before_a_search_is_lifted_after_its_newcomers() -> None:
+def test_only_who_was_there_before_a_search_is_lifted_after_its_candidates() -> None:
     made = first(0.9, 0.09)
     made.protect_alternatives(20)
     made.admit([(place(50.0, SOUTH, 5), "restart"), (place(0.01, NORTH, 5), "restart")], 5,
                protected_until=20)  # fmt: skip
-    made.lift_alternatives(6, first_step=4)
+    made.apply_floor(6, first_step=4)
     old, _, strong, weak = probabilities(made)[:4]
     assert old == pytest.approx(STILL_PROBABLE / (1.0 + STILL_PROBABLE), rel=0.1)
     assert strong > 0.8
@@ -386,7 +386,7 @@ def test_what_a_search_finds_later_takes_from_its_first_finds_and_from_nobody_el
     made = first(0.6, 0.2)
     made.admit([(place(0.25, SOUTH, 5), "restart")], 5)
     *old, held = probabilities(made)[:3]
-    found: list[Newcomer] = [(place(0.6 * held, NORTH, 6), "restart")]
+    found: list[Candidate] = [(place(0.6 * held, NORTH, 6), "restart")]
     made.admit(made.sharing(found, 5, 0.0), 6, first_step=5)
     after = probabilities(made)
     assert after[:2] == pytest.approx(old)

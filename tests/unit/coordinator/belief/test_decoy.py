@@ -5,7 +5,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from coordinator.belief.cluster_set import Cluster, ClusterSet, Newcomer
+from coordinator.belief.cluster_set import Candidate, Cluster, ClusterSet
 from coordinator.belief.search_course import DECOYS, PATIENCE, SCANS, Decoy, SearchCourse
 from particle_filter.settings import BeliefSettings, FilterSettings, SearchSettings, SensorSettings
 from protocol.work import SearchJob, SearchReport, TrackJob
@@ -133,7 +133,7 @@ def test_while_a_decoy_is_awaited_classes_do_not_count() -> None:
         assert made.off_map == pytest.approx(0.3)
 
 
-def newcomers(weight: float) -> list[Newcomer]:
+def candidates(weight: float) -> list[Candidate]:
     return [(place(weight, (9.0, 0.0, 0.0), 0), "restart")]
 
 
@@ -143,8 +143,8 @@ def test_what_fits_well_by_choice_says_nothing_against_off_the_map(
     weight: float, off_map: float
 ) -> None:
     made = clusters(off_map)
-    made.keep_off_map(newcomers(weight), math.log(1e-4), math.log(0.5))
-    made.admit(newcomers(weight), 1)
+    made.keep_off_map(candidates(weight), math.log(1e-4), math.log(0.5))
+    made.admit(candidates(weight), 1)
     assert made.off_map <= max(off_map, 0.5) + 1e-9, "nor does off the map gain by it"
     new = next(c for c in made.all() if c.cluster == 1)
     assert new.probability <= max(made.off_map * 2e-4, 1.0 - max(off_map, 0.5)) * (1.0 + 1e-6)
@@ -152,8 +152,8 @@ def test_what_fits_well_by_choice_says_nothing_against_off_the_map(
 
 def test_a_lifted_robot_is_found_as_before() -> None:
     made = clusters(1e-6)
-    made.keep_off_map(newcomers(1e3), math.log(0.6), math.log(0.03))
-    made.admit(newcomers(1e3), 1)
+    made.keep_off_map(candidates(1e3), math.log(0.6), math.log(0.03))
+    made.admit(candidates(1e3), 1)
     assert made.by_probability()[0].cluster == 1
     assert made.off_map < 0.06
 

@@ -21,7 +21,7 @@ def ensemble(**belief: object) -> Ensemble:
     rules = {
         "kidnapping_probability": HAZARD,
         "max_clusters": 3,
-        "newcomer_probability": 0.0,
+        "candidate_probability": 0.0,
         "lost_probability": 0.5,
         "localized_probability": 0.9,
         **belief,

@@ -161,9 +161,9 @@ def test_clusters_that_come_together_merge_and_their_probabilities_add() -> None
     assert outcome.events == (Ended("c1", "merged", ("c0",), pytest.approx(0.3)),)
 
 
-def test_a_newcomer_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
+def test_a_candidate_enters_with_a_small_probability_and_the_least_probable_leaves() -> None:
     places = {NORTH: 0.66, SOUTH: 0.33, EAST: 0.01}
-    made = bootstrapped(places, search_every_steps=1, newcomer_probability=0.02)
+    made = bootstrapped(places, search_every_steps=1, candidate_probability=0.02)
     new: PoseTuple = (-5.0, 0.0, 0.0)
     tracks = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     started = made.advance(1, [tracked(job, 1, 0.1, mean) for job, mean in tracks.items()])
@@ -232,9 +232,9 @@ def test_a_search_that_lags_behind_is_compared_with_where_the_clusters_were() ->
     assert not outcome.searching
 
 
-def test_a_newcomer_in_its_grace_is_not_replaced() -> None:
+def test_a_candidate_in_its_grace_is_not_replaced() -> None:
     places = {NORTH: 0.98, SOUTH: 0.01, EAST: 0.01}
-    made = bootstrapped(places, search_every_steps=1, grace_steps=50, newcomer_probability=0.02)
+    made = bootstrapped(places, search_every_steps=1, grace_steps=50, candidate_probability=0.02)
     tracks: dict[str, PoseTuple] = {"c0": NORTH, "c1": SOUTH, "c2": EAST}
     for step, x_m in ((1, 0.0), (2, -5.0), (3, 0.0), (4, -9.0), (5, 0.0), (6, -15.0)):
         reports: list[Report] = [tracked(job, step, 0.1, mean) for job, mean in tracks.items()]
@@ -453,7 +453,7 @@ def test_a_search_from_before_the_robot_was_lifted_begins_anew(
         search_every_steps=1,
         kidnapping_probability=0.001,
         least_probability=1e-4,
-        newcomer_probability=0.0,
+        candidate_probability=0.0,
     )
     made.advance(1, [tracked("c0", 1, 1e-9, NORTH), elsewhere(1, math.log(1e-3))])
     outcome = lifted(made, 2, search=1, evidence=evidence)

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.search_pool import SearchPool
-from particle_filter.evidence_model import misfit
+from particle_filter.evidence_model import residual
 from particle_filter.settings import SearchSettings, SensorSettings
 from particle_filter.view_memory import ViewMemory
 from tests.unit.coordinator.belief.test_ensemble import (
@@ -38,8 +38,8 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
     leaking = bootstrapped(first, transition_probability=0.2).advance(1, reports)
     assert probabilities(leaking)[0] == pytest.approx(0.8 * 1.8 / 2.2 + 0.1)
     same = {NORTH: 0.5, SOUTH: 0.5}
-    bad = misfit(-1.0, SensorSettings())
-    half = bootstrapped(same, evidence_misfit=bad).advance(1, reports)
+    bad = residual(-1.0, SensorSettings())
+    half = bootstrapped(same, evidence_residual=bad).advance(1, reports)
     assert probabilities(half)[0] == pytest.approx(1.0 / (1.0 + 3.0**-0.5))
     moved = np.array([math.log(2.0), 0.0, 0.0])
     again = bootstrapped(same, view_distance_m=1.0).advance(1, reports, moved)
@@ -178,7 +178,7 @@ def test_a_place_that_is_new_has_seen_nothing() -> None:
 
 
 def test_the_scan_by_which_a_place_was_found_is_no_news_of_it() -> None:
-    """Where newcomers came step after step, each scan counted in full."""
+    """Where candidates came step after step, each scan counted in full."""
     made = two_places()
     before = probabilities(made.set_pose(place(0.5, EAST, 0)))
     reports = [tracked("c0", 1, 0.25, NORTH), tracked("c1", 1, 0.5, SOUTH)]

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from coordinator.belief.cluster_set import Newcomer
+from coordinator.belief.cluster_set import Candidate
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
 from particle_filter.settings import FilterSettings, SearchSettings
@@ -26,8 +26,8 @@ def found(*places: tuple[float, PoseTuple]) -> list[Place]:
     return [place(share, mean, 9) for share, mean in places]
 
 
-def shares(newcomers: list[Newcomer]) -> list[float]:
-    return [newcomer.share for newcomer, _ in newcomers]
+def shares(candidates: list[Candidate]) -> list[float]:
+    return [candidate.share for candidate, _ in candidates]
 
 
 def test_an_offered_place_stands_beside_those_that_were_found() -> None:

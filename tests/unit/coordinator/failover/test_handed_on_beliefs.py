@@ -54,7 +54,7 @@ def test_the_undisturbed_run_has_what_can_be_lost(undisturbed: Living) -> None:
     assert any(belief.searching and belief.state != "searching" for belief in beliefs)
     assert all(belief.missing == () for belief in beliefs)
     assert undisturbed.warnings == []
-    assert len({h.cluster for belief in beliefs for h in belief.hypotheses}) > 5, "newcomers"
+    assert len({h.cluster for belief in beliefs for h in belief.hypotheses}) > 5, "candidates"
 
 
 @hypothesis.settings(deadline=None, max_examples=12)

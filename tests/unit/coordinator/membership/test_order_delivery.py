@@ -40,7 +40,7 @@ class Told(OrderDelivery):
         )  # fmt: skip
 
 
-def test_a_newcomer_is_told_even_that_it_has_nothing_to_do() -> None:
+def test_a_candidate_is_told_even_that_it_has_nothing_to_do() -> None:
     made = Told()
     order = made.due(0)
     assert order is not None

@@ -126,7 +126,7 @@ def test_a_worker_that_starts_anew_gets_its_jobs_again() -> None:
     assert begun(due(made, SECOND)) == {"a": ["c0"]}
 
 
-def test_a_newcomer_takes_jobs_from_workers_that_have_two_more() -> None:
+def test_a_candidate_takes_jobs_from_workers_that_have_two_more() -> None:
     made = placement("a")
     made.jobs.begin({f"c{n}": track(n) for n in range(3)})
     follow(made, due(made, 0))
