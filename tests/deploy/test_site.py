@@ -24,7 +24,7 @@ from protocol.message import Message
 from tests.integration.live_view.conftest import started_browser
 from tests.integration.live_view.page import Page, serious_problems
 
-pytestmark = pytest.mark.timeout(300)  # the site takes 10 s of a core, the browser as much
+pytestmark = pytest.mark.timeout(300)  # the site and the browser take 10 s of a core each
 
 REPOSITORY = Path(__file__).parents[2]
 

@@ -60,8 +60,8 @@ class Life:
     told: list[tuple[int, events.Event]] = field(default_factory=list)
     said: list[Belief] = field(default_factory=list)
     unknown_s: dict[int, float] = field(default_factory=dict)
-    """By stamp: how old data was at its arrival, as far as nobody can tell it. Where the robot is
-    known to be live, odometry that comes later than usual tells by how much."""
+    """By stamp: the part of a datum's age at its arrival that no process can know. For a live
+    robot, odometry that arrives later than usual shows its delay."""
     promptest_s: float = math.inf
     newest_odometry_ns: int = -1
     is_live: bool = False
@@ -140,7 +140,7 @@ class Life:
             self.said += [do.belief for do in done if isinstance(do, PublishBelief)]
 
     def replay(self) -> None:
-        """A coordinator that is told the same says the same."""
+        """A coordinator with the same events gives the same instructions."""
         again = without_bulk(self.started).coordinator()
         said = [
             do.belief
@@ -156,7 +156,7 @@ class Laws:
 
     Args:
         clock: true time.
-        replays: whether all lives are told once more in the end.
+        replays: whether the events of all lives are replayed in the end.
     """
 
     def __init__(self, clock: Clock, *, replays: bool) -> None:
@@ -165,8 +165,8 @@ class Laws:
         """By term and serial."""
         self.lives: list[Life] = []
         self.counts_anew = False
-        """The bridge has died while nobody could tell it the step: it gives numbers again that it
-        had given, and no belief outlives that."""
+        """The bridge has died while no process could give it the step: it repeats numbers, and no
+        belief survives that."""
         self.taken_ns: dict[int, int] = {}
         """When a scan or an odometry pose was taken, by its stamp."""
         self._rules: dict[int, Life] = {}
@@ -177,7 +177,7 @@ class Laws:
     def life(
         self, name: str, started: Started, coordinator: Coordinator, promptest_s: float
     ) -> Life:
-        """A coordinator begins to ask around; others' data has come to it so late at least."""
+        """A coordinator begins to recover; `promptest_s` is the least delay of data to it."""
         is_live = started.usual_delay_ns is not None
         life = Life(self, name, started, promptest_s=promptest_s, is_live=is_live)
         life.watch(coordinator._state)
@@ -222,7 +222,7 @@ class Laws:
         demand(order.term >= worker_term, "no worker obeys who was taken over from")
 
     def believed(self, belief: Belief) -> None:
-        """Everybody is told."""
+        """An answer or publication for all."""
         self.steps += 1
         probabilities = [hypothesis.probability for hypothesis in belief.hypotheses]
         probabilities.append(belief.elsewhere_probability)
@@ -231,7 +231,7 @@ class Laws:
         demand(abs(total - 1.0) <= SUM_TOLERANCE, f"probabilities sum to one, not to {total}")
 
     def pose_told(self, life: Life, pose: PoseAnswer) -> None:
-        """Somebody has asked where the robot is.
+        """An observer has queried the pose.
 
         Clocks may be apart by anything, so it counts from when the data should have arrived.
         """
@@ -246,7 +246,7 @@ class Laws:
         )
 
     def unknown_s(self, checkpoint: Checkpoint) -> float:
-        """How much older its scan is than it says, for who hears it now; infinite: says nothing."""
+        """How much older its scan is now than it says; infinite: it has no age."""
         arrived = arrival(checkpoint, self.clock.now_ns)
         if arrived is None:
             return math.inf

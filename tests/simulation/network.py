@@ -14,7 +14,7 @@ from itertools import count
 Action = Callable[[], None]
 SECOND = 1_000_000_000
 LEASE_NS = 2 * SECOND
-"""A link on which nothing is heard for so long is broken for the router."""
+"""The router closes a link that was silent for longer than this."""
 
 
 def ns(seconds: float) -> int:
@@ -31,7 +31,7 @@ class Clock:
         self._numbers = count()
 
     def after(self, delay_s: float, action: Action) -> None:
-        """Let something happen later."""
+        """Schedule a call for later."""
         heapq.heappush(self._due, (self.now_ns + ns(delay_s), next(self._numbers), action))
 
     def step(self) -> None:
@@ -55,7 +55,7 @@ class Node:
         self.life = 0
         """How often it has ended."""
         self.session = 0
-        """How often it has subscribed to all it hears; what came before is not heard."""
+        """Number of its subscriptions; earlier messages do not arrive."""
         self.token: str | None = None
         """Its liveliness token, while it has one."""
         self._held: deque[tuple[int, Action]] = deque()
@@ -73,7 +73,7 @@ class Node:
             action()
 
     def later(self, delay_s: float, action: Action) -> None:
-        """Let something happen in this process, if it still lives then."""
+        """Schedule a call in this process, if it is alive then."""
         life = self.life
         self.clock.after(delay_s, lambda: self.take(action) if self.life == life else None)
 
@@ -106,7 +106,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Who has asked something; an answer reaches it only in the session that it asked from."""
+    """The origin of a query; the answer reaches it only in the same session."""
 
     name: str
     session: int
@@ -173,7 +173,7 @@ class Network:
             self._tell_others(node, node.token, alive=False)
 
     def watch(self, node: Node) -> None:
-        """Tell a process of all tokens that are there."""
+        """Give a process all present tokens."""
         for token in self.tokens:
             self._tell(node, token, alive=True)
 
@@ -188,7 +188,7 @@ class Network:
     # --- links
 
     def cut(self, node: Node, *, inwards: bool, outwards: bool) -> None:
-        """Let nothing through; after a while the link counts as broken."""
+        """Block a link; after a while it counts as broken."""
         node.cut_in, node.cut_out = inwards, outwards
         self._break_later(node, lambda: node.cut_in or node.cut_out)
 
@@ -223,7 +223,7 @@ class Network:
         self._forget(node)
 
     def mend(self, node: Node) -> None:
-        """Let everything through again; a broken link is made anew."""
+        """Unblock a link; a broken one is opened again."""
         node.cut_in = node.cut_out = False
         if node.linked or not node.alive or node.is_frozen:
             return

@@ -33,7 +33,7 @@ class Bridge(Node):
         self._step, self._history = 0, list[Scan]()
 
     def start(self) -> None:
-        """Go on after the step that the coordinator knows; from 0 where nobody answers."""
+        """Continue after the coordinator's step; from 0 without an answer."""
         acting = self._simulation.acting()
         known = acting.coordinator.status(acting.now_ns, {}).newest_step if acting else -1
         self._simulation.laws.counts_anew |= known < self._step - 1
@@ -68,7 +68,7 @@ class Bridge(Node):
 
 
 SLICE_S = 0.001
-"""A slice of a search takes so long."""
+"""Duration of a slice of a search."""
 
 
 class WorkerNode(Node):
@@ -103,7 +103,7 @@ class WorkerNode(Node):
         self.later(10 * QUIET_S, self._read_checkpoints)
 
     def on_order(self, asker: Asker, order: WorkOrder) -> None:
-        """A coordinator asks for work."""
+        """A coordinator sends an order."""
         self._read_checkpoints()
         self._tell(events.on_order(self._question(asker), order))
 

@@ -121,7 +121,7 @@ class Simulation:
             network.start(node)
 
     def _look(self) -> str:  # noqa: PLR0911 - one for each trouble
-        """What is not as it should be, just before a step."""
+        """The faults that are active just before a step."""
         acting = [node for node in self.coordinators.values() if node.acts]
         if len(acting) != 1:
             return f"{len(acting)} coordinators act"

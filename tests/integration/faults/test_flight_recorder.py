@@ -1,4 +1,4 @@
-"""Workers and coordinators are killed, and the recording tells at a desk what was believed."""
+"""Workers and coordinators are killed, and a replay of the recording gives the beliefs."""
 
 import json
 import os
@@ -39,13 +39,13 @@ def objects(done: subprocess.CompletedProcess[str]) -> list[JsonObject]:
 
 
 def told(belief: Belief) -> JsonObject:
-    """A belief that was heard, as the replay prints it; JSON keeps every bit of a number."""
+    """A received belief as the replay prints it; JSON keeps every bit of a number."""
     heard: JsonObject = json.loads(dumped(belief_object(belief)))
     return {**heard, "term": belief.term}
 
 
 def assert_same(heard: list[Belief], lines: list[JsonObject]) -> None:
-    """Of each term all that was heard is replayed, but for what waited for the disk at the end."""
+    """All received beliefs of each term are replayed, except those not yet on disk at the end."""
     replayed = [line for line in lines if line["kind"] == "belief"]
     last_term = max(belief.term for belief in heard)
     for term, beliefs in groupby(heard, key=lambda belief: belief.term):
@@ -60,7 +60,7 @@ def assert_same(heard: list[Belief], lines: list[JsonObject]) -> None:
 def said_again(lines: list[JsonObject]) -> list[int]:
     """So many steps before the last of the term before each later term's first belief is.
 
-    It takes over where it begins, or, if it hears of no worker before, when it does.
+    It takes over at its start or, without a worker then, when the first one appears.
     """
     replayed = [line for line in lines if line["kind"] == "belief"]
     terms = [list(beliefs) for _, beliefs in groupby(replayed, key=lambda line: line["term"])]

@@ -1,4 +1,4 @@
-"""A page that asks without end takes nothing from what the server asks for itself."""
+"""A page that floods the server with requests does not delay the server's own queries."""
 
 from contextlib import closing
 
@@ -14,7 +14,7 @@ from zenoh_link.wire import Received
 def test_the_map_is_asked_for_again_although_the_inbox_is_full(
     router: ZenohSettings,
 ) -> None:
-    """The answer that nobody is there came to a full inbox, was lost, and the map never asked."""
+    """An answer was lost in a full inbox, and the map was never requested."""
     loop = LiveLoop(replace(Settings(), zenoh=router), {}, StopFlag())
     with closing(loop.node) as node:
         node.open(20.0)

@@ -1,4 +1,4 @@
-"""Ten states of the page in four windows, light and dark, told at a glance by somebody new to it.
+"""Ten states of the page in four windows, light and dark, recognisable at a glance.
 
 The pictures go to BROWSER_PICTURES, for a person to look at.
 """

@@ -1,4 +1,4 @@
-"""Everything a stranger may publish or query, except an honest process's messages."""
+"""Messages and queries of an intruder that no process of ours sends."""
 
 import math
 from collections.abc import Iterator, Mapping

@@ -226,7 +226,7 @@ def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str
 
 
 def steps_of(page: ClientConnection, until: int) -> list[dict[str, Any]]:
-    """What is drawn of the steps after the first, up to one."""
+    """The drawings of the steps after the first, up to a given one."""
     found: list[dict[str, Any]] = []
     newest = 0
     while len(found) < until:

@@ -1,6 +1,6 @@
 """A whole system without processes: workers, a bridge's map and history, and one coordinator.
 
-What is sent is carried over as bytes. The coordinator may be thrown away between any two of its
+Messages are passed on as bytes. The coordinator may be thrown away between any two of its
 instructions, and made again from the file that it left and what the workers know.
 """
 
@@ -145,7 +145,8 @@ class Living:
         self.revive()
 
     def revive(self, known: Checkpoint | None = None) -> None:
-        """Start a coordinator that knows the file, and what it has heard as it stood by."""
+        """Start a coordinator with its state file and the checkpoints that it received as
+        follower."""
         self._term += 1
         started = Started(
             sender="coordinator",
@@ -208,7 +209,7 @@ class Living:
         self.settle()
 
     def command(self, command: SetPose) -> None:
-        """A person asks for something."""
+        """A person sends a command."""
         self._tell(lambda c, now: c.handle(CommandArrived(command), now))
         self.settle()
 
@@ -219,7 +220,7 @@ class Living:
         self.settle()
 
     def settle(self) -> None:
-        """Let everything come to rest."""
+        """Run until no event is left."""
         while self._queue:
             self._queue.popleft()()
 
@@ -304,7 +305,7 @@ class Living:
                 self.warnings.append(cause)
 
     def answer_order(self, name: str, answer: OrderAnswer) -> None:
-        """A worker, or somebody in its name, answers an order."""
+        """A worker, or an impostor, answers an order."""
         self._tell(lambda c, now: c.handle(OrderAnswered(name, answer), now))
         self._tell(lambda c, now: c.handle(TimePassed(), now))
 
@@ -316,7 +317,7 @@ class Living:
         self._queue.append(happen)
 
     def state(self, name: str, take_over: TakeOver = NOBODY) -> WorkerState:
-        """What a worker tells a coordinator that takes over."""
+        """A worker's answer to a coordinator that takes over."""
         asked = worker_events.on_state_query(self._question(), take_over)
         (answer,) = asked(self.workers[name])
         assert isinstance(answer, worker_instructions.Answer)
@@ -337,7 +338,7 @@ class Living:
         }
 
     def evidence(self) -> dict[tuple[str, int], set[float]]:
-        """What was said of each cluster at each step, by anybody."""
+        """All reports on each cluster at each step."""
         said: dict[tuple[str, int], set[float]] = {}
         for report in self._reports:
             said.setdefault((report.job_id, report.step), set()).add(report.log_weight_sum)

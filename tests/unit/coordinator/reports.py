@@ -19,7 +19,7 @@ from protocol.work import ElsewhereReport, Particles, Place, SearchReport, Track
 
 
 def literal_bayes(**more: object) -> BeliefSettings:
-    """The paper's update: evidence in full, nobody forgotten, and no word for elsewhere."""
+    """The paper's update: untempered evidence, no forgetting, no hypothesis for elsewhere."""
     rules: dict[str, object] = {
         "transition_probability": 0.0,
         "view_distance_m": 0.0,
@@ -102,7 +102,7 @@ def searched(
 
 
 def found_places(found: Sequence[tuple[float, PoseTuple]], count: int = 2) -> FoundPlaces:
-    """Places of such shares, each with so many particles at its mean."""
+    """Places with these shares, each with a number of particles at its mean."""
     return FoundPlaces.of(
         (0.0, 0.0, 0.0),
         [share for share, _ in found],
@@ -113,7 +113,7 @@ def found_places(found: Sequence[tuple[float, PoseTuple]], count: int = 2) -> Fo
 
 
 def pool_of(*found: tuple[float, PoseTuple], step: int, left_out_gap: float = 12.0) -> Pool:
-    """What one shard has found, whatever is near to what."""
+    """The places of one shard, without merging near ones."""
     share, mean = np.array([share for share, _ in found]), np.array([mean for _, mean in found])
     count = len(found)
     views = Views(

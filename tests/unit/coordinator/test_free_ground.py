@@ -97,7 +97,7 @@ def test_it_agrees_with_the_distance_of_each_free_leaf(
 
 
 def test_bits_that_do_not_fill_the_map_are_refused() -> None:
-    """A recording that somebody has made up shall not ask for gigabytes."""
+    """A forged recording must not make it allocate gigabytes."""
     told = msgspec.msgpack.decode(msgspec.msgpack.encode(room()))
     for sides in ({"rows": 10**6, "cols": 10**6}, {"rows": -1}, {"rows": 0}):
         with pytest.raises(msgspec.ValidationError, match="do not fill"):

@@ -1,4 +1,4 @@
-"""Settings that change while a robot drives: told in scans, and known to the next coordinator."""
+"""Settings that change while a robot drives: carried by scans, known to the next coordinator."""
 
 import msgspec
 import pytest

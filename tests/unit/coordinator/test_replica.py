@@ -17,7 +17,7 @@ def state(term: int, serial: int = 0) -> Checkpoint:
 
 
 def leading(replica: Replica, now_ns: int, term: int = 100) -> Replica:
-    """Let a replica lead, alone in the world."""
+    """Make a single replica lead."""
     started = Started(
         sender="c",
         filter_settings=FilterSettings(),

@@ -1,4 +1,4 @@
-"""A worker that freezes or is slow: told as events, without a network."""
+"""A frozen or slow worker, as events without a network."""
 
 from coordinator.events import TimePassed, WorkerLeft
 from coordinator.instructions import Instruction, SendOrder

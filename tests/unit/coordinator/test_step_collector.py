@@ -141,7 +141,7 @@ def test_a_paced_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> 
 
 
 def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> None:
-    """They are of jobs that it had before it heard of the other, and that have the same ids."""
+    """They belong to its old jobs, which have the same ids."""
     made, other = collector(), collector()
     for step in (3, 4):
         made.on_scan(scan(step), 0)

@@ -1,4 +1,4 @@
-"""Who enters beside the clusters and with what; clouds round given places."""
+"""Which candidates enter and with what probability; particles around given places."""
 
 import math
 
@@ -32,7 +32,7 @@ SETTINGS = FilterSettings(
 HELD: list[PoseTuple] = [(0.0, 0.0, 0.0)]
 FAR, FARTHER, LEAST = (9.0, 0.0, 0.0), (9.0, 9.0, 0.0), (0.0, 9.0, 0.0)
 BESIDE = (0.7, 0.0, 0.0)
-"""Of the place that is held: no longer the same, but a search tells them no further apart."""
+"""From the held place: no longer the same, but too near for a search to separate them."""
 NO_EVIDENCE = -math.inf
 
 
@@ -90,7 +90,7 @@ def test_when_a_search_is_over_all_it_has_found_is_worth_no_less_than_is_set() -
 
 
 def test_what_a_search_finds_beside_its_own_places_gets_no_trial() -> None:
-    """They tell what it is worth."""
+    """They give it its weight."""
     found = pool((0.5, FAR), (0.4, HELD[0]))
     for log_weight, came in ((math.log(0.01), [0.005]), (NO_EVIDENCE, [])):
         admitted = admission(

@@ -94,7 +94,7 @@ def test_where_no_cluster_was_heard_of_nothing_changes() -> None:
 
 
 def test_a_cluster_that_has_ended_has_no_say() -> None:
-    """Its worker may not have heard yet, or nobody may have been there to tell it."""
+    """Its worker may not have received the order yet, or there was no coordinator to send it."""
     both, one = (first(0.6, 0.3, evidence_residual=0.5) for _ in range(2))
     reports = told(0.2, 0.1, 0.9, fit=-1.0)
     reports["c2"] = replace(reports["c2"], log_likelihood_per_beam=0.5)
@@ -263,7 +263,7 @@ def test_who_is_pushed_out_is_told_by_whom() -> None:
 
 
 def test_all_who_leave_are_told_where_protection_had_kept_too_many() -> None:
-    """A place given by a person came while nobody could be replaced."""
+    """A given place entered while no cluster could be replaced."""
     made = first(0.5, 0.3, 0.2, max_clusters=3)
     made.protect_alternatives(5)
     made.admit([(place(1.0, EAST, 1), "given")], 1)

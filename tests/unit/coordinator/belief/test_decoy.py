@@ -20,7 +20,7 @@ def reports(step: int) -> list[SearchReport]:
 
 
 def found(decoy: Decoy, first_step: int) -> int:
-    """Let it be searched for; returns the step after which it is tracked."""
+    """Search for it; returns the step after which it is tracked."""
     for step in range(first_step, first_step + SCANS):
         begin, ended = decoy.follow(step, reports(step), is_open=True)
     assert set(begin) == set(decoy.track_ids)

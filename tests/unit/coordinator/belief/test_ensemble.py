@@ -371,7 +371,7 @@ def test_what_later_places_of_a_search_explain_goes_from_elsewhere_to_its_places
 
 
 def test_places_of_a_search_that_has_found_the_clusters_go_on_to_enter() -> None:
-    """What it shares with the clusters tells what its shares are worth."""
+    """The clusters that it shares give its weight."""
     made = ensemble(max_clusters=4, merge_every_steps=100)
     made.begin_at(0)
     first = {NORTH: 0.3, SOUTH: 0.1}
@@ -447,7 +447,7 @@ def lifted(made: Ensemble, step: int, search: int, evidence: float = 99.0) -> Ou
 def test_a_search_from_before_the_robot_was_lifted_begins_anew(
     evidence: float, goes_on: bool
 ) -> None:
-    """What it has kept is where the robot was: it fits worse than anywhere does on average."""
+    """The kept place is the robot's old one: it fits worse than the map does on average."""
     made = bootstrapped(
         {NORTH: 1.0},
         search_every_steps=1,

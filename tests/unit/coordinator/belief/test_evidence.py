@@ -47,7 +47,8 @@ def test_the_settings_of_the_belief_reach_its_update() -> None:
 
 
 def test_shards_views_of_one_place_count_by_their_share_and_evidence() -> None:
-    """Both shards found it; the first with 4 points, the second with 2 of thrice the evidence."""
+    """Both shards found it; the first with 4 points, the second with 2 of three times the
+    evidence."""
     pool = SearchPool(0, 0, SearchSettings(shards=2))
     for job_id, evidence, x_m, count in (("s0.0", 1.0, 1.0, 4), ("s0.1", 3.0, 1.2, 2)):
         report = searched(job_id, 0, {}, log_evidence=math.log(evidence))
@@ -138,7 +139,7 @@ TURN = np.array([0.0, 0.0, 2.0 * math.pi / 31.0])
 
 
 def turned(made: Ensemble, first_step: int, turns: int) -> dict[int, float]:
-    """After a robot at one of two places has turned on the spot: each scan says it is at c1."""
+    """After a robot at one of two places has turned on the spot: each scan favours c1."""
     for step in range(first_step, first_step + 31 * turns):
         reports = [tracked("c0", step, 0.25, NORTH), tracked("c1", step, 0.5, SOUTH)]
         outcome = made.advance(step, reports, TURN)
@@ -166,7 +167,7 @@ def test_what_has_been_seen_is_handed_on_with_the_belief() -> None:
 
 
 def test_a_place_that_is_new_has_seen_nothing() -> None:
-    """Also where the robot has turned before, further scans tell a given place from the others."""
+    """Further scans separate a given place from others, even after the robot has turned there."""
     made = two_places()
     turned(made, 1, 1)
     made.set_pose(place(0.5, EAST, 31))

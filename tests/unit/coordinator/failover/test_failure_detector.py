@@ -71,7 +71,7 @@ def test_who_is_stopped_in_the_middle_of_a_turn_does_nothing_of_what_it_came_to(
 
 
 def test_lost_scans_are_asked_for_even_while_it_listens() -> None:
-    """They are waited for no longer than the listening lasts, and a question harms nobody."""
+    """The wait for them ends with the follower's timeout; a query is harmless."""
     fencing = SelfFencing(0)
     fencing.listen(0)
     first, fetch = SendOrder("w", order()), FetchScans(1, 2)

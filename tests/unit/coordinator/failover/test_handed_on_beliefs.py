@@ -127,7 +127,7 @@ def test_a_cluster_whose_worker_dies_with_the_coordinator_goes_on_from_its_gauss
 def test_one_that_finds_the_workers_only_later_carries_on_all_the_same(
     model: SensorModel, undisturbed: Living
 ) -> None:
-    """Router and coordinator were started anew together: the workers' links come back last."""
+    """Router and coordinator restarted together: the workers' links return last."""
     living = lived(model, steps=16)
     reachable, living.workers = living.workers, {}
     living.revive()
@@ -163,7 +163,7 @@ def test_one_that_has_not_heard_the_newest_scans_carries_on_all_the_same(
 
 
 def test_a_bridge_that_counts_its_steps_anew_is_followed_by_all(model: SensorModel) -> None:
-    """Bridge and coordinator were started anew together; the workers know the old count."""
+    """Bridge and coordinator restarted together; the workers know the old count."""
     living = lived(model, steps=14)
     living.revive()
     living.scans.clear()

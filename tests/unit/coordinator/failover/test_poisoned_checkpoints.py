@@ -69,7 +69,7 @@ def with_elsewhere(state: CheckpointState, log_probability: float) -> Checkpoint
 
 
 def elsewhere_later(state: CheckpointState) -> CheckpointState:
-    """Who weighs scans elsewhere would be waited for at every step for ever."""
+    """Every step would wait for the job that weighs scans elsewhere."""
     jobs = [
         replace(job, job=replace(job.job, first_step=2**40))
         if isinstance(job.job, ElsewhereJob)

@@ -20,7 +20,7 @@ KEPT = KNOWN
 
 
 def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> Told:
-    """By a worker that has worked for whoever wrote the file, unless it says otherwise."""
+    """From a worker of the coordinator that wrote the file, by default."""
     return Told(term=9, terms=terms, founded=founded)
 
 
@@ -34,7 +34,7 @@ def asked(
 
 
 def is_over_after(recovery: StateRecovery, wait_ns: int) -> bool:
-    """It is, after so long and not a moment before."""
+    """Whether it ends after this time and not earlier."""
     return recovery.is_over(BEGAN_NS + wait_ns) and not recovery.is_over(BEGAN_NS + wait_ns - 1)
 
 

@@ -1,4 +1,4 @@
-"""What workers tell a coordinator that takes over is megabytes; it is needed for a moment."""
+"""The workers' states at a take-over are megabytes, and needed for a moment only."""
 
 import gc
 

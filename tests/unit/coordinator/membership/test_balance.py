@@ -18,7 +18,7 @@ def never(_job_id: str) -> bool:
 
 
 def after(jobs: Spread, moves: Sequence[Move]) -> Spread:
-    """Who has what once the moves are made, one after the other."""
+    """Each worker's jobs after the moves, one after the other."""
     where = {job_id: worker for worker, own in jobs.items() for job_id in own}
     where |= {move.job_id: move.worker for move in moves}
     return {worker: [j for j, at in where.items() if at == worker] for worker in {*jobs, *WORKERS}}

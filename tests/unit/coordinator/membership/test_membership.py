@@ -1,4 +1,4 @@
-"""Who is there, as far as a coordinator can know it whose own link may break."""
+"""Which workers are present, seen by a coordinator whose own link may break."""
 
 from coordinator.events import WorkerJoined, WorkerLeft, WorkerReturned
 from coordinator.replica import GRACE_NS, SETTLE_NS, Membership

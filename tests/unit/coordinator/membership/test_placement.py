@@ -28,7 +28,7 @@ def begun(orders: list[tuple[str, WorkOrder]]) -> dict[str, list[str]]:
 
 
 def follow(made: Placement, orders: list[tuple[str, WorkOrder]]) -> None:
-    """Every worker does as it is told."""
+    """Every worker follows its orders."""
     for name, order in orders:
         jobs = (*order.keep, *((a.job_id, a.epoch) for a in order.begin))
         answer = OrderAnswer(

@@ -15,7 +15,7 @@ TICK_NS = PAUSE_NS // 2
 
 
 class Search:
-    """Three shards at workers of their own; ``s0.2`` says nothing unless told to."""
+    """Three shards at workers of their own; ``s0.2`` is silent by default."""
 
     def __init__(self) -> None:
         self.policy, self.now_ns, self.step = SilentShards(), 0, 0

@@ -1,4 +1,4 @@
-"""Who is waited for, and who is given up."""
+"""Which workers a step waits for, and which are given up."""
 
 from coordinator.slow_workers import (
     FIRST_PAUSE_NS,
@@ -19,7 +19,8 @@ def proven() -> StragglerPolicy:
 
 
 def miss(policy: StragglerPolicy, steps: int, at_ns: int = 0) -> list[str]:
-    """Worker ``slow`` misses steps that another reports; who is given up with the last."""
+    """Worker ``slow`` misses steps that another reports; returns the workers given up with the
+    last."""
     given_up: list[str] = []
     for _ in range(steps):
         given_up = policy.step_decided({"other"}, {"slow"}, at_ns)

@@ -1,4 +1,4 @@
-"""A simulated robot whose laser is dead: wherever odometry leads, the covariance tells how far."""
+"""A simulated robot with a dead laser: the covariance covers the error of odometry."""
 
 import numpy as np
 import pytest

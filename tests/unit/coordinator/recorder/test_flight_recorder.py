@@ -51,7 +51,7 @@ def test_a_disk_too_slow_is_a_gap_of_known_length(tmp_path: Path) -> None:
     recordings = Recordings(tmp_path)
     recordings.make(STARTED)
     recorded = recordings.made[0]
-    for now_ns in range(MAX_QUEUED + 500):  # nobody writes meanwhile
+    for now_ns in range(MAX_QUEUED + 500):  # no thread writes meanwhile
         recorded.recorder.handle(TimePassed(), now_ns)
     lost = recorded.recorder.lost[LOST]
     assert lost >= 500

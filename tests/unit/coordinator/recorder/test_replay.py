@@ -1,4 +1,4 @@
-"""What was recorded and is replayed is the same, bit for bit, whatever happened."""
+"""A replay equals the recorded run, bit for bit, under any fault."""
 
 import tempfile
 from pathlib import Path
@@ -38,7 +38,7 @@ def model() -> SensorModel:
 
 
 def live(living: Living, actions: list[tuple[str, int]]) -> None:
-    """Drive, and let happen what shall; a coordinator that died is there again a step later."""
+    """Drive with the given faults; a dead coordinator is restarted a step later."""
     step = 0
     for number, (action, value) in enumerate(actions):
         name = f"w{value}"
@@ -104,7 +104,7 @@ def test_whatever_happens_the_replay_believes_what_was_believed(
         living = Living(model, made=recordings.make)
         live(living, [*[("drive", 0)] * 8, *actions])
         happenings = recordings.replay()
-    # A coordinator that died between two instructions had decided what nobody heard.
+    # A coordinator that died between two instructions had made decisions that it never sent.
     assert heard(living) <= set(as_bytes(beliefs(happenings)))
 
 

@@ -185,7 +185,7 @@ PICKLES = {"pickle", "_pickle", "marshal", "shelve", "dill", "cloudpickle", "job
 
 
 def loaders_of_objects(module: ast.Module) -> set[str]:
-    """What a module imports or calls that makes any object a file asks for."""
+    """Imports and calls of a module that would create any object named in a file."""
     found = set[str]()
     for node in ast.walk(module):
         match node:
