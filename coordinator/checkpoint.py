@@ -21,10 +21,11 @@ from coordinator.step_collector import StepCollectorState
 from particle_filter.evidence_model import UsualFit
 from particle_filter.off_map import MapQuality
 from protocol.codec import refusal_of
-from protocol.message import MAX_ID_CHARACTERS, MAX_SCAN_STEP, MAX_STEP
+from protocol.errors import MalformedMessageError
+from protocol.message import MAX_ID_CHARACTERS, MAX_STEP
 from protocol.names import is_name
-from protocol.reading_checks import odometry_problem, pose_problem
-from protocol.steps import OdometryReading, Scan
+from protocol.reading_checks import pose_problem
+from protocol.steps import Scan
 from protocol.validity import assignment_problem, drawable_problem, first_problem
 from protocol.work import Assignment, Checkpoint, ElsewhereJob, SearchJob, TrackJob
 
@@ -241,15 +242,13 @@ def _job_problem(
 
 
 def _scan_problem(scan: Scan) -> str | None:
-    """As of any scan, but that its beams were left out."""
-    pose = OdometryReading(
-        sender=scan.sender, stamp_ns=scan.stamp_ns, odom_from_robot=scan.odom_from_robot
-    )
-    return (
-        scan_step_problem(scan.step)
-        or odometry_problem(pose)
-        or pose_problem(scan.robot_from_laser)
-    )
+    """Why the beams cannot be a scan's, even one whose beams were left out."""
+    try:
+        blobs = (scan.ranges, *(laser.ranges for laser in scan.others))
+        shapes = [ranges.array().shape for ranges in blobs]
+    except MalformedMessageError as error:
+        return error.problem
+    return None if all(len(shape) == 1 for shape in shapes) else f"ranges of {shapes}"
 
 
 def _size_problem(name: str, value: float) -> str | None:
@@ -258,10 +257,6 @@ def _size_problem(name: str, value: float) -> str | None:
 
 def number_problem(name: str, number: int, *, least: int = 0) -> str | None:
     return None if least <= number < MAX_STEP else f"{name} {number} is out of range"
-
-
-def scan_step_problem(step: int) -> str | None:
-    return None if 0 <= step < MAX_SCAN_STEP else f"step {step} is out of range"
 
 
 def finite_problem(name: str, value: float) -> str | None:

@@ -17,6 +17,7 @@ from coordinator.belief.given_places import candidate
 from coordinator.belief.outcome import Outcome
 from coordinator.belief.prior_pose import PriorPose
 from coordinator.checkpoint import (
+    MAX_AGE_S,
     STATE_VERSION,
     CheckpointState,
     ImpossibleStateError,
@@ -424,7 +425,7 @@ class CoordinatorState:
 
     def _applied_age_s(self, now_ns: int) -> float:
         applied = self.collector.applied
-        return self.pose.age_of_s(applied.stamp_ns, now_ns) if applied else -1.0
+        return min(self.pose.age_of_s(applied.stamp_ns, now_ns), MAX_AGE_S) if applied else -1.0
 
     def resume(self, checkpoint: Checkpoint, now_ns: int) -> int | None:
         """Continue from another coordinator's state.
