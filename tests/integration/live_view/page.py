@@ -56,6 +56,8 @@ class Page:
 
     def __init__(self, driver: Any, link: str) -> None:
         self.driver, self.link = driver, link
+        driver.get("about:blank")  # an earlier page goes on looking for its server
+        self.console()
         driver.get(link)
 
     def run(self, script: str) -> Any:
