@@ -20,8 +20,8 @@ from coordinator.events import (
     ReportArrived,
     ScanArrived,
     TimePassed,
-    Told,
     WorkerJoined,
+    WorkerSnapshot,
     WorkerToldState,
 )
 from coordinator.instructions import AskState, Instruction, PublishBelief, SendOrder
@@ -106,7 +106,9 @@ class Run:
                 case PublishBelief():
                     self.beliefs += 1
                 case AskState(worker=worker):
-                    self._tell(WorkerToldState(worker, Told(term=0, holds=(), reports=())))
+                    self._tell(
+                        WorkerToldState(worker, WorkerSnapshot(term=0, holds=(), reports=()))
+                    )
                 case SendOrder(worker=worker, order=order):
                     for given in order.begin:
                         self._epochs[given.job_id] = given.epoch

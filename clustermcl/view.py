@@ -38,7 +38,9 @@ class ViewOptions:
 
 
 def run_view(settings: Settings, options: ViewOptions) -> None:
-    """Serve the page; it waits for the system, also after a loss.
+    """Serve the page of a running system or of a recording, or save a recording as a page.
+
+    The page of a running system waits for it, at the start and when the connection is lost.
 
     Raises:
         SettingsError: the address, a certificate or a name is invalid.

@@ -42,7 +42,7 @@ class CommandsState(msgspec.Struct, frozen=True):
     set_poses: int = 0
     """How many poses have been given; it numbers their random streams."""
     waiting: Commanded | None = None
-    """Came before the first step, or before the map, and is carried out after both."""
+    """A command that arrived before the first step, or a pose that arrived before the map."""
 
 
 class Commands:

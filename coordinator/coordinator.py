@@ -81,7 +81,7 @@ class CheckpointSeries:
 
 
 class Answers:
-    """Makes publications and answers of the coordinator's state.
+    """Builds publications and query answers from the coordinator's state.
 
     Args:
         sender: name of the process.
@@ -333,7 +333,9 @@ class Coordinator:
 
     # --- what workers do
 
-    def _on_worker_told(self, worker: str, told: events.Told, now_ns: int) -> list[Instruction]:
+    def _on_worker_told(
+        self, worker: str, told: events.WorkerSnapshot, now_ns: int
+    ) -> list[Instruction]:
         if worker not in self._state.placement.delivery:
             return []
         resumed = self._take_over.on_worker_told(worker, told, now_ns)

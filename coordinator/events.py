@@ -1,7 +1,7 @@
 """Events of a coordinator: plain facts, in the order in which they happened.
 
-The loop makes them of messages, tokens and queries. They are recorded as MessagePack, and a replay
-uses the same objects.
+The loop creates them from messages, tokens and queries. They are recorded as MessagePack, and a
+replay uses the same objects.
 """
 
 from collections.abc import Iterable
@@ -20,7 +20,7 @@ from protocol.work import Assignment, Checkpoint, OrderAnswer, Report, WorkerSta
 M = TypeVar("M")
 
 
-class Told(msgspec.Struct, frozen=True):
+class WorkerSnapshot(msgspec.Struct, frozen=True):
     """A worker's answer, decoded."""
 
     term: int
@@ -30,10 +30,10 @@ class Told(msgspec.Struct, frozen=True):
     founded: int = 0
 
 
-def told_by(state: WorkerState) -> Told:
+def told_by(state: WorkerState) -> WorkerSnapshot:
     """Decode the messages packed in a worker's answer; malformed ones are left out."""
     reports: list[Report] = _decoded(state.reports, Report)  # type: ignore[arg-type] # a union
-    return Told(
+    return WorkerSnapshot(
         term=state.term,
         holds=_possible(state.holds),
         reports=tuple(reports),
@@ -107,7 +107,7 @@ class WorkerToldState(_Fact, frozen=True):
     """A worker answered a new coordinator's question."""
 
     worker: str
-    told: Told
+    told: WorkerSnapshot
 
 
 class OrderAnswered(_Fact, frozen=True):
@@ -126,7 +126,7 @@ class TokenChanged(_Fact, frozen=True):
 
 
 class LinkChanged(_Fact, frozen=True):
-    """Our own link to the router came up or was lost; as `TokenChanged`."""
+    """Our own link to the router came up or was lost; `Replica` decides what follows from it."""
 
     up: bool
 

@@ -106,7 +106,7 @@ class Loop:
     def lead(self, coordinator: Coordinator, keeper: StateKeeper, recorder: FlightRecorder) -> None:
         """Recover and lead until the process is stopped, or another coordinator deposes it."""
         self._coordinator, self._keeper, self._recorder = coordinator, keeper, recorder
-        self._processes = HealthBoard()
+        self._processes = ProcessRegistry()
         self._is_map_asked = False
         node, replica = self._node, self._replica
         node.peers = keys.ALL_WORKERS_ALIVE
@@ -316,7 +316,7 @@ class Loop:
             self._node.in_background(unpacked, on_done)
 
 
-class HealthBoard:
+class ProcessRegistry:
     """The newest health of each process."""
 
     def __init__(self) -> None:

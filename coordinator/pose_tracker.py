@@ -20,7 +20,7 @@ MOST_NS = 5_000_000_000
 """Nothing is held up for longer, links break before: such a delay is a clock that was set back."""
 
 
-class Lateness:
+class LatencyEstimator:
     """Compares a robot's stamps with the time of their arrival; the clocks need not agree."""
 
     def __init__(self) -> None:
@@ -104,7 +104,7 @@ class PoseTracker:
         """By stamp, when scans arrived that are not applied yet."""
         self._scan_ns: int | None = None
         self._by_scan = True
-        self._lateness: Lateness | None = None
+        self._lateness: LatencyEstimator | None = None
 
     def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
         """Continue with another motion model and another gate."""
@@ -177,7 +177,7 @@ class PoseTracker:
 
     def begin(self, usual_delay_ns: int, now_ns: int) -> None:
         """Use the delay [ns] with which a live robot's data reached other coordinators."""
-        self._lateness = Lateness()
+        self._lateness = LatencyEstimator()
         self._lateness.of(now_ns - usual_delay_ns, now_ns)
 
     def resume(
@@ -203,9 +203,9 @@ class PoseTracker:
         self._blind.begin_at(odom_from_robot)
         self._blind.on_odometry(self._odom_now)
 
-    def _lateness_so_far(self) -> Lateness:
+    def _lateness_so_far(self) -> LatencyEstimator:
         """Of a robot that turns out to be live: the newest data counts if it came by itself."""
-        lateness = Lateness()
+        lateness = LatencyEstimator()
         if self._has_heard and self._arrived_ns is not None:
             lateness.of(self._stamp_ns, self._arrived_ns)
         return lateness

@@ -13,7 +13,7 @@ import numpy as np
 from coordinator.belief.given_places import diagonal
 from coordinator.belief.prior_pose import PriorPose
 from coordinator.checkpoint import state_in
-from coordinator.events import Told
+from coordinator.events import WorkerSnapshot
 from coordinator.instructions import AskState, FetchScans, Instruction
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import is_bulky, without_snapshot
@@ -213,7 +213,7 @@ class StateRecovery:
         self._sender = sender
         self._began_ns = now_ns
         self._asked_ns: dict[str, int | None] = {}
-        self._told: dict[str, Told] = {}
+        self._told: dict[str, WorkerSnapshot] = {}
         self._heard = [known] if known else []
         self._kept = kept
         self._is_of_this_life = False
@@ -221,7 +221,7 @@ class StateRecovery:
         """The highest term of a belief that a worker has received."""
 
     @property
-    def told(self) -> Mapping[str, Told]:
+    def told(self) -> Mapping[str, WorkerSnapshot]:
         """The answers of the present workers."""
         return self._told
 
@@ -247,7 +247,7 @@ class StateRecovery:
         """Take another coordinator's state."""
         self._heard = best_first([*self._heard, checkpoint])[:MAX_HEARD]
 
-    def answered(self, worker: str, told: Told) -> None:
+    def answered(self, worker: str, told: WorkerSnapshot) -> None:
         self._asked_ns.pop(worker, None)
         self._told[worker] = told
         self._founded = max(self._founded, told.founded)
@@ -345,7 +345,7 @@ class Succession:
         self._recovery.forget(worker)
         self._state.on_worker_left(worker)
 
-    def on_worker_told(self, worker: str, told: Told, now_ns: int) -> list[Instruction]:
+    def on_worker_told(self, worker: str, told: WorkerSnapshot, now_ns: int) -> list[Instruction]:
         """Take a worker's answer: its jobs, its reports, and the terms that it knows."""
         self.on_worker_term(told.term, now_ns)
         if told.term <= self._term.number:
@@ -387,7 +387,7 @@ class Succession:
     # --- decisions
 
     def proceed(self, now_ns: int) -> list[Instruction]:
-        """Ask the workers that are due, and begin when waiting is over."""
+        """Query the workers that are due; begin to lead once waiting for answers is over."""
         applied = self._state.collector.applied
         own_step = applied.step if applied else -1
         questions = self._recovery.questions(self._term.number, own_step, now_ns)
@@ -454,7 +454,7 @@ class Succession:
             self._hear_out(worker, told, now_ns)
         return [FetchScans(next_step, None), *self._publication(now_ns)]
 
-    def _hear_out(self, worker: str, told: Told, now_ns: int) -> None:
+    def _hear_out(self, worker: str, told: WorkerSnapshot, now_ns: int) -> None:
         """Take a worker's jobs, and the reports since the state."""
         self._state.placement.held(worker, told.holds, now_ns)
         applied = self._state.collector.applied

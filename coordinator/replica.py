@@ -21,7 +21,7 @@ from coordinator.events import (
     WorkerReturned,
 )
 from coordinator.instructions import FetchScans, Instruction
-from coordinator.pose_tracker import Lateness
+from coordinator.pose_tracker import LatencyEstimator
 from protocol.work import Checkpoint
 
 SETTLE_NS = 100_000_000
@@ -141,7 +141,7 @@ class NewestState:
 
     def __init__(self) -> None:
         self.checkpoint: Checkpoint | None = None
-        self._lateness = Lateness()
+        self._lateness = LatencyEstimator()
 
     @property
     def usual_delay_ns(self) -> int | None:

@@ -270,7 +270,7 @@ class StepCollector:
         return oldest is not None and not oldest.paced and self._settings.search_deadline_s == 0.0
 
     def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
-        """Whether a step waits for no search; where the bridge waits, there is time."""
+        """Whether the search deadline of a step has passed; a paced step has none."""
         wait_ns = int(self._settings.search_deadline_s * 1e9)
         paced = opened.scan is not None and opened.scan.paced
         return not paced and now_ns >= opened.arrived_ns + wait_ns

@@ -122,8 +122,9 @@ def _log_unexplained(settings: SensorSettings) -> float:
 class UsualFit(msgspec.Struct, frozen=True):
     """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
 
-    A place that looks like the true one explains most of a scan, so evidence against it gathers
-    slowly. A fit that falls by far more than it has varied shows a lifted robot in a scan or two.
+    A place that resembles the true one explains most of a scan, so evidence against it accumulates
+    slowly. If the fit drops by much more than its usual variation, the robot has probably been
+    kidnapped; this test detects it within one or two scans.
     """
 
     mean: float | None = None

@@ -28,7 +28,7 @@ class BeamClasses(NamedTuple):
     through: int
     """End behind one."""
     other: int
-    """End before one, where people stand, or beyond ground that was not mapped."""
+    """End in front of an obstacle, as at a person, or beyond cells that were not mapped."""
 
 
 class _Kind(NamedTuple):
@@ -158,7 +158,7 @@ def probability_right(quality: MapQuality, classes: Sequence[BeamClasses]) -> ND
 
 
 def _relative(quality: MapQuality, classes: Sequence[BeamClasses]) -> NDArray[np.float64]:
-    """(K, 4) log-likelihoods of the counts for each kind of place, less that of a wrong one."""
+    """(K, 4) log-likelihoods of the counts by kind of place, relative to that of a wrong place."""
     logs = np.array([_log_likelihoods(each) for each in classes])
     log_wrong = np.logaddexp(
         math.log(quality.resembling) + logs[:, 2], math.log1p(-quality.resembling) + logs[:, 3]

@@ -1,1 +1,1 @@
-"""What every process needs: settings, log, shutdown, children. No Zenoh in it."""
+"""Settings, logs, shutdown and child processes, shared by all processes; without Zenoh."""

@@ -48,7 +48,10 @@ class CauseCounter:
         self._said_at_s: dict[str, float] = {}
 
     def count(self, cause: str, now_s: float) -> int:
-        """Count one; return how many to log now: 0 within a period of the last log line."""
+        """Count one fault; return how many to report in a log line now.
+
+        That is 0 if less than a period has passed since the last log line of this cause.
+        """
         self.total[cause] += 1
         self._unsaid[cause] += 1
         said_at_s = self._said_at_s.get(cause)

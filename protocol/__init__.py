@@ -1,1 +1,1 @@
-"""What processes agree on: keys, messages, limits, errors. No input or output."""
+"""The protocol between processes: keys, messages, limits, errors; without input or output."""

@@ -22,7 +22,7 @@ MOST_BYTES = 2**26
 MOST_OVERLAPPING_BYTES = 2**27
 """Of all chunks that hold messages of one moment: they are unpacked together."""
 MOST_FILE_BYTES = 2**33
-"""Of a whole bag that is packed or damaged; it is unpacked to the disk."""
+"""Largest size of a packed or damaged bag after unpacking; it is unpacked to the disk."""
 _MOST_DEFINED_BYTES = 2**24
 """Of all schemas and names of topics of an MCAP file."""
 _MOST_RECORD_BYTES = 2**30

@@ -125,10 +125,10 @@ class MapFields(msgspec.Struct, frozen=True):
 
 
 def grid(grid_map: GridMap, stamp_ns: int, max_cells: int) -> Json:
-    """`foxglove.Grid`, and `MapFields`, of a map.
+    """Return a map as `foxglove.Grid`, together with its `MapFields`.
 
-    A map of more than `max_cells` is made coarser: where cells become one, walls win, then free
-    cells.
+    A map of more than `max_cells` is downsampled. A coarse cell is occupied if any of its cells
+    is; otherwise it is free if any is free.
     """
     cells, every = grid_map.cells, math.ceil(math.sqrt(grid_map.cells.size / max_cells))
     for axis in range(2 if every > 1 else 0):

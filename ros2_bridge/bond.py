@@ -1,8 +1,9 @@
-"""The heartbeat that nav2's lifecycle manager expects, and the state with which it goes on.
+"""The heartbeat that nav2's lifecycle manager expects, and the state kept for a restart.
 
-If the heartbeat stops for four seconds, nav2 shuts down and restarts all of its nodes. So it has
-its own thread, ten times a second. A bridge that was killed and starts within that time continues
-in the same state with the same bond. A later one starts unconfigured, as the manager then expects.
+If the heartbeat stops for four seconds, nav2 shuts down and restarts all of its nodes. So a
+separate thread sends it ten times a second. If a killed bridge restarts within four seconds, it
+continues in the same state with the same bond. If it restarts later, it starts unconfigured, as
+the manager then expects.
 """
 
 import logging

@@ -124,7 +124,7 @@ _SERVICE_HASHES = {
     GET_PARAMETER_TYPES: "da199c878688b3e530bdfe3ca8f74cb9fa0c303101e980a9e8f260e25e1c80ca",
     GET_TYPE_DESCRIPTION: "69b9c19c1021405984cc60dbbb1edceb147a6538b411d812ba6afabeed962cd5",
 }
-"""RIHS01 hashes of ROS 2 Jazzy and later; the library cannot compute those of services."""
+"""RIHS01 hashes of service types since ROS 2 Jazzy; `rosbags` cannot compute them."""
 
 _HASH_FORM = "RIHS01_"
 CDR_HEADER = b"\x00\x01\x00\x00"

@@ -102,7 +102,7 @@ class Services:
         return outputs
 
     def _clean_up(self) -> list[Output]:
-        """Reset. As in nav2, the initial pose for the next activation becomes the last pose."""
+        """Reset; as in nav2, the last pose becomes the initial pose of the next activation."""
         self._amcl.clean_up()
         initial = self._amcl.last_pose
         if initial is None or not self._amcl.settings.set_initial_pose:

@@ -34,13 +34,14 @@ MAX_STEP_BACK_NS = 1_000_000_000
 CONFIRMED_BY = 3
 """Readings in a row that agree with one another are no outliers."""
 RESTART_AFTER = 20
-"""After this many readings in a row from the past, the clock was set back."""
+"""After this many late readings in a row, the robot's clock is taken to be set back. After this
+many readings that contradict the reference laser, their laser becomes the reference."""
 MAX_WAITING_SCANS = 8
 """Scans of a laser that wait for later odometry; with one more, the first uses the newest."""
 MAX_SPEED_M_PER_S, MAX_TURN_RATE_RAD_PER_S = 10.0, 10.0
 """Faster is no motion of a robot in a building."""
 MAX_JUMP_M = 100.0
-"""Farther between two readings is no motion, however long it took."""
+"""A longer distance between two readings is an odometry jump, whatever time has passed."""
 _SLACK_M, _SLACK_RAD = 1.0, 1.0  # stamps err, made up ones most of all
 _MAX_BACK_S = 10.0
 
@@ -205,12 +206,12 @@ class OutlierFilter:
 
 
 class OdometryContinuity:
-    """Carries odometry poses into one frame that does not jump.
+    """Transforms odometry poses into one frame without jumps.
 
     A base controller that restarts counts from zero again: its odometry jumps although the robot
-    did not. Workers move their particles by the difference of two odometry poses, and the jump
-    would throw them. The motion across a jump is unknown; none is the best guess, and the motion
-    noise covers the little that there can have been.
+    did not. Workers move their particles by the difference of two odometry poses, so a jump would
+    displace all particles. The motion across a jump is unknown. It is assumed to be zero; the
+    motion noise covers a small one.
     """
 
     def __init__(self, dropped: Counter[str] | None = None) -> None:

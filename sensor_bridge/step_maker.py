@@ -58,7 +58,7 @@ class MotionGate:
         return self._last is not None and not self._has_moved(odom_from_robot, STANDS)
 
     def on_scan(self, odom_from_robot: PoseTuple) -> bool:
-        """Return whether a scan becomes a step; if so, the next is measured from its pose."""
+        """Return whether a scan becomes a step; if so, later motion is measured from its pose."""
         if not (self._is_open or self._has_moved(odom_from_robot)):
             return False
         if self.is_held:
@@ -176,11 +176,11 @@ class StepMaker:
         self._gate.reset()
 
     def resume(self, last: Scan, odometry: tuple[int, PoseTuple]) -> None:
-        """Continue after a step of an earlier process.
+        """Continue after the last step of an earlier process.
 
         Args:
             last: that step.
-            odometry: what `odometry` was then.
+            odometry: value of the property `odometry` in the earlier process.
         """
         self._next_step = last.step + 1
         self._gate.resume(last.odom_from_robot)

@@ -61,13 +61,13 @@ class Call:
 
 
 class Node:
-    """A process at Zenoh: receives, dispatches to handlers, publishes and queries.
+    """A process's connection to Zenoh: receives, dispatches to handlers, publishes and queries.
 
     All handlers run in the one loop that calls `turn`, so there are no locks. A malformed message
     is counted and logged; a malformed query is refused as well.
 
-    All declarations are kept. When a session is stale (see `StaleSessionDetector`), another one
-    that sees peers replaces it, and the process goes on with its state.
+    When a session is stale (see `StaleSessionDetector`), a new session that sees peers replaces
+    it. The node repeats all declarations in the new session, and the process keeps its state.
 
     Args:
         name: of the process.

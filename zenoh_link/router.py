@@ -59,7 +59,7 @@ class RouterProbe:
         return self._failed >= MAX_FAILURES and self._looks > MIN_PROBES
 
     def probe(self) -> threading.Thread:
-        """Record the last probe's result and start the next one, unless it still runs.
+        """Record the last probe's result; start the next probe unless the last one still runs.
 
         Returns:
             The thread of the running probe.

@@ -39,7 +39,7 @@ class Admission:
     entering: tuple[Place, ...]
     """Most probable first; the share of each is its weight relative to the belief."""
     explained: float
-    """Share of the search that is where clusters are, or enters."""
+    """Share of the search's probability in places that clusters hold or that enter."""
     asking: int
     """Places that are probable enough to enter, whether there is room or not."""
 

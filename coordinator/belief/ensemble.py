@@ -113,11 +113,14 @@ class Ensemble:
         return (*self._search.job_ids, *self._decoy.search_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
-        """What must see the scan of `step` itself: the first search. Call once, before it.
+        """Start the first search; call this once, before the first step.
 
         Args:
-            step: the first one.
+            step: the first step.
             prior_pose: a place that is possible from earlier knowledge.
+
+        Returns:
+            The jobs that must process the scan of `step` itself.
         """
         self._prior_pose = prior_pose
         self._begin |= self.standing_jobs(step)

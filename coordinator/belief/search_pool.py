@@ -108,7 +108,7 @@ class SearchPool:
 
     @property
     def job_ids(self) -> tuple[str, ...]:
-        """The jobs of this search, one a shard."""
+        """The jobs of this search, one per shard."""
         return tuple(f"{self._kind}{self.search}.{shard}" for shard in range(self._settings.shards))
 
     def state(self, evidence: SearchEvidence) -> SearchState:

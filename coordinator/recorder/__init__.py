@@ -1,1 +1,1 @@
-"""The flight recorder: a coordinator's events on disk, for a replay at a desk."""
+"""The flight recorder: it writes a coordinator's events to disk for an offline replay."""

@@ -1,8 +1,8 @@
 """The folder of a recording: files of bounded size, of which the oldest are removed.
 
-A file's name is that of its series, which is when its coordinator began [us], and its number in
-it: sorted by name, files are sorted by time. A file is only ever appended to, so the folder may be
-copied at any moment.
+A file name consists of the start time of its coordinator [us], which identifies the series, and
+the file's number in the series. So files sorted by name are sorted by time. Files are only appended
+to, so the folder can be copied at any moment.
 """
 
 import re

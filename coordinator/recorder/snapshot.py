@@ -22,10 +22,10 @@ from coordinator.belief.search_evidence import SearchEvidence
 from coordinator.belief.search_pool import SearchPool
 from coordinator.commands import CommandsState
 from coordinator.coordinator import Coordinator
-from coordinator.events import Told
+from coordinator.events import WorkerSnapshot
 from coordinator.free_ground import FreeGround
 from coordinator.jobs import PlacedJob
-from coordinator.pose_tracker import Lateness
+from coordinator.pose_tracker import LatencyEstimator
 from coordinator.recorder.records import Started, without_bulk
 from coordinator.step_collector import OpenStep, StepCollectorState
 from particle_filter.evidence_model import UsualFit
@@ -67,7 +67,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
         "_take_over": {"_early_reports": list[tuple[Report, str]]},
         "_take_over._recovery": {
             "_asked_ns": dict[str, int | None],
-            "_told": dict[str, Told],
+            "_told": dict[str, WorkerSnapshot],
             "_heard": list[Checkpoint],
             "_kept": Checkpoint | None,
             "_is_of_this_life": bool,
@@ -183,7 +183,7 @@ OPTIONAL: Mapping[str, Callable[[Any, Any], object]] = MappingProxyType(
     {
         "_state.ensemble._search._pool": _search_pool,
         "_state.ensemble._decoy._search._pool": _search_pool,
-        "_state.pose._lateness": lambda _owner, _part: Lateness(),
+        "_state.pose._lateness": lambda _owner, _part: LatencyEstimator(),
     }
 )
 """Parts that are None at times, and how they are made."""

@@ -23,8 +23,8 @@ def cross() -> World:
 def cross_feature() -> World:
     """The cross with one cabinet in the chamber at the end of the eastern arm.
 
-    The route visits three arms without seeing their chambers, not even that they have no cabinet;
-    then it enters the eastern chamber.
+    The route visits three arms, but the robot cannot see there that their chambers have no cabinet.
+    Then the route enters the eastern chamber.
     """
     plan = _cross_plan()
     plan.block(8.4, 0.75, 9.8, 1.75)
@@ -82,12 +82,11 @@ def rectangle() -> World:
 
 
 def gates() -> World:
-    """The paper's room: two opposite doors, two benches, cabinets in the corners, one missing.
+    """The paper's room: two opposite doors, two benches, and cabinets in three of four corners.
 
-    Each corner is a recess behind a wall, open along the outer wall; its cabinet is hidden behind
-    that wall from everywhere nearer the room's middle. The route passes both doors and both
-    corridors and at its end enters the north-eastern recess, where the cabinet is missing; the
-    opposite recess stays out of sight.
+    Each corner is a recess behind a wall, open along the outer wall. The wall occludes the cabinet
+    from the middle of the room. The route passes both doors and both corridors. It ends in the
+    north-eastern recess, where the cabinet is missing; the opposite recess stays out of sight.
     """
     plan, furniture = Canvas(22.0, 10.0), Canvas(22.0, 10.0)
     plan.floor(-7.0, -4.0, 7.0, 4.0)

@@ -16,8 +16,8 @@ from coordinator.events import (
     CommandArrived,
     ScanArrived,
     TimePassed,
-    Told,
     WorkerJoined,
+    WorkerSnapshot,
     WorkerToldState,
 )
 from coordinator.instructions import Instruction, PublishBelief, PublishCheckpoint, SendOrder
@@ -77,7 +77,7 @@ def carried_on(checkpoint: Checkpoint) -> list[Instruction]:
     coordinator = Coordinator(
         "c", SETTINGS, CoordinatorSettings(), "test", 0, term=1, known=checkpoint
     )
-    nothing = Told(term=0)
+    nothing = WorkerSnapshot(term=0)
     scans = [ScanArrived(scan_of(step)) for step in (12, 13, 14, 15)]
     told = (
         *(WorkerJoined("w0"), WorkerToldState("w0", nothing), TimePassed(), *scans),

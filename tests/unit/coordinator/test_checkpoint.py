@@ -16,7 +16,7 @@ from coordinator.checkpoint import (
 from coordinator.coordinator import Coordinator
 from coordinator.events import ScanArrived, WorkerJoined, WorkerToldState
 from coordinator.instructions import PublishCheckpoint
-from coordinator.recovery import Told
+from coordinator.recovery import WorkerSnapshot
 from coordinator.state import CoordinatorState
 from coordinator.step_collector import StepCollectorState
 from particle_filter.evidence_model import UsualFit
@@ -28,7 +28,7 @@ from protocol.work import Checkpoint, ElsewhereJob
 from tests.unit.coordinator.living import Living, symmetric_room
 from tests.unit.coordinator.reports import literal_bayes, scan
 
-NOTHING = Told(term=0)
+NOTHING = WorkerSnapshot(term=0)
 
 
 @pytest.fixture(scope="module")

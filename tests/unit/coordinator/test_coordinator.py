@@ -28,7 +28,7 @@ from coordinator.instructions import (
     PublishEvents,
     SendOrder,
 )
-from coordinator.recovery import Told
+from coordinator.recovery import WorkerSnapshot
 from particle_filter.settings import FilterSettings, SearchSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.answers import Belief, Relocalize, SetPose
@@ -90,7 +90,7 @@ class Story:
                     ground = free_everywhere(self.coordinator.map_digest)
                     self.follow(self.coordinator.handle(MapArrived(ground), 0))
                 case AskState(worker=worker):
-                    nothing = Told(term=0)
+                    nothing = WorkerSnapshot(term=0)
                     self.follow(self.coordinator.handle(WorkerToldState(worker, nothing), 0))
                 case SendOrder(worker=worker, order=order):
                     for assignment in order.begin:

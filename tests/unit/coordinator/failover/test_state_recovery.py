@@ -2,7 +2,7 @@ import math
 
 from msgspec.structs import replace
 
-from coordinator.events import Told, told_by
+from coordinator.events import WorkerSnapshot, told_by
 from coordinator.recovery import (
     KNOWN_NS,
     SILENT_NS,
@@ -15,13 +15,13 @@ from tests.unit.coordinator.reports import cloud_at, elsewhere
 
 BEGAN_NS = 5_000_000_000
 KNOWN = Checkpoint(sender="d", term=1, serial=1, step=3, founded=True, state=b"")
-NOTHING = Told(term=0)
+NOTHING = WorkerSnapshot(term=0)
 KEPT = KNOWN
 
 
-def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> Told:
+def of_it(terms: tuple[int, ...] = (1, 9), founded: int = 1) -> WorkerSnapshot:
     """From a worker of the coordinator that wrote the file, by default."""
-    return Told(term=9, terms=terms, founded=founded)
+    return WorkerSnapshot(term=9, terms=terms, founded=founded)
 
 
 def asked(

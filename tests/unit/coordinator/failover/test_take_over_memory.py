@@ -4,7 +4,7 @@ import gc
 
 import pytest
 
-from coordinator.recovery import Told
+from coordinator.recovery import WorkerSnapshot
 from particle_filter.sensor_model import SensorModel
 from tests.unit.coordinator.living import Living, symmetric_room
 
@@ -22,5 +22,5 @@ def test_a_coordinator_that_has_taken_over_forgets_what_workers_told(model: Sens
     living.drive(12)
     assert [belief.state for belief in living.beliefs[12]] != ["searching"]
     gc.collect()
-    held = [told for told in gc.get_objects() if isinstance(told, Told)]
+    held = [told for told in gc.get_objects() if isinstance(told, WorkerSnapshot)]
     assert held == []

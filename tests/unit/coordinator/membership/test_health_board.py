@@ -1,4 +1,4 @@
-from coordinator.loop import FORGOTTEN_AFTER_NS, MAX_PROCESSES, HealthBoard
+from coordinator.loop import FORGOTTEN_AFTER_NS, MAX_PROCESSES, ProcessRegistry
 from protocol.health import Health
 
 SECOND = 1_000_000_000
@@ -9,7 +9,7 @@ def health(name: str, role: str = "worker", uptime_s: float = 1.0) -> Health:
 
 
 def test_the_newest_word_of_each_is_shown_with_its_age() -> None:
-    board = HealthBoard()
+    board = ProcessRegistry()
     board.on_health("worker/b/health", health("b"), 0)
     board.on_health("bridge/health", health("bridge", "bridge"), SECOND)
     board.on_health("worker/a/health", health("a"), SECOND)
@@ -19,14 +19,14 @@ def test_the_newest_word_of_each_is_shown_with_its_age() -> None:
 
 
 def test_the_silent_are_forgotten() -> None:
-    board = HealthBoard()
+    board = ProcessRegistry()
     board.on_health("worker/a/health", health("a"), 0)
     board.on_health("worker/b/health", health("b"), SECOND)
     assert [one.sender for one in board.all(FORGOTTEN_AFTER_NS)] == ["b"]
 
 
 def test_names_made_up_by_the_thousand_are_not_kept() -> None:
-    board = HealthBoard()
+    board = ProcessRegistry()
     took = [
         board.on_health(f"worker/{n}/health", health(str(n)), 0) for n in range(MAX_PROCESSES + 9)
     ]

@@ -1,14 +1,14 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coordinator.pose_tracker import Lateness
+from coordinator.pose_tracker import LatencyEstimator
 
 MS, SECOND = 1_000_000, 1_000_000_000
 
 
-def prompt(clock_ahead_ns: int, seconds: float) -> Lateness:
+def prompt(clock_ahead_ns: int, seconds: float) -> LatencyEstimator:
     """A robot whose odometry takes 5 ms, 20 times a second."""
-    lateness = Lateness()
+    lateness = LatencyEstimator()
     for tick in range(int(seconds * 20)):
         now_ns = tick * 50 * MS
         lateness.of(now_ns - 5 * MS + clock_ahead_ns, now_ns)
@@ -29,7 +29,7 @@ def test_an_outage_of_some_seconds_is_not_forgotten_while_it_lasts() -> None:
 
 
 def test_a_clock_that_drifts_is_followed() -> None:
-    lateness = Lateness()
+    lateness = LatencyEstimator()
     late_ns = [
         lateness.of(tick * 50 * MS - tick * 50 * MS // 10_000, tick * 50 * MS)
         for tick in range(20 * 600)
