@@ -1,0 +1,1 @@
+"""The soak test: real processes, a simulated robot, injected faults, and promises to check."""

@@ -31,7 +31,7 @@ def test_no_promise_is_broken(words: list[str], short_folder: str, tmp_path: Pat
     file = tmp_path / "soak.json"
     every = ["--seed", "1", "--output", str(file), *words]
     environment = {**os.environ, "TMPDIR": short_folder}
-    with typed(*every, folder=tmp_path, environment=environment, module="soak_test") as soak:
+    with typed(*every, folder=tmp_path, environment=environment, module="tests.soak") as soak:
         code = soak.popen.wait(4400.0)
         assert code == 0, soak.out + soak.err
     assert json.loads(file.read_text())["kept"]

@@ -19,12 +19,12 @@ from process_runtime.settings import RobotSettings, Settings, ZenohSettings
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
-from soak_test.listener import Listener, Received
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.sensor_bridge.robot import Robot, walled_map
 from tests.integration.waiting import wait_until
+from tests.soak.listener import Listener, Received
 from tests.unit.recordings.logs import ORIGIN, laser_reading
 from zenoh_link.node import Node
 from zenoh_link.session import open_session
@@ -57,7 +57,7 @@ class Detour:
             socket.unlink(missing_ok=True)
         arguments = ("--listen", far, "--router", self._folder / "to.sock", "--control", control)
         self._process = self._start_process(
-            python_module("soak_test.cables", *(str(argument) for argument in arguments))
+            python_module("tests.soak.cables", *(str(argument) for argument in arguments))
         )
 
 

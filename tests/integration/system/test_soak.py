@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from soak_test.schedule import Kind
 from tests.integration.system.commands import COMMAND, typed
 from tests.integration.waiting import wait_until
+from tests.soak.schedule import Kind
 
 MINUTES = 2.25
 SEED = 7
@@ -32,7 +32,7 @@ def test_two_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
 ) -> None:
     """Nine tenths of what is promised for a machine with time are asked of one without.
 
-    `python -m soak_test --chaos` itself demands all; docs/soak.md has an hour of it.
+    `python -m tests.soak --chaos` itself demands all; docs/soak.md has an hour of it.
     """
     file, kept = tmp_path / "soak.json", tmp_path / "kept"
     words = [
@@ -41,7 +41,7 @@ def test_two_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
     ]  # fmt: skip
     words += [word for kind in KINDS for word in ("--only", kind)]
     environment = {**os.environ, "TMPDIR": short_folder}
-    with typed(*words, folder=tmp_path, environment=environment, module="soak_test") as soak:
+    with typed(*words, folder=tmp_path, environment=environment, module="tests.soak") as soak:
         soak.wait_for(f"0.0 of {MINUTES:g} min", deadline_s=90.0)
         code = soak.popen.wait(MINUTES * 60.0 + 90.0)
         soak.assert_nothing_runs()
@@ -67,7 +67,7 @@ def test_ctrl_c_ends_it_with_what_was_seen_so_far(short_folder: str, tmp_path: P
     words = ["--minutes", "5", "--world", "hall", "--workers", "2"]
     words += ["--set", "belief.max_clusters=2"]
     environment = {**os.environ, "TMPDIR": short_folder}
-    with typed(*words, folder=tmp_path, environment=environment, module="soak_test") as soak:
+    with typed(*words, folder=tmp_path, environment=environment, module="tests.soak") as soak:
         soak.wait_for("0.0 of 5 min", deadline_s=90.0)
         wait_until(lambda: "step" in soak.out)
         assert soak.end(signal.SIGINT) in (1, 130)

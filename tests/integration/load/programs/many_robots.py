@@ -29,7 +29,7 @@ from protocol.codec import decode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
 from robot_simulator.driver import TRUTH_KEY, TrueMotion
-from soak_test.fleet import Fleet, robots_settings
+from tests.soak.fleet import Fleet, robots_settings
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 WORLD = "hall"

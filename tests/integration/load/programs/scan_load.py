@@ -30,7 +30,7 @@ from protocol.answers import Belief, Status
 from protocol.codec import decode
 from protocol.steps import Scan
 from robot_simulator.worlds.eight_rooms import PLACES
-from soak_test.fleet import Fleet
+from tests.soak.fleet import Fleet
 from zenoh_link.session import open_session
 from zenoh_link.wire import ask
 

@@ -9,9 +9,9 @@ import psutil
 import pytest
 
 from robot_simulator.driver import KIDNAP_KEY
-from soak_test.fleet import COORDINATOR, WORKER, Part
-from soak_test.injector import TRY_FOR_S, Injector, Targets
-from soak_test.schedule import Fault, Kind
+from tests.soak.fleet import COORDINATOR, WORKER, Part
+from tests.soak.injector import TRY_FOR_S, Injector, Targets
+from tests.soak.schedule import Fault, Kind
 
 BOTH = Fault(at_s=1.0, kind=Kind.WORKER_AND_COORDINATOR_KILLED, lasts_s=0.0, choice=0.3)
 AT_NS = 1_000_000_000

@@ -15,7 +15,7 @@ from protocol.answers import PoseAnswer
 from protocol.codec import decode
 from protocol.errors import MalformedMessageError, UnreachableError
 from robot_simulator.driver import TRUTH_KEY
-from soak_test.pose_promises import Question
+from tests.soak.pose_promises import Question
 from zenoh_link.inbox import Inbox
 from zenoh_link.stale_session import STALE, StaleSessionDetector
 from zenoh_link.wire import AS_THEY_COME, Event, watch_link

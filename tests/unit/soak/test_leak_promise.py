@@ -3,8 +3,8 @@ import os
 import psutil
 import pytest
 
-from soak_test import leak_promise
-from soak_test.leak_promise import LEAST_SPAN_S, WARM_UP_S, NothingLeaks
+from tests.soak import leak_promise
+from tests.soak.leak_promise import LEAST_SPAN_S, WARM_UP_S, NothingLeaks
 
 ME = psutil.Process(os.getpid())
 

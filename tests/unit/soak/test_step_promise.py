@@ -1,9 +1,9 @@
 from collections.abc import Iterable
 
-from soak_test.promise import Outages
-from soak_test.schedule import Kind
-from soak_test.step_promise import StepsOnce
-from tests.unit.soak_test.made_up import at, belief, fault, outages, place
+from tests.soak.promise import Outages
+from tests.soak.schedule import Kind
+from tests.soak.step_promise import StepsOnce
+from tests.unit.soak.made_up import at, belief, fault, outages, place
 
 
 def published(steps: Iterable[int], known: Outages | None = None) -> StepsOnce:

@@ -1,9 +1,9 @@
 import pytest
 
-from soak_test.pose_promises import AgeTrue, Answered
-from soak_test.promise import BACK_WITHIN_S
-from soak_test.schedule import Kind
-from tests.unit.soak_test.made_up import answered, fault, outages, unanswered
+from tests.soak.pose_promises import AgeTrue, Answered
+from tests.soak.promise import BACK_WITHIN_S
+from tests.soak.schedule import Kind
+from tests.unit.soak.made_up import answered, fault, outages, unanswered
 
 
 def test_a_question_during_an_outage_is_counted_apart() -> None:

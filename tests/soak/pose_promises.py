@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from protocol.answers import PoseAnswer
-from soak_test.promise import KEPT_BREAKS, NO_COORDINATOR, NO_NETWORK, Break, Outages, Verdict
+from tests.soak.promise import KEPT_BREAKS, NO_COORDINATOR, NO_NETWORK, Break, Outages, Verdict
 
 ANSWERED_SHARE = 0.999
 ALLOWANCE_S = 0.25

@@ -6,10 +6,10 @@ from protocol.answers import Hypothesis
 from protocol.job_events import Ended, JobEvents, NumberedEvent
 from protocol.message import PoseTuple
 from robot_simulator.worlds.eight_rooms import PLACES, copies_in_all_rooms, eight_rooms
-from soak_test.promise import BACK_WITHIN_S, Outages
-from soak_test.schedule import Kind
-from soak_test.truth_promise import FOUND_WITHIN_S, TruthHeld
-from tests.unit.soak_test.made_up import at, belief, fault, outages, place
+from tests.soak.promise import BACK_WITHIN_S, Outages
+from tests.soak.schedule import Kind
+from tests.soak.truth_promise import FOUND_WITHIN_S, TruthHeld
+from tests.unit.soak.made_up import at, belief, fault, outages, place
 
 START = eight_rooms().start
 assert START is not None

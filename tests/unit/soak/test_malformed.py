@@ -8,7 +8,7 @@ from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading
-from soak_test.malformed import ASKED, PUBLISHED, malformed, wrong_readings
+from tests.soak.malformed import ASKED, PUBLISHED, malformed, wrong_readings
 
 SEEN = {
     keys.LASER_READING: encode(

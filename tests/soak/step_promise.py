@@ -3,7 +3,7 @@
 from collections import OrderedDict
 
 from protocol.answers import Belief
-from soak_test.promise import (
+from tests.soak.promise import (
     BACK_WITHIN_S,
     KEPT_BREAKS,
     NO_COORDINATOR,

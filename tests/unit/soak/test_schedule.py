@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soak_test.schedule import Kind, planned
+from tests.soak.schedule import Kind, planned
 
 
 @settings(deadline=None, max_examples=30)

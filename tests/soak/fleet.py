@@ -14,7 +14,7 @@ from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from robot_simulator.source import simulated_world
-from soak_test.cables import set_cables
+from tests.soak.cables import set_cables
 from zenoh_link.configuration import as_json5, router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
@@ -141,7 +141,7 @@ class Fleet:
 
     def _cables(self, router: str) -> ChildSpec:
         command = python_module(
-            "soak_test.cables",
+            "tests.soak.cables",
             *("--listen", str(self._folder / f"{CABLES}.sock")),
             *("--router", router.removeprefix(_SOCKET)),
             *("--control", str(self._control)),

@@ -16,15 +16,15 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import ClusterMclError, SettingsError
 from robot_simulator.worlds.eight_rooms import PLACES, eight_rooms
-from soak_test.clean_end import clean_end_verdict, processes_left, temporary_files_in
-from soak_test.fleet import Fleet
-from soak_test.injector import Injector, Targets
-from soak_test.leak_promise import NothingLeaks, open_without_namespace
-from soak_test.listener import Listener
-from soak_test.observer import Observer
-from soak_test.promise import DoneFault, Verdict
-from soak_test.report import Progress, SoakResult
-from soak_test.schedule import Fault, Kind, planned
+from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_files_in
+from tests.soak.fleet import Fleet
+from tests.soak.injector import Injector, Targets
+from tests.soak.leak_promise import NothingLeaks, open_without_namespace
+from tests.soak.listener import Listener
+from tests.soak.observer import Observer
+from tests.soak.promise import DoneFault, Verdict
+from tests.soak.report import Progress, SoakResult
+from tests.soak.schedule import Fault, Kind, planned
 from zenoh_link.session import open_session
 
 _TURN_S = 0.02

@@ -1,7 +1,7 @@
 """A relay between processes and their router that cuts links, in both directions or in one.
 
-``python -I -m soak_test.cables --listen SOCKET --router SOCKET --control SOCKET``. A cut link holds
-data back, as TCP does while it retransmits: neither side learns of the cut or of a closed
+``python -I -m tests.soak.cables --listen SOCKET --router SOCKET --control SOCKET``. A cut link
+holds data back, as TCP does while it retransmits: neither side learns of the cut or of a closed
 connection, and a mended link delivers everything. A new connection over a cut link has to wait.
 """
 

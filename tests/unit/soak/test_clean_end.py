@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 
 from process_runtime.supervisor import ChildExit
-from soak_test.clean_end import STOP_WITHIN_S, clean_end_verdict
-from soak_test.promise import Verdict
-from soak_test.schedule import Kind
-from tests.unit.soak_test.made_up import at, fault
+from tests.soak.clean_end import STOP_WITHIN_S, clean_end_verdict
+from tests.soak.promise import Verdict
+from tests.soak.schedule import Kind
+from tests.unit.soak.made_up import at, fault
 
 
 def end(

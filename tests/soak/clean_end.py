@@ -10,8 +10,8 @@ from pathlib import Path
 import psutil
 
 from process_runtime.supervisor import ChildExit
-from soak_test.promise import Break, DoneFault, Verdict
-from soak_test.schedule import Kind
+from tests.soak.promise import Break, DoneFault, Verdict
+from tests.soak.schedule import Kind
 
 STOP_WITHIN_S = 3.0
 _KILLED_NS = 10_000_000_000

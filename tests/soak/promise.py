@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
-from soak_test.schedule import Kind
+from tests.soak.schedule import Kind
 
 KEPT_BREAKS = 200
 """Breaks recorded for each promise."""

@@ -10,10 +10,10 @@ import numpy as np
 import psutil
 
 from robot_simulator.driver import KIDNAP_KEY
-from soak_test import malformed
-from soak_test.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
-from soak_test.promise import DoneFault
-from soak_test.schedule import Fault, Kind
+from tests.soak import malformed
+from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
+from tests.soak.promise import DoneFault
+from tests.soak.schedule import Fault, Kind
 
 TRY_FOR_S = 10.0
 """A fault whose victim is restarting is delayed for at most this time [s]."""

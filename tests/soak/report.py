@@ -8,7 +8,7 @@ from importlib.metadata import version
 from rich.console import Console
 from rich.table import Table
 
-from soak_test.promise import Break, DoneFault, Verdict
+from tests.soak.promise import Break, DoneFault, Verdict
 
 _KEPT = {True: "yes", False: "NO", None: "-"}
 _BREAKS_SHOWN = 3

@@ -2,9 +2,9 @@
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
-from soak_test.pose_promises import Question
-from soak_test.promise import DoneFault, Outages
-from soak_test.schedule import Kind
+from tests.soak.pose_promises import Question
+from tests.soak.promise import DoneFault, Outages
+from tests.soak.schedule import Kind
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

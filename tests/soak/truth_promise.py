@@ -9,7 +9,7 @@ from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from protocol.answers import Belief
 from protocol.job_events import Ended, JobEvents, event_text
 from protocol.message import PoseTuple
-from soak_test.promise import (
+from tests.soak.promise import (
     BACK_WITHIN_S,
     KEPT_BREAKS,
     NO_COORDINATOR,

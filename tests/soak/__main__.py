@@ -1,4 +1,4 @@
-"""`python -m soak_test`: the command."""
+"""`python -m tests.soak`: the command."""
 
 import sys
 from pathlib import Path
@@ -13,9 +13,9 @@ from process_runtime.output_files import check_output_file, check_output_folder,
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError, stop_on_signals
 from protocol.errors import ClusterMclError
-from soak_test.report import Progress, as_json, print_result
-from soak_test.schedule import Kind
-from soak_test.soak import SoakOptions, run_soak
+from tests.soak.report import Progress, as_json, print_result
+from tests.soak.schedule import Kind
+from tests.soak.soak import SoakOptions, run_soak
 
 EXIT_BROKEN, EXIT_INTERRUPTED = 1, 130
 _END_WITHIN_S = 60.0
@@ -94,7 +94,7 @@ def main() -> None:
     except StoppedError:
         sys.exit(EXIT_INTERRUPTED)
     except ClusterMclError as error:
-        sys.stderr.write(f"soak_test: {' '.join(str(error).split())}\n")
+        sys.stderr.write(f"tests.soak: {' '.join(str(error).split())}\n")
         sys.exit(EXIT_ERROR)
 
 

@@ -15,11 +15,11 @@ from protocol.message import Message, PoseTuple
 from protocol.steps import LaserReading, OdometryReading, Scan
 from robot_simulator.driver import TRUTH_KEY, TrueMotion
 from robot_simulator.worlds.eight_rooms import copies_in_all_rooms, eight_rooms
-from soak_test.listener import Arrived, Received
-from soak_test.pose_promises import AgeTrue, Answered, Question
-from soak_test.promise import Outages, Verdict
-from soak_test.step_promise import StepsOnce
-from soak_test.truth_promise import TruthHeld
+from tests.soak.listener import Arrived, Received
+from tests.soak.pose_promises import AgeTrue, Answered, Question
+from tests.soak.promise import Outages, Verdict
+from tests.soak.step_promise import StepsOnce
+from tests.soak.truth_promise import TruthHeld
 
 HAND_OVER_S = 2.0
 """A step waits this long for a job that was just given to another worker."""

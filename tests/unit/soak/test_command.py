@@ -9,9 +9,9 @@ from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol.errors import SettingsError
 from robot_simulator.worlds.world import UnknownWorldError
-from soak_test.__main__ import soak
-from soak_test.report import Progress
-from soak_test.soak import SoakOptions, run_soak
+from tests.soak.__main__ import soak
+from tests.soak.report import Progress
+from tests.soak.soak import SoakOptions, run_soak
 
 
 def run(world: str, settings: Settings) -> None:
@@ -36,7 +36,7 @@ def test_an_unknown_world_is_refused() -> None:
 def test_an_output_that_cannot_be_written_is_refused_before_anything_starts(
     option: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soak_test.__main__.run_soak", lambda *_: pytest.fail("it has started"))
+    monkeypatch.setattr("tests.soak.__main__.run_soak", lambda *_: pytest.fail("it has started"))
     given = {option: Path("/dev/null/x")}
     with pytest.raises(OutputError, match="/dev/null/x: cannot be written"):
         soak(**given)  # type: ignore[arg-type] # both are paths

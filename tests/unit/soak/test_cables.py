@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from soak_test.cables import Relay, set_cables
+from tests.soak.cables import Relay, set_cables
 
 QUIET_S, WITHIN_S = 0.2, 20.0
 
