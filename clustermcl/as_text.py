@@ -77,8 +77,8 @@ def _doubts(answer: PoseAnswer) -> Iterator[str]:
     match answer.freshness:
         case "stale":
             yield f"stale: the newest data is {answer.age_s:.1f} s old"
-        case "blind":
-            yield f"blind: odometry alone moves the pose, {_last_scan(answer.scan_age_s)}"
+        case "dead_reckoning":
+            yield f"dead reckoning: odometry alone moves the pose, {_last_scan(answer.scan_age_s)}"
 
 
 def _last_scan(scan_age_s: float) -> str:
@@ -94,8 +94,8 @@ def belief_line(belief: Belief) -> str:
     """One belief in one line."""
     search = ", searching" if belief.searching and belief.state != "searching" else ""
     search += progress_text(belief.search_progress)
-    blind = ", blind" if is_unweighed(belief) else ""
-    head = f"step {belief.step}: {belief.state}{search}{blind}"
+    note = ", dead reckoning" if is_unweighed(belief) else ""
+    head = f"step {belief.step}: {belief.state}{search}{note}"
     if not belief.hypotheses:
         return head
     best = belief.hypotheses[0]
@@ -123,8 +123,8 @@ def status_lines(status: Status) -> Iterator[str]:
     age = f", newest data {status.age_s:.1f} s old" if status.age_s >= 0.0 else ""
     search = ", a search runs" if status.searching else ""
     search += progress_text(status.search_progress)
-    scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "blind" else ""
-    yield f"state     {status.state}, {status.freshness}{age}{scan}"
+    scan = f", {_last_scan(status.scan_age_s)}" if status.freshness == "dead_reckoning" else ""
+    yield f"state     {status.state}, {status.freshness.replace('_', ' ')}{age}{scan}"
     yield (
         f"steps     at {status.step}, {status.steps_applied} applied, {status.steps_lost} lost, "
         f"{status.reports_missing} reports missing"

@@ -85,8 +85,8 @@ class DemoOutput:
 def _table(belief: Belief, truth: PoseTuple | None) -> Iterator[str]:
     """A line for each place, the less probable ones in one line, and for being elsewhere."""
     search = f", a search runs{progress_text(belief.search_progress)}" if belief.searching else ""
-    blind = ", blind: no worker has weighed this step" if is_unweighed(belief) else ""
-    yield f"step {belief.step}: {belief.state}{search}{blind}"
+    note = ", dead reckoning: no worker has weighed this step" if is_unweighed(belief) else ""
+    yield f"step {belief.step}: {belief.state}{search}{note}"
     for place in belief.hypotheses[:_SHOWN_PLACES]:
         where = f"{pose_text(place.mean)}  {spread_text(place.covariance)}"
         yield _row(f"c{place.cluster}", place.probability, where)

@@ -327,7 +327,7 @@ class Coordinator:
     def _say_again(self, scan: Scan, now_ns: int) -> list[Instruction]:
         """Publish the belief of a repeated step: the bridge waits, so it may have been lost."""
         applied = self._state.collector.applied
-        if not scan.paced or applied is None or scan.step != applied.step:
+        if not scan.lockstep or applied is None or scan.step != applied.step:
             return []
         return [*self._answers.publication(now_ns)]
 

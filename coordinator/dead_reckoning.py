@@ -97,7 +97,7 @@ class DeadReckoning:
         return between(step, now), covariance
 
 
-class BlindDrive:
+class DrivenGates:
     """How far the robot has driven since the last scan that counted, in the bridge's gates.
 
     Args:

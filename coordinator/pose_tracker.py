@@ -4,7 +4,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from coordinator.belief.outcome import Outcome
-from coordinator.dead_reckoning import BlindDrive, DeadReckoning
+from coordinator.dead_reckoning import DeadReckoning, DrivenGates
 from particle_filter.motion_noise import composed_covariance
 from particle_filter.poses import compose
 from particle_filter.settings import MotionSettings
@@ -72,7 +72,7 @@ class PoseTracker:
 
     Args:
         sender: name of the process.
-        settings: when a pose is stale or blind.
+        settings: when a pose is stale or dead reckoning.
         motion: how far odometry errs.
         bridge: its gate defines a step.
     """
@@ -87,9 +87,9 @@ class PoseTracker:
         self._sender = sender
         self._stale_after_s = settings.stale_after_s
         self._stale_ns = int(settings.stale_after_s * 1e9) + 1
-        self._blind_after_gates = settings.blind_after_gates
+        self._dead_reckoning_after_gates = settings.dead_reckoning_after_gates
         self._outcome: Outcome | None = None
-        self._since_step, self._blind = DeadReckoning(motion, bridge), BlindDrive(bridge)
+        self._since_step, self._driven = DeadReckoning(motion, bridge), DrivenGates(bridge)
         self.history = recent_odometry()
         self._odom_now: PoseTuple = (0.0, 0.0, 0.0)
         self._stamp_ns = 0
@@ -109,7 +109,7 @@ class PoseTracker:
     def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
         """Continue with another motion model and another gate."""
         self._since_step.use(motion, bridge)
-        self._blind.bridge = bridge
+        self._driven.bridge = bridge
 
     @property
     def live(self) -> bool:
@@ -133,7 +133,7 @@ class PoseTracker:
         self._arrived_ns = heard_ns - late_ns
         self._by_scan = False
         self._since_step.on_odometry(odom_from_robot)
-        self._blind.on_odometry(odom_from_robot)
+        self._driven.on_odometry(odom_from_robot)
 
     def scan(
         self,
@@ -162,8 +162,8 @@ class PoseTracker:
 
     def weighed(self, stamp_ns: int, odom_from_robot: PoseTuple) -> None:
         """Take that a scan was applied that at least one worker had weighed."""
-        self._blind.begin_at(odom_from_robot)
-        self._blind.on_odometry(self._odom_now)
+        self._driven.begin_at(odom_from_robot)
+        self._driven.on_odometry(self._odom_now)
         if stamp_ns in self._waiting_ns:
             self._scan_ns = self._waiting_ns[stamp_ns]
             while next(iter(self._waiting_ns)) != stamp_ns:
@@ -200,8 +200,8 @@ class PoseTracker:
             self._heard_of(stamp_ns, odom_from_robot, unless_known_ns, now_ns)
         due_ns = self._due_ns(stamp_ns, now_ns)
         self._scan_ns = unless_known_ns if due_ns is None else due_ns
-        self._blind.begin_at(odom_from_robot)
-        self._blind.on_odometry(self._odom_now)
+        self._driven.begin_at(odom_from_robot)
+        self._driven.on_odometry(self._odom_now)
 
     def _lateness_so_far(self) -> LatencyEstimator:
         """Of a robot that turns out to be live: the newest data counts if it came by itself."""
@@ -218,7 +218,7 @@ class PoseTracker:
             return
         self._stamp_ns, self._told_ns, self._odom_now = stamp_ns, now_ns, odom_from_robot
         self._since_step.on_odometry(odom_from_robot)
-        self._blind.on_odometry(odom_from_robot)
+        self._driven.on_odometry(odom_from_robot)
         due_ns = self._due_ns(stamp_ns, now_ns)
         if due_ns is not None:
             self._arrived_ns = due_ns
@@ -249,7 +249,7 @@ class PoseTracker:
         return _since_s(self._taken_ns(stamp_ns, now_ns), now_ns)
 
     def answer(self, now_ns: int, workers: int) -> PoseAnswer:
-        """The pose as it is now; a gap in the data makes it stale or blind, never fresh."""
+        """The pose as it is now; after a gap in the data it is not `fresh`."""
         best = self._outcome.hypotheses[0] if self._outcome and self._outcome.hypotheses else None
         carried = self._carried(best) if best else None
         return PoseAnswer(
@@ -278,8 +278,9 @@ class PoseTracker:
             return "none"
         if not 0.0 <= self.age_s(now_ns) <= self._stale_after_s:
             return "stale"
-        is_blind = workers == 0 or self._blind.gates >= self._blind_after_gates
-        return "blind" if is_blind else "fresh"
+        if workers == 0 or self._driven.gates >= self._dead_reckoning_after_gates:
+            return "dead_reckoning"
+        return "fresh"
 
     def _taken_ns(self, stamp_ns: int, now_ns: int) -> int:
         """Return when a scan would have arrived in time; a live robot's stamps show its delay."""

@@ -339,7 +339,7 @@ class CoordinatorState:
 
         A search takes its time, and a recording that waits for each belief has it.
         """
-        if ready.scan.paced or (self.outcome is not None and self.outcome.searching):
+        if ready.scan.lockstep or (self.outcome is not None and self.outcome.searching):
             return
         self.overload.step_decided(now_ns - ready.arrived_ns)
         if self.overload.is_overloaded:

@@ -267,20 +267,22 @@ class StepCollector:
     def waits_for_no_search(self) -> bool:
         """Whether the next step is decided as soon as all but searches have reported."""
         oldest = self.oldest_scan
-        return oldest is not None and not oldest.paced and self._settings.search_deadline_s == 0.0
+        return (
+            oldest is not None and not oldest.lockstep and self._settings.search_deadline_s == 0.0
+        )
 
     def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
-        """Whether the search deadline of a step has passed; a paced step has none."""
+        """Whether the search deadline of a step has passed; a lockstep step has none."""
         wait_ns = int(self._settings.search_deadline_s * 1e9)
-        paced = opened.scan is not None and opened.scan.paced
-        return not paced and now_ns >= opened.arrived_ns + wait_ns
+        lockstep = opened.scan is not None and opened.scan.lockstep
+        return not lockstep and now_ns >= opened.arrived_ns + wait_ns
 
     def _deadline(
         self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
     ) -> int:
-        paced = opened.scan is not None and opened.scan.paced
+        lockstep = opened.scan is not None and opened.scan.lockstep
         settings = self._settings
-        wait_s = settings.paced_deadline_s if paced else settings.step_deadline_s
+        wait_s = settings.lockstep_deadline_s if lockstep else settings.step_deadline_s
         newest = max(placed_ns(job_id) for job_id in missing)
         return max(opened.arrived_ns + int(wait_s * 1e9), newest + HAND_OVER_NS if newest else 0)
 

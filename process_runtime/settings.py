@@ -103,7 +103,7 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     step_deadline_s: Annotated[
         float, described("longest time from a scan to applying its step", "s", gt=0)
     ] = 0.5
-    paced_deadline_s: Annotated[
+    lockstep_deadline_s: Annotated[
         float, described("the same in lockstep with the workers", "s", gt=0)
     ] = 20.0
     search_deadline_s: Annotated[
@@ -118,10 +118,10 @@ class CoordinatorSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unkn
     stale_after_s: Annotated[
         float, described("a pose whose newest data is older is stale", "s", gt=0)
     ] = 1.0
-    blind_after_gates: Annotated[
+    dead_reckoning_after_gates: Annotated[
         float,
         described(
-            "a pose is blind when the robot has driven this many gates since the last step",
+            "freshness is dead_reckoning after driving this many gates without a weighed scan",
             "gates",
             gt=1,
         ),

@@ -23,10 +23,10 @@ State: TypeAlias = Literal["searching", "ambiguous", "localized", "lost"]
 """`searching`: no place is known, or the most probable one was given and no scan has confirmed it.
 `ambiguous`: several places are possible. `localized`: one is almost certain. `lost`: none is
 probable."""
-Freshness: TypeAlias = Literal["fresh", "blind", "stale", "none"]
-"""`fresh`: odometry and scans arrive. `blind`: dead reckoning; the robot has driven on without a
-step, or no worker is left. `stale`: no new data has arrived for a while. `none`: no scan has
-arrived yet, so there is no pose either."""
+Freshness: TypeAlias = Literal["fresh", "dead_reckoning", "stale", "none"]
+"""`fresh`: odometry and scans arrive. `dead_reckoning`: the robot has driven on without a step, or
+no worker is left. `stale`: no new data has arrived for a while. `none`: no scan has arrived yet,
+so there is no pose either."""
 
 Sigma: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e4)]
 

@@ -95,7 +95,7 @@ class Scan(Message, frozen=True, kw_only=True, tag="scan/1"):
     ranges: ArrayBlob
     """(B,) float32 [m], counter-clockwise; not finite, <= 0 or >= range_max_m: no return."""
     map_digest: str
-    paced: bool = False
+    lockstep: bool = False
     """Lockstep: the bridge sends the next step only after this one's belief."""
     last: bool = False
     """The recording ends here."""

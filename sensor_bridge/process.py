@@ -294,7 +294,7 @@ class Bridge:
             first_map.digest,
             self._node.name,
             first_step=first_step,
-            paced=self._flow.lockstep,
+            lockstep=self._flow.lockstep,
             live=self._is_live,
         )
         maker.configure(live or AS_STARTED)

@@ -44,14 +44,14 @@ def steps_of(
     map_digest: str,
     *,
     sender: str = "bridge",
-    paced: bool = False,
+    lockstep: bool = False,
 ) -> Iterator[Scan]:
     """Yield all steps of a recording, without a network; `Scan.last` marks the last one.
 
     Raises:
         RecordingError: no scan of the recording could be used, with the causes.
     """
-    maker = StepMaker(settings, map_digest, sender, paced=paced)
+    maker = StepMaker(settings, map_digest, sender, lockstep=lockstep)
     made = False
     for scan in steps_from(recording.readings, maker):
         made = True

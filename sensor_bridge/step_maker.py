@@ -90,7 +90,7 @@ class StepMaker:
         map_digest: put into every step, so that processes with another map notice.
         sender: put into every step.
         first_step: number of the first step.
-        paced: put into every step: the sender waits for the belief before it sends the next.
+        lockstep: put into every step: the sender waits for the belief before it sends the next.
         live: put into every step: stamps are of a robot's own clock.
 
     Attributes:
@@ -104,12 +104,12 @@ class StepMaker:
         map_digest: str,
         sender: str,
         first_step: int = 0,
-        paced: bool = False,
+        lockstep: bool = False,
         live: bool = False,
     ) -> None:
         self.dropped: Counter[str] = Counter()
         self._map_digest, self._sender = map_digest, sender
-        self._paced, self._live = paced, live
+        self._lockstep, self._live = lockstep, live
         self._next_step = first_step
         self._settings, self._live_settings = settings, AS_STARTED
         self._lasers: Lasers = {}
@@ -208,7 +208,7 @@ class StepMaker:
             range_max_m=beams.range_max_m,
             ranges=beams.ranges,
             map_digest=self._map_digest,
-            paced=self._paced,
+            lockstep=self._lockstep,
             live=self._live,
             others=tuple(self._others(reading, pose)),
             settings=self._live_settings,

@@ -22,7 +22,7 @@ EXIT_NO_POSE = 4
 def pose(settings: Settings, as_json: AsJson = False) -> None:
     """Print the robot's pose, its uncertainty, and the age of the data.
 
-    Exit code 4 if the pose is not safe to drive by: stale, blind, lost, or not known yet.
+    Exit code 4 if the pose is not safe to drive by: stale, dead reckoning, lost, or not known yet.
     """
     with connected(settings) as client:
         answer = client.pose()

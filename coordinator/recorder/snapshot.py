@@ -148,7 +148,7 @@ ATTRIBUTES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             "_by_scan": bool,
         },
         "_state.pose.history": {"_poses": list[tuple[int, PoseTuple]]},
-        "_state.pose._blind": {"_counted": PoseTuple | None, "gates": float},
+        "_state.pose._driven": {"_counted": PoseTuple | None, "gates": float},
         "_state.pose._since_step": {
             "_covariance": Covariance,
             "_step": PoseTuple,

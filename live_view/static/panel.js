@@ -66,7 +66,7 @@ export function showAge() {
   const isRecorded = ["replaying", "finished"].includes(document.documentElement.dataset.link);
   const freshness = hasEnded ? "ended" : isRecorded ? "recorded" : isLate ? "stale" : pose.freshness;
   $("now").dataset.freshness = freshness;
-  const announced = { fresh: "", blind: "dead reckoning" }[freshness] ?? freshness;
+  const announced = { fresh: "", dead_reckoning: "dead reckoning" }[freshness] ?? freshness;
   announce([$("now").dataset.state, announced, before].filter(Boolean).join(", "));
   $("freshness").textContent = before || {
     ended: "the run has ended",
@@ -74,7 +74,7 @@ export function showAge() {
     none: "no scan yet",
     fresh: `${seconds(age)} old`,
     stale: `stale, ${seconds(age)} old`,
-    blind: !pose.workers ? "dead reckoning: no worker is alive"
+    dead_reckoning: !pose.workers ? "dead reckoning: no worker is alive"
       : pose.scan_age_s < 0 ? "dead reckoning: no scan was used yet" : `dead reckoning: last scan ${seconds(pose.scan_age_s + since)} ago`,
   }[freshness];
 }

@@ -27,7 +27,7 @@ from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
 STEPS = 60
-PACED = msgspec.structs.replace(
+LOCKSTEP = msgspec.structs.replace(
     SMALL,
     belief=BeliefSettings(max_clusters=6, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
@@ -67,8 +67,8 @@ def kill_and_mend(tested: System) -> None:
 
 
 def test_killed_in_a_search_and_while_tracking_it_believes_what_it_would_have_believed() -> None:
-    alone = outcomes_of(PACED, steps=STEPS)
-    with system(PACED, "--steps", str(STEPS)) as tested:
+    alone = outcomes_of(LOCKSTEP, steps=STEPS)
+    with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
         for step in (3, 20, 21, 44):
             wait_until(lambda s=step: tested.step >= s, 60.0)  # type: ignore[misc] # a default
             kill_and_mend(tested)

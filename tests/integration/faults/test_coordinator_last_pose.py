@@ -22,7 +22,7 @@ def kept_in(folder: Path, source: str = WORLD) -> Settings:
     return msgspec.structs.replace(
         SMALL,
         bridge=BridgeSettings(source=source, rate=0.0),
-        coordinator=CoordinatorSettings(paced_deadline_s=60.0, state_folder=str(folder)),
+        coordinator=CoordinatorSettings(lockstep_deadline_s=60.0, state_folder=str(folder)),
     )
 
 

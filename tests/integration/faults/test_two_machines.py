@@ -68,12 +68,12 @@ def machines() -> Iterator[TwoMachines]:
 def held(machines: TwoMachines, fault: AbstractContextManager[None], seconds: float) -> None:
     """The robot's pose is answered and follows it all along, and then everything is whole again.
 
-    It may be blind for a moment: a cluster that is just being handed over is waited for.
+    It may be dead reckoning for a moment: a cluster that is just being handed over is waited for.
     """
     with fault:
         answers = machines.answers(seconds)
     assert answers
-    assert {answer.freshness for answer in answers} <= {"fresh", "blind"}
+    assert {answer.freshness for answer in answers} <= {"fresh", "dead_reckoning"}
     assert answers[-1].step > answers[0].step, "steps are believed meanwhile"
     step = machines.system.step
     wait_until(lambda: machines.system.step >= step + 5 and machines.is_whole(), 60.0)

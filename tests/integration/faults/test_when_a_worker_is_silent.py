@@ -44,7 +44,7 @@ def test_one_that_never_reports_stops_no_search() -> None:
             assert any(job_id.startswith("s") for job_id in silent.had)
 
 
-def test_sixty_names_that_never_report_stop_no_search_and_hardly_blind_the_robot() -> None:
+def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reckoning() -> None:
     with system() as tested, tested.client as client:
         tested.wait_until_it_tracks()
         with untrue_workers(tested, *NAMES):

@@ -35,7 +35,7 @@ def test_without_workers_status_and_pose_say_so_and_it_recovers_when_one_appears
                 )
                 assert first == pytest.approx(second), "no evidence, no change"
                 pose = client.pose()
-                assert pose.freshness == "blind", "odometry alone carries the pose on"
+                assert pose.freshness == "dead_reckoning", "odometry alone carries the pose on"
                 assert pose.age_s < 1.0 < pose.scan_age_s
         finally:
             tested.hurt(WORKERS, signal.SIGCONT)

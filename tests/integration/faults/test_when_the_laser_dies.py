@@ -39,9 +39,9 @@ def sigma_m(pose: PoseAnswer) -> float:
     return spread(pose.covariance)[0]
 
 
-def assert_blind_and_honest(client: Client, robot: Robot) -> None:
+def assert_dead_reckoning_and_honest(client: Client, robot: Robot) -> None:
     """Until the robot is far: dead reckoning, growing covariance, true pose inside it."""
-    wait_until(lambda: client.pose().freshness == "blind")
+    wait_until(lambda: client.pose().freshness == "dead_reckoning")
     poses: list[PoseAnswer] = []
 
     def is_far() -> bool:
@@ -49,7 +49,7 @@ def assert_blind_and_honest(client: Client, robot: Robot) -> None:
         return sigma_m(poses[-1]) > FAR_M
 
     wait_until(is_far, 120.0)
-    assert {pose.freshness for pose in poses} == {"blind"}
+    assert {pose.freshness for pose in poses} == {"dead_reckoning"}
     assert max(pose.age_s for pose in poses) < 1.0, "odometry goes on"
     assert poses[-1].scan_age_s > 3.0
     assert all(robot.surprise(pose) < UNLIKELY for pose in poses[:: len(poses) // 20 + 1])
@@ -57,23 +57,23 @@ def assert_blind_and_honest(client: Client, robot: Robot) -> None:
     assert spread(answer.hypotheses[0].covariance)[0] > FAR_M
 
 
-def test_a_laser_that_dies_makes_the_pose_blind_until_it_is_back() -> None:
+def test_a_laser_that_dies_makes_the_pose_dead_reckoning_until_it_is_back() -> None:
     with localized() as (_, robot, client):
         assert sigma_m(client.pose()) < 0.5
         robot.has_laser = False
-        assert_blind_and_honest(client, robot)
+        assert_dead_reckoning_and_honest(client, robot)
         robot.has_laser = True
         wait_until(lambda: client.pose().freshness == "fresh")
         assert client.pose().scan_age_s < 1.0
 
 
-def test_without_workers_the_pose_is_blind_until_they_are_back() -> None:
+def test_without_workers_the_pose_is_dead_reckoning_until_they_are_back() -> None:
     with localized() as (tested, robot, client):
         tested.hurt(WORKERS, signal.SIGSTOP)  # their parent, so that it starts no others
         try:
             for pid in tested.worker_pids():
                 os.kill(pid, signal.SIGKILL)
-            assert_blind_and_honest(client, robot)
+            assert_dead_reckoning_and_honest(client, robot)
         finally:
             tested.hurt(WORKERS, signal.SIGCONT)
         wait_until(lambda: client.pose().freshness == "fresh", 60.0)

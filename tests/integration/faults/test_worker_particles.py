@@ -19,7 +19,7 @@ from protocol.work import Assignment, Report, TrackReport
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
 from tests.integration.faults.system import System, system
-from tests.integration.faults.test_coordinator_dies import PACED, STEPS
+from tests.integration.faults.test_coordinator_dies import LOCKSTEP, STEPS
 from tests.integration.waiting import wait_until
 from tests.integration.worlds import world_of
 from worker.jobs import RunningJob, running
@@ -81,7 +81,7 @@ def heard(tested: System) -> Snapshots:
 
 def test_every_worker_that_tracks_a_cluster_has_the_same_particles() -> None:
     """One worker is killed, then two, then all at once: no standby is left."""
-    with system(PACED, "--steps", str(STEPS)) as tested:
+    with system(LOCKSTEP, "--steps", str(STEPS)) as tested:
         snapshots = heard(tested)
         for step, count in ((15, 1), (27, 2), (41, 4)):
             wait_until(lambda s=step: tested.step >= s, 60.0)  # type: ignore[misc] # a default
@@ -96,7 +96,7 @@ def test_every_worker_that_tracks_a_cluster_has_the_same_particles() -> None:
 
 def assert_same(snapshots: Snapshots, *, after: int) -> None:
     """All received particles equal those of one process, also after the last kill."""
-    expected = undisturbed(PACED)
+    expected = undisturbed(LOCKSTEP)
     assert len([step for _, step in snapshots if step > after]) >= 4
     for (job, step), particles in snapshots.items():
         assert particles == expected[job, step], f"{job} after step {step}"

@@ -376,10 +376,10 @@ def test_every_freshness_is_shown(stage: Stage, drawn: Page) -> None:
         shows(stage, lambda: drawn.text("freshness").startswith(text))
 
     says("no scan yet", freshness="none")
-    says("dead reckoning: no worker is alive", freshness="blind", workers=0)
+    says("dead reckoning: no worker is alive", freshness="dead_reckoning", workers=0)
     assert is_red(drawn, "freshness")
     assert is_red(drawn, "state")
-    says("dead reckoning: last scan 4", freshness="blind", scan_age_s=4.0)
+    says("dead reckoning: last scan 4", freshness="dead_reckoning", scan_age_s=4.0)
     says("stale, 6", freshness="stale", age_s=6.0)
     assert is_red(drawn, "freshness")
     says("0.", freshness="fresh")
@@ -651,12 +651,12 @@ def test_every_state_is_announced(stage: Stage, drawn: Page) -> None:
     stage.picture.on_pose(pose(1))
     shows(stage, lambda: drawn.text("announced") == "ambiguous")
     stage.picture.on_belief(msgspec.structs.replace(belief(2, 4), state="lost"))
-    stage.picture.on_pose(pose(2, freshness="blind", workers=0))
+    stage.picture.on_pose(pose(2, freshness="dead_reckoning", workers=0))
     shows(stage, lambda: drawn.text("announced") == "lost, dead reckoning")
 
 
 @pytest.mark.parametrize("screen", ["wide", "dark", "390x844"])
-@pytest.mark.parametrize("shown", ["now", "past", "blind", "waiting", "keys"])
+@pytest.mark.parametrize("shown", ["now", "past", "dead_reckoning", "waiting", "keys"])
 def test_axe_finds_nothing_serious(
     stage: Stage, drawn: Page, pictures: Path, screen: str, shown: str
 ) -> None:
@@ -672,8 +672,8 @@ def test_axe_finds_nothing_serious(
             case "past":
                 drawn.run("liveView.travel.goTo(7)")
                 shows(stage, lambda: shown_step(drawn) == 7)
-            case "blind":
-                stage.picture.on_pose(pose(19, freshness="blind", workers=0))
+            case "dead_reckoning":
+                stage.picture.on_pose(pose(19, freshness="dead_reckoning", workers=0))
                 stage.picture.on_status(status(workers={}))
                 shows(stage, lambda: drawn.text("freshness").startswith("dead reckoning"))
             case "waiting":

@@ -130,8 +130,8 @@ def stale(stage: Stage, steps: list[Step]) -> PoseAnswer:
     return drive(stage, steps, freshness="stale", age_s=42.0)
 
 
-def blind(stage: Stage, steps: list[Step]) -> PoseAnswer:
-    answer = drive(stage, steps, freshness="blind", workers=0)
+def dead_reckoning(stage: Stage, steps: list[Step]) -> PoseAnswer:
+    answer = drive(stage, steps, freshness="dead_reckoning", workers=0)
     stage.picture.on_status(status(digest=CROSS.map.digest, workers={}))
     return answer
 
@@ -166,7 +166,7 @@ return Object.fromEntries(seen.map((id) => [id, document.getElementById(id).inne
         (lost, {"state": "lost", "of": "probably not on this map", "freshness": "0."}),
         (stale, {"state": "localized", "freshness": "stale, 4"}),
         (
-            blind,
+            dead_reckoning,
             {"state": "localized", "freshness": "dead reckoning", "banner": "No worker is alive"},
         ),
         (past, {"state": "ambiguous, 4 places", "freshness": "before now"}),

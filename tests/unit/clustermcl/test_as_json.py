@@ -41,8 +41,10 @@ def test_a_pose_has_units_in_its_names_and_a_square_covariance() -> None:
 
 
 def test_a_pose_has_the_ages_of_odometry_and_of_the_last_scan() -> None:
-    found = pose_answer_object(msgspec.structs.replace(ANSWER, freshness="blind", scan_age_s=7.5))
-    assert (found["freshness"], found["age_s"], found["scan_age_s"]) == ("blind", 0.5, 7.5)
+    found = pose_answer_object(
+        msgspec.structs.replace(ANSWER, freshness="dead_reckoning", scan_age_s=7.5)
+    )
+    assert (found["freshness"], found["age_s"], found["scan_age_s"]) == ("dead_reckoning", 0.5, 7.5)
     assert status_object(STATUS)["scan_age_s"] == -1.0
 
 

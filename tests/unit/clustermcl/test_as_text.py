@@ -52,21 +52,21 @@ def test_a_robot_that_is_probably_not_on_the_map_is_said_to_be_so() -> None:
     assert "not on" not in " ".join(pose_lines(ANSWER))
 
 
-def test_a_blind_pose_says_how_old_its_last_scan_is() -> None:
-    blind = msgspec.structs.replace(ANSWER, freshness="blind", scan_age_s=7.51)
-    line = "blind: odometry alone moves the pose, the last scan is 7.5 s old"
-    assert list(pose_lines(blind))[1:] == [line]
-    places = Hypotheses(sender="coordinator", pose=blind, hypotheses=(place(1.0),))
+def test_a_dead_reckoned_pose_has_the_age_of_its_last_scan() -> None:
+    unweighed = msgspec.structs.replace(ANSWER, freshness="dead_reckoning", scan_age_s=7.51)
+    line = "dead reckoning: odometry alone moves the pose, the last scan is 7.5 s old"
+    assert list(pose_lines(unweighed))[1:] == [line]
+    places = Hypotheses(sender="coordinator", pose=unweighed, hypotheses=(place(1.0),))
     assert list(hypotheses_lines(places))[-2:] == ["   0.005  elsewhere", line]
-    status = msgspec.structs.replace(STATUS, freshness="blind", scan_age_s=7.51)
+    status = msgspec.structs.replace(STATUS, freshness="dead_reckoning", scan_age_s=7.51)
     assert next(status_lines(status)).endswith("the last scan is 7.5 s old")
 
 
-def test_a_belief_that_no_worker_has_weighed_is_blind() -> None:
+def test_a_belief_that_no_worker_has_weighed_is_dead_reckoning() -> None:
     told = belief(7, "ambiguous", place(0.6, cluster=1), place(0.4, cluster=2))
-    assert "blind" not in belief_line(msgspec.structs.replace(told, missing=("c1",)))
+    assert "dead_reckoning" not in belief_line(msgspec.structs.replace(told, missing=("c1",)))
     unweighed = msgspec.structs.replace(told, missing=("c1", "c2"))
-    assert belief_line(unweighed).startswith("step 7: ambiguous, blind; ")
+    assert belief_line(unweighed).startswith("step 7: ambiguous, dead reckoning; ")
 
 
 def test_before_the_first_scan_there_is_no_pose() -> None:

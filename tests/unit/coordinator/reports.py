@@ -46,7 +46,7 @@ def scan(
     step: int,
     *,
     x_m: float = 0.0,
-    paced: bool = False,
+    lockstep: bool = False,
     digest: str = "map",
     live: bool = False,
 ) -> Scan:
@@ -61,7 +61,7 @@ def scan(
         range_max_m=10.0,
         ranges=ArrayBlob.of(np.ones(3), "float32"),
         map_digest=digest,
-        paced=paced,
+        lockstep=lockstep,
         live=live,
     )
 

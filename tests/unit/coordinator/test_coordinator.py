@@ -322,14 +322,14 @@ def test_kept_places_begin_where_odometry_has_brought_them() -> None:
     assert min(wider) > NO_SPREAD[0]
 
 
-def test_a_step_that_nobody_weighed_makes_the_pose_blind_before_long() -> None:
+def test_a_step_that_nobody_weighed_makes_the_pose_dead_reckoning() -> None:
     story = tracking_story()
     for step in range(5, 12):
         event = ScanArrived(scan(step, x_m=0.2 * (step - 4)))
         story.follow(story.coordinator.handle(event, step * SECOND))
         story.follow(story.coordinator.handle(TimePassed(), int((step + 0.9) * SECOND)))
     pose = story.coordinator.pose(12 * SECOND)
-    assert (pose.step, pose.freshness) == (11, "blind")
+    assert (pose.step, pose.freshness) == (11, "dead_reckoning")
     assert pose.scan_age_s == 8.0
     covariance = story.beliefs[-1].hypotheses[0].covariance
     assert covariance[0] > 1.5 * story.beliefs[4].hypotheses[0].covariance[0]

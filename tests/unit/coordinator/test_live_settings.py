@@ -25,12 +25,12 @@ def state_of(tested: Living) -> CoordinatorState:
 
 
 def goes_by(state: CoordinatorState) -> tuple[float, float, float, float]:
-    since, blind = state.pose._since_step, state.pose._blind
+    since, driven = state.pose._since_step, state.pose._driven
     return (
         state.ensemble.settings.motion.turn_noise_per_turn,
         since._motion.turn_noise_per_turn,
         state.ensemble.clusters.sensor.hit_weight,
-        blind.bridge.gate_distance_m,
+        driven.bridge.gate_distance_m,
     )
 
 

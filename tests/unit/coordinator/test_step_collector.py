@@ -14,7 +14,7 @@ DEADLINE_NS = 500_000_000
 
 
 def collector() -> StepCollector:
-    return StepCollector(CoordinatorSettings(step_deadline_s=0.5, paced_deadline_s=20.0))
+    return StepCollector(CoordinatorSettings(step_deadline_s=0.5, lockstep_deadline_s=20.0))
 
 
 def never_placed(_job_id: str) -> int:
@@ -41,9 +41,9 @@ def test_after_its_deadline_a_step_goes_on_without_those_who_are_missing() -> No
     assert ready.reports == ()
 
 
-def test_a_paced_step_waits_long() -> None:
+def test_a_lockstep_step_waits_long() -> None:
     made = collector()
-    made.on_scan(scan(0, paced=True), 0)
+    made.on_scan(scan(0, lockstep=True), 0)
     assert made.ready(["c0"], never_placed, 19_000_000_000) is None
 
 
@@ -130,9 +130,9 @@ def test_a_search_beside_clusters_holds_no_step_up() -> None:
     assert late in following.reports
 
 
-def test_a_paced_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> None:
+def test_a_lockstep_step_waits_for_its_search_and_so_does_one_that_is_told_to() -> None:
     made = collector()
-    made.on_scan(scan(0, paced=True), 0)
+    made.on_scan(scan(0, lockstep=True), 0)
     assert made.ready(["s1.0"], never_placed, 19_000_000_000, ["s1.0"]) is None
     patient = StepCollector(CoordinatorSettings(search_deadline_s=0.2))
     patient.on_scan(scan(0), 0)

@@ -17,8 +17,8 @@ from sensor_bridge.step_maker import MotionGate, Reading, StepMaker, steps_from
 from tests.unit.recordings.logs import ORIGIN, laser_reading, odometry_reading, seconds
 
 
-def a_maker(first_step: int = 0, paced: bool = False, live: bool = False) -> StepMaker:
-    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, paced, live)
+def a_maker(first_step: int = 0, lockstep: bool = False, live: bool = False) -> StepMaker:
+    return StepMaker(BridgeSettings(), "digest", "bridge", first_step, lockstep, live)
 
 
 def driving(*places_m: float) -> list[LaserReading]:
@@ -85,9 +85,9 @@ def test_one_step_is_forced_and_the_next_is_measured_from_there() -> None:
 
 def test_a_step_carries_what_its_scan_said() -> None:
     reading = laser_reading(2.0, (1.0, 2.0, 0.5))
-    [step] = made_of(reading, maker=a_maker(paced=True, live=True))
+    [step] = made_of(reading, maker=a_maker(lockstep=True, live=True))
     assert (step.map_digest, step.sender) == ("digest", "bridge")
-    assert (step.paced, step.live) == (True, True)
+    assert (step.lockstep, step.live) == (True, True)
     for field in ("stamp_ns", "odom_from_robot", "robot_from_laser", "ranges", "range_max_m"):
         assert getattr(step, field) == getattr(reading, field)
 

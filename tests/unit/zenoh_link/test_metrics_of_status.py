@@ -47,7 +47,7 @@ def test_every_figure_of_the_status_is_a_metric() -> None:
         ("clustermcl_state", (("clustermcl_state", "localized"),)): 1.0,
         ("clustermcl_state", (("clustermcl_state", "lost"),)): 0.0,
         ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "stale"),)): 0.0,
-        ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "blind"),)): 0.0,
+        ("clustermcl_pose_freshness", (("clustermcl_pose_freshness", "dead_reckoning"),)): 0.0,
         ("clustermcl_pose_age_seconds", ()): 0.25,
         ("clustermcl_scan_age_seconds", ()): 3.5,
         ("clustermcl_step", ()): 41.0,

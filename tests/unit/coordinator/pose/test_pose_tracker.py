@@ -27,7 +27,7 @@ SURE = MotionSettings(
 
 
 def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
-    settings = CoordinatorSettings(stale_after_s=1.0, blind_after_gates=5.0)
+    settings = CoordinatorSettings(stale_after_s=1.0, dead_reckoning_after_gates=5.0)
     return PoseTracker("coordinator", settings, motion, BRIDGE)
 
 
@@ -204,13 +204,13 @@ def driven_on(tracker: PoseTracker, metres: float) -> None:
         tracker.odometry(SECOND + index, (0.05 * index, 0.0, 0.0), now_ns=SECOND)
 
 
-def test_a_robot_that_drives_on_without_steps_is_blind() -> None:
+def test_a_robot_that_drives_on_without_steps_is_dead_reckoning() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     driven_on(tracker, 0.8)
     assert tracker.answer(SECOND, workers=1).freshness == "fresh"
     driven_on(tracker, 1.2)
     answer = tracker.answer(SECOND, workers=1)
-    assert answer.freshness == "blind"
+    assert answer.freshness == "dead_reckoning"
     assert answer.scan_age_s == 1.0
     assert answer.age_s == 0.0
     tracker.scan(2 * SECOND, (1.2, 0.0, 0.0), now_ns=SECOND)
@@ -219,19 +219,19 @@ def test_a_robot_that_drives_on_without_steps_is_blind() -> None:
     assert tracker.answer(SECOND, workers=1).scan_age_s == 0.0
 
 
-def test_turning_without_steps_is_blind_and_standing_is_not() -> None:
+def test_turning_without_steps_is_dead_reckoning_and_standing_is_not() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     for index in range(100):
         tracker.odometry(SECOND + index, (0.001 * (index % 2), 0.0, 0.0), now_ns=SECOND)
     assert tracker.answer(SECOND, workers=1).freshness == "fresh"
     for index in range(30):
         tracker.odometry(2 * SECOND + index, (0.0, 0.0, 0.05 * index), now_ns=SECOND)
-    assert tracker.answer(SECOND, workers=1).freshness == "blind"
+    assert tracker.answer(SECOND, workers=1).freshness == "dead_reckoning"
 
 
-def test_without_workers_the_pose_is_blind_and_without_data_stale() -> None:
+def test_without_workers_the_pose_is_dead_reckoning_and_without_data_stale() -> None:
     tracker = believed_at((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert tracker.answer(SECOND // 2, workers=0).freshness == "blind"
+    assert tracker.answer(SECOND // 2, workers=0).freshness == "dead_reckoning"
     assert tracker.answer(3 * SECOND, workers=0).freshness == "stale"
 
 

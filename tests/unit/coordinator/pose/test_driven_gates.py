@@ -65,6 +65,6 @@ def test_the_covariance_contains_where_the_robot_really_is(seed: int) -> None:
         off[2] = wrap_angle(float(off[2]))
         assert off @ np.linalg.solve(covariance_matrix(answer.covariance), off) < UNLIKELY
     last, truth = answers[-1]
-    assert last.freshness == "blind"
+    assert last.freshness == "dead_reckoning"
     assert last.map_from_robot is not None
     assert np.hypot(*np.subtract(last.map_from_robot, truth)[:2]) > 0.3, "where it did not look"
