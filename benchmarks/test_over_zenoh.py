@@ -11,7 +11,7 @@ import pytest
 import zenoh
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from process_runtime.settings import BridgeSettings, WorkerSettings
 from protocol import keys
 from protocol.answers import Belief

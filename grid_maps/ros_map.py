@@ -1,125 +1,130 @@
-"""The YAML file of a ROS map, as map_server and nav2 read it; for its image see `ros_image`."""
+"""Maps of ROS's map_server: a YAML file and an image, read as nav2_map_server does, and written.
 
-import math
-from collections.abc import Hashable
-from dataclasses import dataclass
+A pixel's shade is the mean of its channels, from 0 (black) to 1 (white); a cell is occupied with
+probability 1 - shade (`negate`: shade).
+
+* *trinary*: occupied above `occupied_thresh`, free below `free_thresh`, else unknown. An alpha
+  channel counts as one more channel of the mean.
+* *scale*: the same without alpha in the mean; pixels that are not opaque are unknown. Cells between
+  the thresholds, which map_server publishes as a percentage, are unknown here.
+* *raw*: the pixel is the occupancy in percent; 101 to 255 is unknown; `negate` and alpha are
+  ignored. The thresholds decide between free and occupied.
+"""
+
+import io
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, Literal, TypeAlias
 
+import msgspec
+import numpy as np
 import yaml
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
 
+from grid_maps.grid_map import MAX_CELLS, GridMap, known_part
+from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from process_runtime.compressed import read_decompressed
 from process_runtime.yaml_text import refuse_aliases
 from protocol.errors import MapFileError
-from protocol.message import PoseTuple
+from protocol.message import Finite
 
 MAX_HEADER_BYTES = 64 * 1024
+_STRIP_ROWS = 512
+_IMAGE_MAGICS = (b"P1", b"P2", b"P3", b"P4", b"P5", b"P6", b"\x89PNG", b"BM", b"\xff\xd8", b"GIF8")
+_BROKEN_IMAGE = (OSError, ValueError, SyntaxError, EOFError, IndexError, OverflowError)
+_FREE_GREY, _UNKNOWN_GREY, _OCCUPIED_GREY = 254, 205, 0
 
-Mode = Literal["trinary", "scale", "raw"]
+_Probability: TypeAlias = Annotated[float, msgspec.Meta(ge=0.0, le=1.0)]
 
 
-@dataclass(frozen=True)
-class RosMapHeader:
-    """The YAML file's content, under its own names.
+class _Header(msgspec.Struct, frozen=True):
+    """The content of the YAML file, under its own names."""
+
+    image: Annotated[str, msgspec.Meta(min_length=1)]
+    resolution: Annotated[float, msgspec.Meta(gt=0.0, lt=100.0)]
+    """Side of a cell [m]."""
+    origin: tuple[Finite, Finite, Finite]
+    """Pose of the image's lower left corner in the map frame."""
+    negate: bool
+    occupied_thresh: _Probability
+    free_thresh: _Probability
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+
+_ALLOWED = {
+    "image": "a file name",
+    "resolution": "metres a cell, above 0 and below 100",
+    "origin": "three numbers: [x, y, yaw]",
+    "negate": "0 or 1",
+    "occupied_thresh": "a probability, 0 to 1",
+    "free_thresh": "a probability, 0 to 1",
+    "mode": "trinary, scale or raw",
+}
+
+
+def load_ros_map(content: bytes, path: Path) -> GridMap:
+    """Read a map of map_server.
 
     Args:
-        image: the image file.
-        resolution: side of a cell [m].
-        origin: pose of the image's lower left corner in the map frame.
-        negate: whether light is occupied and dark is free.
-        occupied_thresh: occupied above this probability.
-        free_thresh: free below this probability.
-        mode: conversion of a pixel to a probability.
-    """
-
-    image: Path
-    resolution: float
-    origin: PoseTuple
-    negate: bool
-    occupied_thresh: float
-    free_thresh: float
-    mode: Mode
-
-
-def parse_ros_header(content: bytes, path: Path) -> RosMapHeader:
-    """Read the YAML file. It requires the same keys as map_server and ignores others.
+        content: bytes of the YAML file.
+        path: of the YAML file; its image may be packed by gzip or xz.
 
     Raises:
-        MapFileError: with the line: not YAML, not a mapping, or a key is missing, of the wrong
-            type or out of range.
+        MapFileError: `content` is an image or not such a YAML file, a key is missing or invalid,
+            or the image is truncated, damaged, too large, or without free space.
     """
-    fields = _Fields(content, path)
-    header = RosMapHeader(
-        image=path.parent / fields.text("image"),
-        resolution=fields.number("resolution"),
-        origin=fields.pose("origin"),
-        negate=fields.flag("negate"),
-        occupied_thresh=fields.number("occupied_thresh"),
-        free_thresh=fields.number("free_thresh"),
-        mode=fields.mode(),
+    if content.startswith(_IMAGE_MAGICS):
+        raise MapFileError(path, "is an image; name the YAML file that belongs to it")
+    header = _header(content, path)
+    named = path.parent / header.image
+    for image in (named, Path(f"{named}.gz"), Path(f"{named}.xz")):
+        if image.is_file():
+            return _grid_map(read_decompressed(image, MapFileError), image, header)
+    raise MapFileError(path, f"its image {named} does not exist; put it there or mend 'image:'")
+
+
+def write_map(grid_map: GridMap, folder: Path, name: str) -> Path:
+    """Write ``name.yaml`` and ``name.pgm`` into a folder; return the path of the YAML file."""
+    grey = np.full(grid_map.cells.shape, _UNKNOWN_GREY, np.uint8)
+    grey[grid_map.cells == FREE] = _FREE_GREY
+    grey[grid_map.cells == OCCUPIED] = _OCCUPIED_GREY
+    Image.fromarray(grey[::-1]).save(folder / f"{name}.pgm")  # the first row of an image is the top
+    x, y, heading = grid_map.map_from_grid
+    path = folder / f"{name}.yaml"
+    path.write_text(
+        f"image: {name}.pgm\nresolution: {grid_map.cell_m!r}\n"
+        f"origin: [{x!r}, {y!r}, {heading!r}]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n",
+        encoding="utf-8",
     )
-    if not 0.0 < header.resolution < 100.0:
-        raise fields.wrong("resolution", "must be metres a cell, above 0 and below 100")
-    for key in ("occupied_thresh", "free_thresh"):
-        if not 0.0 <= getattr(header, key) <= 1.0:
-            raise fields.wrong(key, "must be a probability, 0 to 1")
+    return path
+
+
+def _header(content: bytes, path: Path) -> _Header:
+    """Return the checked header; map_server requires the same keys, and ignores others."""
+    values, lines = _mapping(content, path)
+    checked: dict[str, Any] = {}
+    for field in msgspec.structs.fields(_Header):
+        if field.name not in values:
+            if field.required:
+                problem = f"key {field.name!r} is missing; map_server requires it"
+                raise MapFileError(path, problem)
+            continue
+        value = values[field.name]
+        try:  # not strict: YAML 1.1 reads 5e-2 as text, ROS as a number
+            checked[field.name] = msgspec.convert(value, field.type, strict=False)
+        except (ValueError, OverflowError):
+            problem = f"{field.name}: {value!r} must be {_ALLOWED[field.name]}"
+            raise MapFileError(path, problem, line=lines[field.name]) from None
+    header = _Header(**checked)
     if header.free_thresh > header.occupied_thresh:
-        raise fields.wrong("free_thresh", "must not exceed occupied_thresh; are they swapped?")
+        problem = f"free_thresh: {header.free_thresh} must not exceed occupied_thresh"
+        raise MapFileError(path, f"{problem}; are they swapped?", line=lines["free_thresh"])
     return header
 
 
-class _Fields:
-    """The mapping of a YAML file, with the line of each key for errors."""
-
-    def __init__(self, content: bytes, path: Path) -> None:
-        self._path = path
-        self._values, self._lines = _mapping(content, path)
-
-    def wrong(self, key: str, problem: str) -> MapFileError:
-        """Return the error for a key with an invalid value."""
-        found = f"{key}: {self._values[key]!r}"
-        return MapFileError(self._path, f"{found} {problem}", line=self._lines.get(key))
-
-    def text(self, key: str) -> str:
-        value = self._required(key)
-        if not isinstance(value, str) or not value:
-            raise self.wrong(key, "must be a file name")
-        return value
-
-    def number(self, key: str) -> float:
-        number = _number(self._required(key))
-        if number is None:
-            raise self.wrong(key, "must be a number")
-        return number
-
-    def pose(self, key: str) -> PoseTuple:
-        value = self._required(key)
-        numbers = [_number(item) for item in value] if isinstance(value, list) else []
-        match numbers:
-            case [float(x), float(y), float(heading)]:
-                return x, y, heading
-        raise self.wrong(key, "must be three numbers: [x, y, yaw]")
-
-    def flag(self, key: str) -> bool:
-        value = self._required(key)
-        if value not in (0, 1):  # True and False are 1 and 0
-            raise self.wrong(key, "must be 0 or 1")
-        return bool(value)
-
-    def mode(self) -> Mode:
-        if "mode" not in self._values:
-            return "trinary"
-        if self._values["mode"] not in ("trinary", "scale", "raw"):
-            raise self.wrong("mode", "must be trinary, scale or raw")
-        return cast(Mode, self._values["mode"])
-
-    def _required(self, key: str) -> Any:
-        if key not in self._values:
-            problem = f"key {key!r} is missing; map_server requires it"
-            raise MapFileError(self._path, problem)
-        return self._values[key]
-
-
-def _mapping(content: bytes, path: Path) -> tuple[dict[Hashable, Any], dict[str, int]]:
+def _mapping(content: bytes, path: Path) -> tuple[Mapping[Any, Any], dict[str, int]]:
     """Return the values and the lines by key."""
     if len(content) > MAX_HEADER_BYTES:
         raise MapFileError(path, f"{len(content)} bytes: a map_server file has some hundred")
@@ -140,12 +145,125 @@ def _mapping(content: bytes, path: Path) -> tuple[dict[Hashable, Any], dict[str,
         raise MapFileError(path, f"not a YAML text: {first_line}") from error
 
 
-def _number(value: object) -> float | None:
-    """Return a finite number, or None; YAML 1.1 reads 5e-2 as text, ROS as a number."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
+def _grid_map(content: bytes, path: Path, header: _Header) -> GridMap:
+    image = _open(content, path)
     try:
-        number = float(value)
-    except (ValueError, OverflowError):
-        return None
-    return number if math.isfinite(number) else None
+        cells = _cells(image, header)
+    except _BROKEN_IMAGE as error:
+        raise MapFileError(path, f"the image is cut off or damaged ({error})") from error
+    strips = (cells[top : top + _STRIP_ROWS] for top in range(0, len(cells), _STRIP_ROWS))
+    if not any(np.any(strip == FREE) for strip in strips):
+        problem = (
+            f"no free space: no pixel is free with free_thresh {header.free_thresh}, "
+            f"negate {int(header.negate)}, mode {header.mode}"
+        )
+        raise MapFileError(path, problem)
+    return known_part(cells, header.resolution, header.origin)
+
+
+def _open(content: bytes, path: Path) -> Image.Image:
+    """Open the image without decoding it, and check its size."""
+    pillow_limit = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = None  # ours is checked below; suppress the warning of Pillow
+    try:
+        image = Image.open(io.BytesIO(content))
+    except UnidentifiedImageError as error:
+        raise MapFileError(path, "not an image that can be read; use PGM or PNG") from error
+    except _BROKEN_IMAGE as error:
+        raise MapFileError(path, f"the image is damaged ({error})") from error
+    finally:
+        Image.MAX_IMAGE_PIXELS = pillow_limit
+    if image.width * image.height > MAX_CELLS:  # unpacked, a PNG of a megabyte may have them
+        problem = f"{image.width} x {image.height} pixels; at most {MAX_CELLS} are read"
+        raise MapFileError(path, f"{problem}: cut the map or use larger cells")
+    return image
+
+
+def _cells(image: Image.Image, header: _Header) -> Cells:
+    """(rows, cols) cells, the image's last row first."""
+    mode = _channel_mode(image)
+    opaque_only = header.mode == "scale" and mode in ("LA", "RGBA")
+    with_alpha = header.mode == "trinary"
+    table = _cell_of_channel_sum(mode, header)
+    cells: Cells = np.full((image.height, image.width), UNKNOWN, np.int8)
+    left, first, right, last = _known_box(image, table)
+    for top in range(first, last, _STRIP_ROWS):
+        box = (left, top, right, min(top + _STRIP_ROWS, last))
+        pixels = _pixels(image.crop(box), mode)
+        strip = table[_channel_sum(pixels, mode, with_alpha=with_alpha)]
+        if opaque_only:
+            strip[pixels[..., -1] != 255] = UNKNOWN
+        cells[image.height - box[3] : image.height - top, left:right] = strip[::-1]
+    return cells
+
+
+def _known_box(image: Image.Image, table: Cells) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of a part of the image beyond which all is unknown.
+
+    Found where a pixel is one byte of grey, as in nearly all maps; else it is the whole image.
+    Pillow looks at a pixel in a tenth of the time that numpy takes to translate it.
+    """
+    if image.mode != "L" or image.has_transparency_data:
+        return 0, 0, image.width, image.height
+    return image.point((table != UNKNOWN).tolist()).getbbox() or (0, 0, 0, 0)
+
+
+def _channel_mode(image: Image.Image) -> str:
+    """Return the Pillow mode to decode to: L, LA, I, RGB or RGBA."""
+    if image.mode.startswith("I"):
+        return "I"
+    if image.mode == "F":
+        raise ValueError("pixels are floating-point numbers")
+    grey = image.mode in ("1", "L", "LA", "La")
+    if image.has_transparency_data:
+        return "LA" if grey else "RGBA"
+    return "L" if grey else "RGB"
+
+
+def _pixels(strip: Image.Image, mode: str) -> NDArray[np.integer]:
+    """Return (rows, cols, channels) values, of an integer type wide enough for their sum."""
+    if mode not in ("I", strip.mode):
+        strip = strip.convert(mode)
+    pixels = np.asarray(strip)
+    if pixels.ndim == 2:
+        pixels = pixels[..., np.newaxis]
+    if pixels.dtype == np.uint8 and mode == "L":
+        return pixels
+    return np.asarray(np.clip(pixels, 0, 65_535), np.int32)
+
+
+def _channel_sum(
+    pixels: NDArray[np.integer], mode: str, *, with_alpha: bool
+) -> NDArray[np.integer]:
+    """Return (rows, cols) sums over red, green, blue and perhaps alpha; grey counts three times."""
+    if mode in ("L", "I"):
+        return pixels[..., 0]
+    if mode == "LA":
+        return 3 * pixels[..., 0] + (pixels[..., 1] if with_alpha else 0)
+    if mode == "RGBA" and not with_alpha:
+        pixels = pixels[..., :3]
+    return np.asarray(pixels.sum(axis=-1, dtype=np.int32))
+
+
+def _cell_of_channel_sum(mode: str, header: _Header) -> Cells:
+    """Return a lookup table from a channel sum to a cell's state, (largest sum + 1,)."""
+    if mode == "I":
+        white = 65_535
+    elif mode == "L":
+        white = 255
+    else:
+        with_alpha = mode in ("LA", "RGBA") and header.mode == "trinary"
+        white = 255 * (4 if with_alpha else 3)
+    shade = np.arange(white + 1) / white
+    if header.mode == "raw":
+        percent = np.rint(shade * 255.0)
+        occupied = percent / 100.0
+        unknown = percent > 100.0
+    else:
+        occupied = shade if header.negate else 1.0 - shade
+        unknown = np.zeros(white + 1, bool)
+    table: Cells = np.full(white + 1, UNKNOWN, np.int8)
+    table[occupied < header.free_thresh] = FREE
+    table[occupied > header.occupied_thresh] = OCCUPIED
+    table[unknown] = UNKNOWN
+    return table

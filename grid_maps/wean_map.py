@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from grid_maps.grid_map import GridMap
-from grid_maps.known_part import known_part
+from grid_maps.grid_map import GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from protocol.errors import MapFileError
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from grid_maps.grid_map import GridMap
-from grid_maps.occupancy_grid import grid_map_of
+from grid_maps.map_message import grid_map_of
 from grid_maps.wean_map import is_wean_map, parse_wean_map
 from particle_filter.arrays import OCCUPIED
 from process_runtime.compressed import read_decompressed
@@ -41,7 +41,10 @@ def load_map(path: Path | str) -> GridMap:
         raise MapFileError(path, "empty; expected a map_server YAML file or wean.dat")
     if is_wean_map(content):
         return parse_wean_map(content, path)
-    return _load_ros_map(content, path)
+    # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
+    from grid_maps.ros_map import load_ros_map  # noqa: PLC0415 - see above
+
+    return load_ros_map(content, path)
 
 
 def load_map_with_obstacles(path: Path | str) -> GridMap:
@@ -60,27 +63,6 @@ def load_map_with_obstacles(path: Path | str) -> GridMap:
 def map_file_of(named: str, recording: str) -> str:
     """The map file that is named; else the recording, if it is a bag: it may hold its map."""
     return named or (recording if is_bag(Path(recording)) else "")
-
-
-def _load_ros_map(content: bytes, path: Path) -> GridMap:
-    # Pillow and PyYAML take 40 ms to import; processes that get their map over the wire do without.
-    from grid_maps.ros_image import is_image, parse_ros_image  # noqa: PLC0415 - see above
-    from grid_maps.ros_map import parse_ros_header  # noqa: PLC0415 - see above
-
-    if is_image(content):
-        raise MapFileError(path, "is an image; name the YAML file that belongs to it")
-    header = parse_ros_header(content, path)
-    image = _image_file(header.image, path)
-    return parse_ros_image(read_decompressed(image, MapFileError), image, header)
-
-
-def _image_file(named: Path, header: Path) -> Path:
-    """The image as it is named, or packed under the same name."""
-    candidates = (named, Path(f"{named}.gz"), Path(f"{named}.xz"))
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
-    raise MapFileError(header, f"its image {named} does not exist; put it there or mend 'image:'")
 
 
 def _split_topic(path: Path) -> tuple[Path, str]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from grid_maps.occupancy_grid import grid_map_of
+from grid_maps.map_message import grid_map_of
 from process_runtime.ros2_settings import Ros2Settings
 from protocol.answers import Belief
 from protocol.message import PoseTuple

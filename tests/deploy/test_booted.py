@@ -44,7 +44,7 @@ WantedBy=multi-user.target
 EDIT = """
 /opt/clustermcl/bin/python -I -c 'from pathlib import Path
 from robot_simulator.worlds.catalogue import world
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 write_map(world("hall").map, Path("/etc/clustermcl"), "map")'
 sed --in-place 's/^count = .*/count = 4/' /etc/clustermcl/settings.toml
 systemctl enable --now robot-driver

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import psutil
 
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from process_runtime.settings import RobotSettings, Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Simulated

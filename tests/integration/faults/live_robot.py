@@ -12,7 +12,7 @@ import numpy as np
 import zenoh
 
 from clustermcl.stack import COORDINATOR
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from particle_filter.poses import wrap_angle
 from process_runtime.settings import BridgeSettings, Settings
 from process_runtime.stop import StopFlag

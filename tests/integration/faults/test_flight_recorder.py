@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from clustermcl.as_json import JsonObject, belief_object, dumped
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from process_runtime.settings import RecorderSettings
 from process_runtime.sources import Simulated
 from protocol.answers import Belief

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from clustermcl.stack import COORDINATOR, WORKERS
 from grid_maps.map_message import to_message
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from protocol import keys
 from protocol.codec import decode, encode
 from protocol.steps import Scan

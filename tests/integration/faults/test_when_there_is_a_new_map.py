@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from protocol.answers import PoseAnswer
 from protocol.job_events import Ended
 from recordings.map_file import load_map

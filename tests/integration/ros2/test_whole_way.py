@@ -24,7 +24,7 @@ from clustermcl.stack import COORDINATOR
 from coordinator.process import filter_settings
 from evaluation.in_process import outcomes
 from grid_maps.grid_map import GridMap
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from particle_filter.poses import compose, wrap_angle
 from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings

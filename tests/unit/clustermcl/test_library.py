@@ -25,7 +25,7 @@ from clustermcl import (
 )
 from coordinator.belief.outcome import Outcome
 from evaluation.in_process import outcomes
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from process_runtime.settings import BridgeSettings
 from recordings.recording import open_recording
 from robot_simulator.simulation import Simulation

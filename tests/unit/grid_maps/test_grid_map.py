@@ -1,3 +1,6 @@
+import math
+
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,11 +8,13 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from grid_maps.grid_map import GridMap
-from grid_maps.map_message import from_message, to_message
+from grid_maps.map_message import from_message, from_reading, to_message
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
+from protocol.arrays import ArrayBlob
+from protocol.codec import decode, encode
 from protocol.errors import MalformedMessageError
 from protocol.message import PoseTuple
-from protocol.steps import MapMessage
+from protocol.steps import MapMessage, MapReading
 
 CELLS = np.array([[FREE, OCCUPIED, UNKNOWN], [FREE, FREE, FREE]], np.int8)
 
@@ -112,3 +117,35 @@ def a_message(**changed: object) -> MapMessage:
 def test_bytes_that_are_not_the_announced_map_are_refused(message: MapMessage) -> None:
     with pytest.raises(MalformedMessageError, match="not a valid map"):
         from_message(message)
+
+
+READING = MapReading(
+    sender="robot",
+    cell_m=0.05,
+    map_from_grid=(-1.0, 2.0, 0.1),
+    occupancy=ArrayBlob.of(np.array([[0, 100, -1], [50, 0, 99]]), "int8"),
+)
+
+
+def test_only_occupancy_0_is_free_and_only_100_is_occupied() -> None:
+    grid_map = from_reading(decode(encode(READING), MapReading))
+    assert grid_map.cells.tolist() == [[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, UNKNOWN]]
+    assert (grid_map.cell_m, grid_map.map_from_grid) == (0.05, (-1.0, 2.0, 0.1))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"occupancy": ArrayBlob.of(np.zeros((0, 0)), "int8")},
+        {"occupancy": ArrayBlob.of(np.zeros(9), "int8")},
+        {"occupancy": ArrayBlob.of(np.zeros((3, 3)), "float32")},
+        {"occupancy": ArrayBlob.of(np.full((3, 3), 100), "int8")},
+        {"occupancy": ArrayBlob(dtype="int8", shape=(9, 9), data=b"123")},
+        {"cell_m": 0.0},
+        {"cell_m": math.nan},
+        {"map_from_grid": (0.0, math.inf, 0.0)},
+    ],
+)
+def test_an_invalid_reading_of_a_map_is_refused(change: dict[str, object]) -> None:
+    with pytest.raises(MalformedMessageError):
+        from_reading(msgspec.structs.replace(READING, **change))

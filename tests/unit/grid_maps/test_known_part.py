@@ -1,6 +1,5 @@
-"""A large map costs what is known of it, and poses in it mean what they did."""
+"""A large map is cropped to its known cells, and poses keep their meaning."""
 
-import io
 import tracemalloc
 from pathlib import Path
 
@@ -8,19 +7,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from grid_maps import known_part as module
-from grid_maps.known_part import RIM_M, known_part
-from grid_maps.ros_image import parse_ros_image
-from grid_maps.ros_map import parse_ros_header
+from grid_maps import grid_map as module
+from grid_maps.grid_map import RIM_M, GridMap, known_part
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN, Cells
 from particle_filter.poses import compose
+from process_runtime import compressed
+from recordings.map_file import load_map
 
 CELL_M = 0.1
 RIM = round(RIM_M / CELL_M)
-HEADER = parse_ros_header(
-    b"image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
-    b"occupied_thresh: 0.65\nfree_thresh: 0.196\n",
-    Path("map.yaml"),
+HEADER = (
+    "image: map.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\n"
+    "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
 )
 
 
@@ -40,20 +38,20 @@ def grey(cells: Cells) -> Image.Image:
     return Image.fromarray(np.array([254, 0, 205], np.uint8)[cells][::-1])
 
 
-def png(image: Image.Image) -> bytes:
-    content = io.BytesIO()
-    image.save(content, "png")
-    return content.getvalue()
+def loaded(folder: Path, image: Image.Image) -> GridMap:
+    image.save(folder / "map.png")
+    (folder / "map.yaml").write_text(HEADER)
+    return load_map(folder / "map.yaml")
 
 
-def test_what_is_known_and_a_rim_are_kept() -> None:
+def test_a_large_map_is_cropped_to_its_known_cells_and_a_rim() -> None:
     part = known_part(building_in(1000, 1200), CELL_M, (0.0, 0.0, 0.0))
     assert part.cells.shape == (20 + 2 * RIM, 40 + 2 * RIM)
     assert part.map_from_grid == pytest.approx((50.0 - RIM_M, 30.0 - RIM_M, 0.0))
     np.testing.assert_array_equal(part.cells[RIM], building_in(1000, 1200)[300, 450:590])
 
 
-def test_a_cell_lies_in_the_map_where_it_lay_also_of_a_map_that_is_turned() -> None:
+def test_cropping_a_turned_map_keeps_each_cell_in_its_place() -> None:
     origin = (-3.0, 7.0, 0.6)
     part = known_part(building_in(1000, 1200), CELL_M, origin)
     row, col = np.argwhere(part.cells == OCCUPIED)[0]
@@ -62,7 +60,7 @@ def test_a_cell_lies_in_the_map_where_it_lay_also_of_a_map_that_is_turned() -> N
     np.testing.assert_allclose(compose(np.array(part.map_from_grid), corner), before, atol=1e-9)
 
 
-def test_the_rim_ends_where_the_map_does() -> None:
+def test_the_rim_ends_at_the_edge_of_the_map() -> None:
     cells = np.full((200, 300), UNKNOWN, np.int8)
     cells[3, :] = FREE
     part = known_part(cells, CELL_M, (1.0, 2.0, 0.0))
@@ -70,7 +68,7 @@ def test_the_rim_ends_where_the_map_does() -> None:
     assert part.map_from_grid == (1.0, 2.0, 0.0)
 
 
-def test_a_small_map_stays_as_it_is() -> None:
+def test_a_small_map_is_not_cropped() -> None:
     cells = building_in(1000, 1200)[290:330, 480:580]
     assert known_part(cells, CELL_M, (1.0, 2.0, 0.5)).cells.shape == cells.shape
 
@@ -80,27 +78,28 @@ def test_a_large_unknown_map_is_refused() -> None:
         known_part(np.full((200, 300), UNKNOWN, np.int8), CELL_M, (0.0, 0.0, 0.0))
 
 
-def test_a_site_plan_with_one_building_is_read_within_three_copies_of_its_cells() -> None:
+def test_reading_a_site_plan_needs_less_memory_than_three_copies_of_its_cells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A buffer of this size is reserved for a file, but not filled.
+    monkeypatch.setattr(compressed, "MAX_FILE_BYTES", 2**20)
     side = 3000
-    image = png(grey(building_in(side, side)))
+    image = grey(building_in(side, side))
+    loaded(tmp_path, image)
     tracemalloc.start()
-    grid_map = parse_ros_image(image, Path("map.png"), HEADER)
+    grid_map = loaded(tmp_path, image)
     _, most = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grid_map.cells.shape == (20 + 2 * RIM, 40 + 2 * RIM)
-    assert grid_map.cells.base is None  # nothing holds the rest
+    assert grid_map.cells.base is None  # a view would keep all cells in memory
     # The cells and a mask of them; Pillow's own memory is not seen here.
     assert most < 2.2 * side * side
 
 
 @pytest.mark.parametrize("corner", [(300, 500), (0, 0), (980, 1160)])
-def test_a_grey_image_of_which_only_what_is_known_is_looked_at_is_the_same_map(
-    corner: tuple[int, int],
+def test_a_grey_image_whose_unknown_border_is_skipped_gives_the_same_map_as_a_coloured_one(
+    tmp_path: Path, corner: tuple[int, int]
 ) -> None:
-    """As the one in colours, which is looked at everywhere."""
     cells = np.roll(building_in(1000, 1200), (corner[0] - 300, corner[1] - 500), axis=(0, 1))
-    maps = [
-        parse_ros_image(png(image), Path("map.png"), HEADER)
-        for image in (grey(cells), grey(cells).convert("RGB"))
-    ]
-    assert maps[0].digest == maps[1].digest
+    image = grey(cells)
+    assert loaded(tmp_path, image).digest == loaded(tmp_path, image.convert("RGB")).digest

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from particle_filter.arrays import UNKNOWN
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation

@@ -16,7 +16,7 @@ from evaluation.map_check.drawing import map_page
 from evaluation.map_check.report import MapReport, report_of
 from evaluation.report_page import free_bounds
 from grid_maps.grid_map import GridMap
-from grid_maps.map_writer import write_map
+from grid_maps.ros_map import write_map
 from particle_filter.arrays import FREE
 from robot_simulator.worlds.catalogue import world
 
