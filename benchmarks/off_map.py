@@ -257,7 +257,7 @@ def _lifted(seed: int) -> tuple[GridMap, Steps]:
         block = cells[row : row + side, col : col + side]
         block[block == FREE] = OCCUPIED
     furnished = GridMap(cells, plain.cell_m, plain.map_from_grid)
-    place = World(name="lifted", summary="", map=furnished, truth=furnished)
+    place = World(map=furnished, truth=furnished)
     simulation = Simulation(place, seed)
     source = SimulatedSource(simulation)
 
@@ -266,7 +266,7 @@ def _lifted(seed: int) -> tuple[GridMap, Steps]:
             yield step
             if count + 1 == LIFTED_AT:
                 x, y, heading = simulation.map_from_robot
-                source.kidnap((-x, -y, heading + math.pi))
+                simulation.kidnap((-x, -y, heading + math.pi))
 
     return furnished, _shown(steps(), furnished)
 

@@ -51,8 +51,6 @@ def block_gone() -> World:
     mapped.cells[:] = real.cells
     mapped.floor(*_BLOCK)
     return World(
-        name="block_gone",
-        summary="a point-symmetric hall; the map lacks one block of 1.2 x 1.6 m",
         map=mapped.grid_map(),
         truth=real.grid_map(),
         start=(1.0, 0.0, math.pi),
@@ -68,8 +66,6 @@ def corridor(length_m: float = 200.0) -> World:
         plan.block(x, 0.7, x + 0.6, 1.2)
         plan.block(-7.0, -1.2, -6.4, -0.7)
     return World(
-        name="corridor",
-        summary="a corridor whose map has one cabinet where it is, and one a metre from there",
         map=mapped.grid_map(),
         truth=real.grid_map(),
         start=(0.0, 0.0, 0.0),

@@ -1,4 +1,4 @@
-"""``python -I -m robot_simulator --source sim:WORLD``: a simulated robot and its bridge."""
+"""``python -I -m robot_simulator --set bridge.source=sim:WORLD``: a simulated robot."""
 
 from robot_simulator.process import main
 

@@ -13,7 +13,6 @@ from protocol.steps import Scan, TruePose
 from recordings.map_file import load_map
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_world
-from robot_simulator.worlds.world import World
 from sensor_bridge.process import OnStep, serve_robot
 from zenoh_link.node import Node
 from zenoh_link.wire import Asked
@@ -32,22 +31,9 @@ def main() -> None:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--source", metavar="SOURCE", help="sim:WORLD or sim:MAP.yaml (default: bridge.source)"
-    )
-    parser.add_argument(
         "--map", metavar="FILE", help="map to localize in (default: the world's own)"
     )
     parser.add_argument("--steps", type=int, metavar="N", help="stop after N steps")
-    parser.add_argument(
-        "--kidnap-at", type=int, metavar="STEP", help="kidnap the robot after this step"
-    )
-    parser.add_argument(
-        "--people",
-        type=int,
-        default=0,
-        metavar="N",
-        help="number of people who walk near the robot",
-    )
     parser.add_argument(
         "--by-hand", action="store_true", help="stand still until a client drives the robot"
     )
@@ -64,15 +50,18 @@ def run_simulator(invocation: Invocation) -> None:
         AlreadyRunningError: the robot has a bridge already.
     """
     settings, arguments = invocation.settings, invocation.arguments
-    world = _world(arguments.source or settings.bridge.source)
-    simulation = Simulation(world, settings.seed, people=arguments.people)
-    source = SimulatedSource(simulation, steps=arguments.steps, kidnap_at=arguments.kidnap_at)
-
+    robot = parsed_source(settings.bridge.source)
+    if not isinstance(robot, Simulated):
+        problem = f"{settings.bridge.source!r} is not a simulation: give sim:WORLD or sim:MAP.yaml"
+        raise SettingsError(key="bridge.source", problem=problem)
+    world = simulated_world(robot)
+    simulation = Simulation(world, settings.seed)
+    source = SimulatedSource(simulation, steps=arguments.steps)
     if arguments.by_hand:
-        source.drive(0.0, 0.0, by_hand=True)
+        simulation.drive_by_hand(0.0, 0.0)
 
     def extend(node: Node) -> OnStep:
-        truth, operator = node.publisher(keys.TRUTH), _Operator(source, node.name)
+        truth, operator = node.publisher(keys.TRUTH), _Operator(simulation, node.name)
         node.serve(keys.KIDNAP, operator.kidnap)
         node.serve(keys.DRIVE, operator.drive)
 
@@ -86,30 +75,25 @@ def run_simulator(invocation: Invocation) -> None:
     serve_robot(invocation, grid_map, source, extend)
 
 
-def _world(named: str) -> World:
-    robot = parsed_source(named)
-    if not isinstance(robot, Simulated):
-        problem = f"{named!r} is not a simulation: give sim:WORLD or sim:MAP.yaml"
-        raise SettingsError(key="bridge.source", problem=problem)
-    return simulated_world(robot)
-
-
 class _Operator:
-    """Executes operator commands; a kidnapping only once per command id."""
+    """Carries out kidnapping and driving; a repeated kidnapping has the same id and no effect."""
 
-    def __init__(self, source: SimulatedSource, sender: str) -> None:
-        self._source, self._sender = source, sender
+    def __init__(self, simulation: Simulation, sender: str) -> None:
+        self._simulation, self._sender = simulation, sender
         self._last_id = ""
 
     def kidnap(self, asked: Asked) -> None:
         command = decode(asked.payload, Kidnap)
         if command.command_id != self._last_id:
             self._last_id = command.command_id
-            x, y, heading = self._source.kidnap(command.map_from_robot)
+            x, y, heading = self._simulation.kidnap(command.map_from_robot)
             _log.info("the robot was kidnapped to (%.2f, %.2f) m, %.2f rad", x, y, heading)
         asked.answer(CommandDone(sender=self._sender))
 
     def drive(self, asked: Asked) -> None:
         command = decode(asked.payload, Drive)
-        self._source.drive(command.speed_m_s, command.turn_rate_rad_s, by_hand=command.by_hand)
+        if command.by_hand:
+            self._simulation.drive_by_hand(command.speed_m_s, command.turn_rate_rad_s)
+        else:
+            self._simulation.wander()
         asked.answer(CommandDone(sender=self._sender))

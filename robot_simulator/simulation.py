@@ -123,7 +123,6 @@ class Simulation:
         return self.map_from_robot
 
     def drive_by_hand(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """See `Robot.drive_by_hand`."""
         self._robot.drive_by_hand(speed_m_s, turn_rate_rad_s)
 
     def wander(self) -> None:

@@ -26,7 +26,7 @@ def simulated_world(robot: Simulated) -> World:
     """
     name = robot.world
     if name not in world_names() and (Path(name).suffix or Path(name).exists()):
-        return world_from_map(load_map_with_obstacles(name), name)
+        return world_from_map(load_map_with_obstacles(name))
     return world(name)
 
 
@@ -62,17 +62,6 @@ class SimulatedSource:
         if scan.step == self._kidnap_at:
             self._simulation.kidnap()
         return truth
-
-    def kidnap(self, map_from_robot: PoseTuple | None) -> PoseTuple:
-        """See `Simulation.kidnap`."""
-        return self._simulation.kidnap(map_from_robot)
-
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float, *, by_hand: bool) -> None:
-        """Drive by hand for a second, or wander."""
-        if by_hand:
-            self._simulation.drive_by_hand(speed_m_s, turn_rate_rad_s)
-        else:
-            self._simulation.wander()
 
 
 def simulated_steps(

@@ -64,7 +64,7 @@ def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int)
             grid_map = load_map(robot.map) if robot.map else world.map
             steps = simulated_steps(source, settings, grid_map.digest)
             map_name = str(robot.map or robot.world)
-            return Course(grid_map, map_name, steps, lambda: source.kidnap(None))
+            return Course(grid_map, map_name, steps, simulation.kidnap)
         case RecordedRobot() as robot:
             grid_map = load_map(robot.map)
             reference = load_reference(robot.reference) if robot.reference else None

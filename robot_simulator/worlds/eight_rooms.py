@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 
 from protocol.message import PoseTuple
-from robot_simulator.worlds.world import Canvas, World
+from robot_simulator.worlds.world import Canvas, World, world_from_map
 
 COLUMNS, ROWS = 4, 2
 PLACES = COLUMNS * ROWS
@@ -33,11 +33,8 @@ def eight_rooms() -> World:
         plan.block(x + 5.5, y + 3.0, x + _WIDTH_M, y + 3.8)  # a shelf
     grid_map = plan.grid_map()
     x, y = corners[0]
-    return World(
-        name="eight_rooms",
-        summary="eight rooms exactly alike: eight places stay possible",
-        map=grid_map,
-        truth=grid_map,
+    return world_from_map(
+        grid_map,
         start=(x + _START[0], y + _START[1], _START[2]),
     )
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from robot_simulator.worlds.world import Canvas, World
+from robot_simulator.worlds.world import Canvas, World, world_from_map
 
 _WIDTH_M, _HEIGHT_M = 26.0, 18.0
 _START = (-8.0, -4.5, 0.0)
@@ -38,12 +38,7 @@ def hall() -> World:
     """Niches and pillars at irregular positions: a few scans leave only one place."""
     plan = _hall_plan()
     _furnish(plan, _FURNITURE)
-    return World(
-        name="hall",
-        summary="a hall of 450 m2 that looks different from everywhere",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
-    )
+    return world_from_map(plan.grid_map())
 
 
 def hall_moved() -> World:
@@ -52,8 +47,6 @@ def hall_moved() -> World:
     _furnish(mapped, _FURNITURE)
     _furnish(real, _MOVED_FURNITURE)
     return World(
-        name="hall_moved",
-        summary="the hall, but the furniture round the start is not where the map has it",
         map=mapped.grid_map(),
         truth=real.grid_map(),
         start=_START,
@@ -68,8 +61,6 @@ def hall_last_year() -> World:
     )
     _furnish(old, _FURNITURE)
     return World(
-        name="hall_last_year",
-        summary="the hall, but a tenth of the walls has been moved since the map was made",
         map=old.grid_map(),
         truth=hall().truth,
     )
@@ -89,12 +80,7 @@ def hall_symmetric() -> World:
     _furnish(furniture, _FURNITURE)
     furniture.repeat_turned(2)
     plan.add(furniture)
-    return World(
-        name="hall_symmetric",
-        summary="a hall of 450 m2, two-fold symmetric to the last cell",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
-    )
+    return world_from_map(plan.grid_map())
 
 
 def _hall_plan(

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from particle_filter.arrays import FREE
-from robot_simulator.worlds.world import CELL_M, Canvas, Waypoint, World
+from robot_simulator.worlds.world import Canvas, Waypoint, World, world_from_map
 
 _ROOM_M = (4.8, 5.8)
 """Width along the corridor, and depth [m]."""
@@ -45,14 +44,7 @@ def office(wings: int = 5, rooms: int = 18) -> World:
                 _draw_room(plan, furniture, (x, y), up, rng)
     plan.add_walls()
     plan.add(furniture)
-    area_m2 = round(float(np.count_nonzero(plan.cells == FREE)) * CELL_M**2, -2)
-    return World(
-        name="office",
-        summary=f"{area_m2:,.0f} m2 of parallel corridors with {2 * wings * rooms} rooms, "
-        "three in four just alike",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
-    )
+    return world_from_map(plan.grid_map())
 
 
 def _draw_room(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from robot_simulator.worlds.world import Canvas, Waypoint, World
+from robot_simulator.worlds.world import Canvas, Waypoint, World, world_from_map
 
 _CROSS_M = 22.0
 _CORRIDOR_M = 1.25
@@ -12,12 +12,7 @@ _CORRIDOR_M = 1.25
 def cross() -> World:
     """Four equal arms that no scan can distinguish."""
     plan = _cross_plan().grid_map()
-    return World(
-        name="cross",
-        summary="a cross, four-fold symmetric to the last cell: four places stay equally probable",
-        map=plan,
-        truth=plan,
-    )
+    return world_from_map(plan)
 
 
 def cross_feature() -> World:
@@ -31,11 +26,8 @@ def cross_feature() -> World:
     middle: Waypoint = (0.0, 0.0)
     inner = [(-4.6, 0.0), middle, (0.0, -4.6), middle]
     chamber = [(5.8, -0.35), (6.9, -0.75), (8.4, -0.6), (9.7, -0.6), (7.7, -0.4), (7.7, 0.9)]
-    return World(
-        name="cross_feature",
-        summary="the cross with one cabinet at the end of one arm, seen after 27 m of driving",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
+    return world_from_map(
+        plan.grid_map(),
         start=(0.0, 4.2, -np.pi / 2),
         route=(middle, *inner, (4.0, 0.0), *chamber),
     )
@@ -73,12 +65,7 @@ def rectangle() -> World:
     furniture.block(-1.6, -2.0, 0.2, -1.2)  # a table
     furniture.repeat_turned(2)
     plan.add(furniture)
-    return World(
-        name="rectangle",
-        summary="a room, two-fold symmetric to the last cell: two places stay equally probable",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
-    )
+    return world_from_map(plan.grid_map())
 
 
 def gates() -> World:
@@ -107,11 +94,8 @@ def gates() -> World:
     furniture.repeat_turned(2)
     plan.add(furniture)
     plan.floor(5.7, 2.0, 7.0, 2.7)  # the cabinet that is missing
-    return World(
-        name="gates",
-        summary="a two-fold symmetric room but for one missing cabinet, seen late on the route",
-        map=plan.grid_map(),
-        truth=plan.grid_map(),
+    return world_from_map(
+        plan.grid_map(),
         start=(-1.0, 0.0, 0.0),
         route=(
             (7.1, 0.0),

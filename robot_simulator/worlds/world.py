@@ -26,8 +26,6 @@ class World:
     """A simulated world.
 
     Args:
-        name: name for the command line.
-        summary: one line about what makes it easy or hard.
         map: the map for the localizer.
         truth: the true map; equal to `map` unless the map is outdated.
         start: start pose `map_from_robot`; None: random.
@@ -35,8 +33,6 @@ class World:
         lidar_range_m: range of the laser.
     """
 
-    name: str
-    summary: str
     map: GridMap
     truth: GridMap
     start: PoseTuple | None = None
@@ -44,9 +40,11 @@ class World:
     lidar_range_m: float = 12.0
 
 
-def world_from_map(grid_map: GridMap, name: str = "map") -> World:
-    """Return a world that equals its map, with a random start and no route."""
-    return World(name=name, summary="as its map shows it", map=grid_map, truth=grid_map)
+def world_from_map(
+    grid_map: GridMap, start: PoseTuple | None = None, route: tuple[Waypoint, ...] = ()
+) -> World:
+    """Return a world that equals its map."""
+    return World(map=grid_map, truth=grid_map, start=start, route=route)
 
 
 CELL_M = 0.05

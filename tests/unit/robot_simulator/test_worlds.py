@@ -40,7 +40,6 @@ def ticks_until_feature(somewhere: World, times: int) -> list[Tick]:
 def test_every_world_is_walled_in_and_has_room_for_the_robot(name: str) -> None:
     somewhere = world(name)
     cells = somewhere.truth.cells
-    assert somewhere.name == name
     assert set(np.unique(cells)) == {FREE, OCCUPIED, UNKNOWN}
     for axis in (0, 1):  # every way out crosses a wall
         ahead = np.roll(cells, 1, axis)
@@ -140,9 +139,9 @@ def test_an_unknown_world_is_refused_with_all_that_are_known() -> None:
 
 def test_a_map_is_a_world() -> None:
     grid_map = GridMap(np.zeros((40, 40), np.int8), 0.1, (1.0, 2.0, 0.5))
-    somewhere = world_from_map(grid_map, "lab.yaml")
+    somewhere = world_from_map(grid_map)
     assert somewhere.map is somewhere.truth is grid_map
-    assert (somewhere.name, somewhere.start, somewhere.route) == ("lab.yaml", None, ())
+    assert (somewhere.start, somewhere.route) == (None, ())
 
 
 def test_drawing_off_the_sheet_is_refused() -> None:
