@@ -1,7 +1,7 @@
 """Where the time from scan to belief goes: `python -m benchmarks.latency [--particles N] ...`.
 
-Runs a whole stack on this machine with a simulated robot whose every scan is a step (10 Hz), lets
-all processes write their trace, and puts the traces together.
+Runs a whole stack on this machine with a simulated robot whose every scan is a step (10 Hz). One
+more client of the router notes when scans, reports and beliefs arrive.
 """
 
 import argparse
@@ -10,79 +10,64 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 import numpy as np
+import zenoh
 
 from benchmarks.processor_time import ByThread, in_between, processes_table, spent_by_thread
+from process_runtime.settings_file import load_settings
+from process_runtime.stop import StopFlag
+from protocol import keys
+from protocol.answers import Belief
+from protocol.codec import decode
+from protocol.message import Message
+from protocol.steps import Scan
+from protocol.work import Report
+from zenoh_link.session import open_session
 
-Stamps = dict[tuple[int, str, str], int]
-"""(step, event, sender): when [ns]."""
-_UNTIL_WRITTEN_S = 3.0
-"""Stamps are written some at a time."""
-STAGES = (
-    ("bridge: encode the scan", "Scan.encode", "Scan.put"),
-    ("bridge: hand it to Zenoh", "Scan.put", "Scan.gone"),
-    ("on the way to the worker", "Scan.gone", "Scan.arrived"),
-    ("worker: wake up, take it from the inbox", "Scan.arrived", "Scan.taken"),
-    ("worker: decode", "Scan.taken", "Scan.decoded"),
-    ("worker: move, weigh, fit (kernels)", "Scan.decoded", "Scan.computed"),
-    ("worker: encode the report", "Scan.computed", "TrackReport.put"),
-    ("on the way to the coordinator", "TrackReport.put", "TrackReport.arrived"),
-    ("coordinator: take it from the inbox", "TrackReport.arrived", "TrackReport.taken"),
-    ("coordinator: decode", "TrackReport.taken", "TrackReport.decoded"),
-    ("coordinator: apply the step", "TrackReport.decoded", "Belief.encode"),
-    ("coordinator: encode and put the belief", "Belief.encode", "Belief.gone"),
-)
+Seen = list[tuple[int, Message]]
+"""Arrival [ns] and content of each scan, report and belief, in order."""
+_KEYS: dict[str, type[Message]] = {
+    keys.SCAN: Scan,
+    keys.ALL_REPORTS: Report,  # type: ignore[dict-item] # a union
+    keys.BELIEF: Belief,
+}
 
 
-def stages_of(folder: Path) -> tuple[dict[str, np.ndarray], np.ndarray, int]:
-    """Milliseconds of each stage on the way of each step's last report; of the whole; workers."""
-    per_step: dict[int, dict[str, dict[str, int]]] = defaultdict(lambda: defaultdict(dict))
-    for file in folder.iterdir():
-        process = file.name.rpartition("-")[0]
-        for line in file.read_text().splitlines():
-            step, event, sender, stamp = line.split()
-            # Who did it: a worker for scans; whose report it was for the coordinator.
-            who = sender if process == "coordinator" else process
-            per_step[int(step)][event].setdefault(who, int(stamp))
-    stages: dict[str, list[float]] = {name: [] for name, _, _ in STAGES}
-    whole, workers = [], []
-    for _, events in sorted(per_step.items()):
-        if not {"Scan.encode", "Belief.gone", "TrackReport.decoded"} <= events.keys():
-            continue
-        last = max(events["TrackReport.decoded"], key=events["TrackReport.decoded"].__getitem__)
-        times = [
-            (_at(events, start, last), _at(events, end, last)) for _, start, end in STAGES
-        ]  # fmt: skip
-        if any(start is None or end is None for start, end in times):
-            continue
-        if times[-1][0] < times[-2][0]:
-            continue  # the belief did not wait for this report
-        for (name, _, _), (start, end) in zip(STAGES, times, strict=True):
-            stages[name].append((end - start) / 1e6)
-        whole.append((times[-1][1] - times[0][0]) / 1e6)
-        workers.append(len(events["TrackReport.decoded"]))
-    return (
-        {name: np.array(values) for name, values in stages.items()},
-        np.array(whole),
-        int(np.median(workers)) if workers else 0,
-    )
+def stages_of(seen: Seen) -> tuple[dict[str, np.ndarray], int]:
+    """Return the milliseconds of each stage of each step, and the usual number of reports."""
+    scans, beliefs = dict[int, int](), dict[int, int]()
+    reports = defaultdict[int, list[int]](list)
+    for at_ns, message in seen:
+        match message:
+            case Scan(step=step):
+                scans.setdefault(step, at_ns)
+            case Belief(step=step):
+                beliefs.setdefault(step, at_ns)
+            case _:
+                reports[message.step].append(at_ns)  # type: ignore[attr-defined] # all have one
+    times = []
+    for step in sorted(scans.keys() & beliefs.keys() & reports.keys()):
+        in_time = [at_ns for at_ns in reports[step] if at_ns <= beliefs[step]]
+        if in_time:
+            times.append((scans[step], in_time[0], in_time[-1], beliefs[step]))
+    ms = np.diff(np.array(times).reshape(-1, 4)) / 1e6
+    stages = {
+        "scan to the first report": ms[:, 0],
+        "first to last report": ms[:, 1],
+        "last report to belief": ms[:, 2],
+        "**scan to belief**": ms.sum(axis=1),
+    }
+    return stages, int(np.median([len(each) for each in reports.values()] or [0]))
 
 
-def _at(events: dict[str, dict[str, int]], event: str, worker: str) -> int | None:
-    times = events.get(event, {})
-    return times.get(worker, next(iter(times.values()), None) if len(times) == 1 else None)
-
-
-def table(stages: dict[str, np.ndarray], whole: np.ndarray) -> str:
-    lines = ["| stage, on the way of the last report | p50 ms | p99 ms |", "| --- | --- | --- |"]
-    for name, values in [*stages.items(), ("**scan to belief**", whole)]:
+def table(stages: dict[str, np.ndarray]) -> str:
+    lines = ["| stage, as another client sees it | p50 ms | p99 ms |", "| --- | --- | --- |"]
+    for name, values in stages.items():
         lines.append(
             f"| {name} | {np.percentile(values, 50):.2f} | {np.percentile(values, 99):.2f} |"
         )
@@ -118,12 +103,13 @@ def _run(*command: str) -> None:
 
 
 def run_stack(
-    folder: Path, seconds: float, watched_s: float, settings: Sequence[str], far_workers: int
-) -> tuple[ByThread, int]:
+    seconds: float, watched_s: float, settings: Sequence[str], far_workers: int
+) -> tuple[ByThread, int, Seen]:
     """Run a stack for this time; `settings` as for `--set`; some workers on the far machine.
 
     Returns:
-        What each thread of it took over the last `watched_s`, and when they began [ns].
+        What each thread of it took over the last `watched_s`, when they began [ns], and what
+        another client saw.
     """
     with network(far_workers > 0) as (address, over_there), ExitStack() as started:
         with socket.socket() as probe:
@@ -131,7 +117,6 @@ def run_stack(
             port = probe.getsockname()[1]
         assignments = [
             f"zenoh.router=tcp/{address}:{port}",
-            f"log.trace_folder={folder}",
             "bridge.gate_distance_m=0",
             "bridge.gate_turn_rad=0",
             *settings,
@@ -142,19 +127,32 @@ def run_stack(
         far += ["--name", "far", "--count", str(far_workers)]
         for command in (near, far) if far_workers else (near,):
             started.enter_context(_ended(subprocess.Popen(command, stdin=subprocess.DEVNULL)))
+        payloads = started.enter_context(_observed(assignments))
         time.sleep(seconds - watched_s)
         before, begun_ns = spent_by_thread(), time.monotonic_ns()
         time.sleep(watched_s)
         spent = in_between(before, spent_by_thread())
-        time.sleep(_UNTIL_WRITTEN_S)
-    return spent, begun_ns
+    return spent, begun_ns, [(at_ns, decode(data, _KEYS[key])) for at_ns, key, data in payloads]
 
 
-def steps_sent(folder: Path, begun_ns: int, watched_s: float) -> int:
+@contextmanager
+def _observed(assignments: Sequence[str]) -> Iterator[list[tuple[int, str, bytes]]]:
+    """Yield a growing list of arrival [ns], key and payload of all messages of `_KEYS`."""
+    settings, payloads = load_settings(None, assignments), list[tuple[int, str, bytes]]()
+    with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0) as session:
+        for key in _KEYS:
+
+            def note(sample: zenoh.Sample, key: str = key) -> None:
+                payloads.append((time.monotonic_ns(), key, sample.payload.to_bytes()))
+
+            session.declare_subscriber(key, note)
+        yield payloads
+
+
+def steps_sent(seen: Seen, begun_ns: int, watched_s: float) -> int:
     """How many steps the robot has made in that time: fewer than it would, where all are slow."""
-    lines = (line.split() for file in folder.iterdir() for line in file.read_text().splitlines())
-    gone_ns = [int(stamp) for _, event, _, stamp in lines if event == "Scan.gone"]
-    return sum(begun_ns <= at_ns < begun_ns + watched_s * 1e9 for at_ns in gone_ns)
+    end_ns = begun_ns + watched_s * 1e9
+    return sum(isinstance(each, Scan) and begun_ns <= at_ns < end_ns for at_ns, each in seen)
 
 
 @contextmanager
@@ -179,38 +177,36 @@ def main() -> None:
     parser.add_argument("--skip", type=int, default=50, help="steps at the start left out")
     parser.add_argument("--set", action="append", default=[], metavar="SECTION.KEY=VALUE")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as name:
-        spent, begun_ns = run_stack(
-            Path(name),
-            options.seconds,
-            options.watched,
-            [
-                f"bridge.source=sim:{options.world}",
-                f"cluster.particles={options.particles}",
-                f"belief.max_clusters={options.clusters}",
-                f"worker.count={options.workers}",
-                "belief.search_every_steps=1000000",
-                # As many clusters all the time:
-                "belief.least_probability=1e-12",
-                "belief.merge_every_steps=1000000",
-                "cluster.split_every_steps=0",
-                *options.set,
-            ],
-            options.far,
-        )
-        stages, whole, reports = stages_of(Path(name))
-        steps = steps_sent(Path(name), begun_ns, options.watched)
+    spent, begun_ns, seen = run_stack(
+        options.seconds,
+        options.watched,
+        [
+            f"bridge.source=sim:{options.world}",
+            f"cluster.particles={options.particles}",
+            f"belief.max_clusters={options.clusters}",
+            f"worker.count={options.workers}",
+            "belief.search_every_steps=1000000",
+            # As many clusters all the time:
+            "belief.least_probability=1e-12",
+            "belief.merge_every_steps=1000000",
+            "cluster.split_every_steps=0",
+            *options.set,
+        ],
+        options.far,
+    )
+    stages, reports = stages_of(seen)
+    steps = steps_sent(seen, begun_ns, options.watched)
     print(processes_table(spent, max(steps, 1)))
     cpu_ms = sum(each.cpu_ns for each in spent.values()) / 1e6
     print(f"CPU of a step, all processes: {cpu_ms / max(steps, 1):.1f} ms; ", end="")
     share, rate = cpu_ms / 1e3 / options.watched / (os.cpu_count() or 1), steps / options.watched
     print(f"{100 * share:.0f} % of this machine at {rate:.1f} steps a second")
     print(f"load average {os.getloadavg()[0]:.1f}, {time.strftime('%Y-%m-%d %H:%M')}")
-    if len(whole) <= options.skip:
-        raise SystemExit("too few steps were traced from scan to belief; run it for longer")
-    stages = {name: values[options.skip :] for name, values in stages.items()}
-    print(f"{len(whole) - options.skip} steps, {reports} clusters of {options.particles} particles")
-    print(table(stages, whole[options.skip :]))
+    traced = len(next(iter(stages.values()))) - options.skip
+    if traced <= 0:
+        raise SystemExit("too few steps were seen from scan to belief; run it for longer")
+    print(f"{traced} steps, {reports} clusters of {options.particles} particles")
+    print(table({name: values[options.skip :] for name, values in stages.items()}))
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from process_runtime.latency_trace import start_trace
 from process_runtime.logs import configure_logging
 from process_runtime.memory import share_arenas
 from process_runtime.parent import die_with_parent_if_asked
@@ -93,7 +92,6 @@ def run_process(
     def load_and_run() -> None:
         settings = load_settings(arguments.settings, arguments.set)
         configure_logging(arguments.name, settings.log.level)
-        start_trace(settings.log.trace_folder, arguments.name)
         body(Invocation(arguments.name, settings, arguments, stop))
 
     return outermost(arguments.name, load_and_run)

@@ -165,14 +165,11 @@ class WorkerSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 
 
 class LogSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The log on standard error, and traces."""
+    """The log on standard error."""
 
     level: Annotated[
         Literal["debug", "info", "warning", "error"], described("least severe message shown")
     ] = "info"
-    trace_folder: Annotated[
-        str, described("folder for latency traces of the processes; empty: none")
-    ] = ""
 
 
 class RecorderSettings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -1,7 +1,6 @@
 """Reads settings from a TOML file and from ``section.key=value`` on a command line."""
 
 import difflib
-import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,15 +13,6 @@ import msgspec
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, SettingInfo
 from protocol.errors import InputFileError, SettingsError
-
-_NAV2_ALIASES = {
-    "motion.alpha1": "motion.turn_noise_per_turn",
-    "motion.alpha2": "motion.turn_noise_per_metre",
-    "motion.alpha3": "motion.drive_noise_per_metre",
-    "motion.alpha4": "motion.drive_noise_per_turn",
-    "motion.alpha5": "motion.strafe_noise_per_metre",
-}
-"""nav2's names. Its alphas multiply squares: they are variances, ours are their square roots."""
 
 _SECTIONS = sorted({name.partition(".")[0] for name in TABLE if "." in name})
 
@@ -46,8 +36,6 @@ def load_settings(
 ) -> Settings:
     """Read the settings: the file overrides defaults, assignments override the file.
 
-    The section ``motion`` also accepts nav2's ``alpha1`` to ``alpha5``, in nav2's meaning.
-
     Args:
         path: TOML file, or None.
         assignments: ``section.key=value``, the value as in TOML; text needs no quotes.
@@ -61,10 +49,10 @@ def load_settings(
     given: dict[str, Any] = dict(beneath)
     origin: dict[str, str] = dict.fromkeys(beneath, beneath_from)
     if path is not None:
-        from_file = _without_aliases(_read(path), str(path))
+        from_file = _read(path)
         given |= from_file
         origin |= dict.fromkeys(from_file, str(path))
-    assigned = _without_aliases(_parse_assignments(assignments), _COMMAND_LINE)
+    assigned = _parse_assignments(assignments)
     given |= assigned
     origin |= dict.fromkeys(assigned, _COMMAND_LINE)
     for name, value in given.items():
@@ -85,9 +73,6 @@ def with_setting(settings: Settings, name: str, value: object, where: str) -> Se
         SettingsError: the setting is unknown, of the wrong type or out of its range.
     """
     _check_known(name, where)
-    if name not in TABLE:
-        problem = f"{name} is nav2's name: give {_canonical(name)}"
-        raise SettingsError(key=name, problem=problem, where=where)
     _check(TABLE[name], value, where)
     section, dot, key = name.rpartition(".")
     if not dot:
@@ -152,7 +137,7 @@ def _parse_assignments(assignments: Sequence[str]) -> dict[str, Any]:
             problem = f"{_COMMAND_LINE} {assignment!r}: write section.key=value"
             raise SettingsError(key=_COMMAND_LINE, problem=problem)
         _check_known(name, _COMMAND_LINE)
-        values[name] = _parse_value(_canonical(name), text)
+        values[name] = _parse_value(name, text)
     return values
 
 
@@ -167,26 +152,6 @@ def _parse_value(setting: str, text: str) -> object:
     return text if bare else value
 
 
-def _without_aliases(values: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return the values by our names and in our units."""
-    renamed: dict[str, Any] = {}
-    for name, value in values.items():
-        setting = _canonical(name)
-        if setting in renamed or (setting != name and setting in values):
-            problem = f"{name} and {setting} are the same setting: give one"
-            raise SettingsError(key=setting, problem=problem, where=where)
-        if setting != name:
-            _check(TABLE[setting], value, where, name)
-            renamed[setting] = math.sqrt(value)
-        else:
-            renamed[name] = value
-    return renamed
-
-
-def _canonical(name: str) -> str:
-    return _NAV2_ALIASES.get(name, name)
-
-
 def _check_section(name: str, where: str) -> None:
     if name not in _SECTIONS:
         problem = f"unknown section [{name}]{_hint(name, _SECTIONS)}"
@@ -194,14 +159,13 @@ def _check_section(name: str, where: str) -> None:
 
 
 def _check_known(name: str, where: str) -> None:
-    if _canonical(name) in TABLE:
+    if name in TABLE:
         return
     if name in _SECTIONS:
         problem = f"{name} is a section: give {name}.KEY"
         raise SettingsError(key=name, problem=problem, where=where)
-    known = [*TABLE, *_NAV2_ALIASES]
-    elsewhere = [setting for setting in known if setting.endswith(f".{name.rpartition('.')[2]}")]
-    problem = f"unknown setting {name}{_hint(name, elsewhere or known)}"
+    elsewhere = [setting for setting in TABLE if setting.endswith(f".{name.rpartition('.')[2]}")]
+    problem = f"unknown setting {name}{_hint(name, elsewhere or list(TABLE))}"
     raise SettingsError(key=name, problem=problem, where=where)
 
 
@@ -210,7 +174,7 @@ def _hint(name: str, known: Sequence[str]) -> str:
     return f", did you mean {near[0]}?" if near else "; 'clustermcl settings --all' lists all"
 
 
-def _check(setting: SettingInfo, value: object, where: str, name: str | None = None) -> None:
+def _check(setting: SettingInfo, value: object, where: str) -> None:
     """Check a value with msgspec; the error has the setting's name, the value and its type."""
     fits = not isinstance(value, int | float) or abs(value) <= _LARGEST  # NaN does not
     try:
@@ -218,7 +182,7 @@ def _check(setting: SettingInfo, value: object, where: str, name: str | None = N
     except msgspec.ValidationError:
         fits = False
     if not fits:
-        problem = f"{name or setting.name} = {_shown(value)}: expected {setting.expected}"
+        problem = f"{setting.name} = {_shown(value)}: expected {setting.expected}"
         raise SettingsError(key=setting.name, problem=problem, where=where)
 
 

@@ -38,6 +38,7 @@ HUNG_AFTER_S = 15.0
 FORK_HUNG_AFTER_S = 120.0
 """A worker may wait 30 s for a large map and then compute its likelihood field."""
 _LAST_WORDS_BYTES = 4096
+_FIRST_WAIT_S, _LONGEST_WAIT_S, _SETTLED_S = 0.1, 10.0, 10.0
 _STANDARD_ERROR = 2
 
 
@@ -47,26 +48,15 @@ def python_module(module: str, *arguments: str) -> list[str]:
 
 
 class Backoff:
-    """Exponential back-off, reset by a process that has run for `settled_s`.
+    """Delays between restarts: each twice the one before; from the start after a long run."""
 
-    Args:
-        first_s: the first delay [s].
-        longest_s: the longest delay [s].
-        settled_s: a process that ran at least this time resets the delay to `first_s` [s].
-    """
-
-    def __init__(
-        self, *, first_s: float = 0.1, longest_s: float = 10.0, settled_s: float = 10.0
-    ) -> None:
-        self._first_s, self._longest_s, self._settled_s = first_s, longest_s, settled_s
-        self._next_s = first_s
+    def __init__(self) -> None:
+        self._next_s = _FIRST_WAIT_S
 
     def after_death(self, lived_s: float) -> float:
         """Return the delay before the next start [s], for a process that ran `lived_s`."""
-        if lived_s >= self._settled_s:
-            self._next_s = self._first_s
-        wait_s = self._next_s
-        self._next_s = min(2.0 * wait_s, self._longest_s)
+        wait_s = self._next_s if lived_s < _SETTLED_S else _FIRST_WAIT_S
+        self._next_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
         return wait_s
 
 

@@ -15,7 +15,6 @@ from grid_maps.map_message import from_message
 from particle_filter.branch_and_bound import free_leaves
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings
-from process_runtime.latency_trace import mark, start_trace
 from process_runtime.main import Invocation, process_main
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import run_forked, work_without_preempting
@@ -85,7 +84,6 @@ def run_workers(invocation: Invocation) -> None:
 
     def child(index: int, stop: StopFlag) -> None:
         name = f"{prefix}-{index}"
-        start_trace(settings.log.trace_folder, name)
         with closing(Node(name, "worker", settings, stop, peers=keys.COORDINATOR_ALIVE)) as node:
             node.open()
             work_without_preempting()
@@ -138,9 +136,7 @@ class WorkerLoop:
         self._node.health.happened("scans")
         self._pause.on_scan(scan.step, time.monotonic_ns())
         dropped = self._node.inbox.dropped().get("scan", 0)
-        instructions = self._worker.on_scan(scan, dropped)
-        mark("computed", scan)
-        self._carry_out(instructions)
+        self._carry_out(self._worker.on_scan(scan, dropped))
 
     def _on_checkpoint(self, payload: bytes) -> None:
         checkpoint = _with_term(payload, Checkpoint)

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 import zenoh
 
-from process_runtime.latency_trace import mark
 from process_runtime.logs import CauseCounter
 from process_runtime.memory import HeapTrimmer
 from process_runtime.settings import Settings
@@ -165,12 +164,7 @@ class Node:
         """
 
         def on_received(received: Received) -> None:
-            taken_ns = time.monotonic_ns()
-            decoded = decode(received.payload, message)
-            mark("arrived", decoded, received.at_ns)
-            mark("taken", decoded, taken_ns)
-            mark("decoded", decoded)
-            handler(decoded, received)
+            handler(decode(received.payload, message), received)
 
         self.inbox.keep(kind, kept)
         self._on_received[kind] = on_received

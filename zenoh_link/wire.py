@@ -12,7 +12,6 @@ from typing import Any, TypeAlias, TypeVar
 import zenoh
 from zenoh import handlers
 
-from process_runtime.latency_trace import mark
 from protocol.codec import decode, encode
 from protocol.errors import RefusedError, UnreachableError
 from protocol.limits import max_bytes_on
@@ -107,11 +106,7 @@ class Publisher:
         )
 
     def put(self, message: Message) -> None:
-        mark("encode", message)
-        data = encode(message)
-        mark("put", message)
-        self._publisher.put(data)
-        mark("gone", message)
+        self._publisher.put(encode(message))
 
 
 def subscribe(

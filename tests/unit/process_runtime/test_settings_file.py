@@ -129,40 +129,6 @@ def test_a_second_line_in_a_value_is_no_second_setting() -> None:
     assert load_settings(None, ["bridge.map='a'\nseed=5"]).bridge.map == "'a'\nseed=5"
 
 
-def test_nav2_names_are_taken_in_nav2_meaning() -> None:
-    # nav2 draws a turn's noise with variance alpha1 turn^2 + alpha2 drive^2, and so on;
-    # ours are the standard deviations of each.
-    given = [f"motion.alpha{i}={(0.1 * i) ** 2}" for i in range(1, 6)]
-    motion = load_settings(None, given).motion
-    assert motion.turn_noise_per_turn == pytest.approx(0.1)
-    assert motion.turn_noise_per_metre == pytest.approx(0.2)
-    assert motion.drive_noise_per_metre == pytest.approx(0.3)
-    assert motion.drive_noise_per_turn == pytest.approx(0.4)
-    assert motion.strafe_noise_per_metre == pytest.approx(0.5)
-
-
-def test_the_command_line_may_say_by_its_own_name_what_the_file_says_by_nav2s(
-    tmp_path: Path,
-) -> None:
-    file = write(tmp_path, "[motion]\nalpha1 = 0.04\n")
-    assert load_settings(file, []).motion.turn_noise_per_turn == pytest.approx(0.2)
-    given = ["motion.turn_noise_per_turn=0.3"]
-    assert load_settings(file, given).motion.turn_noise_per_turn == 0.3
-
-
-def test_one_setting_by_two_names_is_refused(tmp_path: Path) -> None:
-    file = write(tmp_path, "[motion]\nturn_noise_per_turn = 0.1\nalpha1 = 0.04\n")
-    same = "motion.alpha1 and motion.turn_noise_per_turn are the same setting: give one"
-    assert complaint(path=file) == f"{file}: {same}"
-    given = ["motion.alpha1=1", "motion.turn_noise_per_turn=1"]
-    assert complaint(*given) == f"--set: {same}"
-
-
-def test_a_wrong_alias_is_named_as_it_was_given() -> None:
-    expected = "--set: motion.alpha1 = -1: expected a number >= 0"
-    assert complaint("motion.alpha1=-1") == expected
-
-
 @pytest.mark.parametrize(
     ("assignment", "says"),
     [
