@@ -1,8 +1,8 @@
 """What searches do to the latency of tracked clusters: `python -m benchmarks.search_latency`.
 
 Runs a whole stack with a simulated robot whose every scan is a step (10 Hz) and that searches
-everywhere again and again. Steps whose scan came while a search computed, and the others, stand side
-by side: milliseconds from scan to belief, as another client sees them.
+everywhere again and again. It prints the milliseconds from scan to belief, as another client sees
+them, of steps whose scan came while a search computed, and of the others.
 """
 
 import argparse

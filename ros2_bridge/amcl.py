@@ -3,12 +3,16 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from grid_maps.map_message import grid_map_of
+from particle_filter.arrays import OCCUPIED
 from process_runtime.ros2_settings import Ros2Settings
-from protocol.answers import Belief
+from protocol.answers import Belief, Relocalize
+from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.reading_checks import pose_problem
-from protocol.steps import OdometryReading
+from protocol.steps import MapReading, OdometryReading
 from protocol.work import Particles
 from recordings.rigid import rigid_of
 from recordings.transforms import Kept, TransformMissingError, TransformTree
@@ -26,7 +30,7 @@ from ros2_bridge.messages_out import (
     text,
     transform,
 )
-from ros2_bridge.outputs import GiveMap, Output, Publish, Refused, SearchEverywhere
+from ros2_bridge.outputs import NO_ID, Output, Publish, Refused
 from ros2_bridge.particles import ClusterParticles
 from ros2_bridge.pose_choice import MapFromOdom, PoseChoice
 from ros2_bridge.topics import Topics
@@ -79,7 +83,7 @@ class Amcl:
         elif self.settings.set_initial_pose:
             yield initial_pose(self.settings)
         elif self._was_reset and self.settings.always_reset_initial_pose:
-            yield SearchEverywhere()
+            yield Relocalize(sender=self.settings.node_name, command_id=NO_ID)
         self._was_reset = False
 
     def resume(self, held: int | None) -> None:
@@ -173,7 +177,13 @@ class Amcl:
             return
         if grid_map.digest != self._map_digest:
             self._map_digest = grid_map.digest
-            yield GiveMap(grid_map)
+            occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
+            yield MapReading(
+                sender=self.settings.node_name,
+                cell_m=grid_map.cell_m,
+                map_from_grid=grid_map.map_from_grid,
+                occupancy=ArrayBlob.of(occupancy, "int8"),
+            )
 
     def on_initial_pose(self, message: Any) -> Iterator[Output]:
         """Handle a `geometry_msgs/PoseWithCovarianceStamped`; while inactive it is kept."""

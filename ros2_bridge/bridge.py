@@ -7,9 +7,8 @@ import uuid
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, closing
 
-import numpy as np
+from msgspec.structs import replace
 
-from particle_filter.arrays import OCCUPIED
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -22,9 +21,7 @@ from protocol.answers import (
     Status,
     Update,
 )
-from protocol.arrays import ArrayBlob
 from protocol.errors import MalformedMessageError
-from protocol.message import Message
 from protocol.steps import LaserReading, MapReading, OdometryReading
 from protocol.work import Report, TrackReport
 from ros2_bridge import topics
@@ -34,17 +31,7 @@ from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE, State
 from ros2_bridge.message_types import decode, encode, request_of, response_of
 from ros2_bridge.messages_out import diagnostics
 from ros2_bridge.node import Called, FromRos, RosNode, RosPublisher
-from ros2_bridge.outputs import (
-    Bond,
-    GiveMap,
-    GivePose,
-    NoMotionUpdate,
-    Output,
-    Publish,
-    Reconfigure,
-    Refused,
-    SearchEverywhere,
-)
+from ros2_bridge.outputs import Bond, Command, Output, Publish, Refused
 from ros2_bridge.robot_session import look_at_graph, node_name, open_robot_session
 from ros2_bridge.ros_log import log_to_ros
 from ros2_bridge.services import Services
@@ -60,6 +47,12 @@ _STATUS_EVERY_S = 1.0
 _COMMAND_TIMEOUT_S = 5.0
 _PLACES_WITHIN_S = 0.1
 """All places are published when the inbox is empty, at most this long after their belief."""
+_COMMAND_KEYS: dict[type[Command], str] = {
+    SetPose: keys.SET_POSE,
+    Relocalize: keys.RELOCALIZE,
+    Update: keys.UPDATE,
+    Configure: keys.CONFIGURE,
+}
 _CLUSTER = "c"
 """Prefix of the ids of jobs that track a cluster."""
 
@@ -174,7 +167,7 @@ class BridgeLoop:
         if before.state is State.ACTIVE:
             self._amcl.resume(before.held)
             self._bond.begin(before.bond)
-            self._do([NoMotionUpdate()])  # otherwise a standing robot gets no belief
+            self._do([self.services.no_motion_update])  # otherwise a standing robot gets no belief
 
     def _on_ros(self, event: FromRos | Called) -> None:
         match event:
@@ -256,15 +249,17 @@ class BridgeLoop:
                     self._bond.begin()
                 case Bond():
                     self._bond.end()
-                case GiveMap():
-                    self._map = self._map_reading(output)
-                    self._maps.put(self._map)
+                case MapReading():
+                    self._map = output
+                    self._maps.put(output)
                 case LaserReading():
                     self._laser.put(output)
                 case OdometryReading():
                     self._odometry.put(output)
-                case GivePose() | SearchEverywhere() | NoMotionUpdate() | Reconfigure():
-                    self._command(*self._command_message(output))
+                case Configure():
+                    self._command(output)
+                case SetPose() | Relocalize() | Update():
+                    self._command(replace(output, command_id=uuid.uuid4().hex))
 
     def _refused(self, refused: Refused) -> None:
         self._node.causes.warn(_log, refused.cause, refused.detail, time.monotonic())
@@ -302,7 +297,9 @@ class BridgeLoop:
 
     # --- messages to our system
 
-    def _command(self, key: str, message: Message) -> None:
+    def _command(self, command: Command) -> None:
+        key = _COMMAND_KEYS[type(command)]
+
         def on_done(done: CommandDone) -> None:
             if done.problem:
                 self._refused(Refused("command refused", f"{key}: {done.problem}"))
@@ -312,37 +309,5 @@ class BridgeLoop:
             self._refused(Refused("command not carried out", detail))
 
         self._node.ask(
-            key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=message
+            key, CommandDone, on_done, on_failure, timeout_s=_COMMAND_TIMEOUT_S, message=command
         )
-
-    def _map_reading(self, given: GiveMap) -> MapReading:
-        grid_map = given.grid_map
-        occupancy = np.where(grid_map.cells == OCCUPIED, np.int8(100), grid_map.cells)
-        return MapReading(
-            sender=self._node.name,
-            cell_m=grid_map.cell_m,
-            map_from_grid=grid_map.map_from_grid,
-            occupancy=ArrayBlob.of(occupancy, "int8"),
-        )
-
-    def _command_message(
-        self, command: GivePose | SearchEverywhere | NoMotionUpdate | Reconfigure
-    ) -> tuple[str, Message]:
-        name, command_id = self._node.name, uuid.uuid4().hex
-        match command:
-            case GivePose(map_from_robot=pose, covariance=covariance, stamp_ns=stamp_ns):
-                return keys.SET_POSE, SetPose(
-                    sender=name,
-                    command_id=command_id,
-                    map_from_robot=pose,
-                    position_sigma_m=math.sqrt((covariance[0] + covariance[4]) / 2.0),
-                    heading_sigma_rad=math.sqrt(covariance[8]),
-                    covariance=covariance,
-                    stamp_ns=stamp_ns,
-                )
-            case SearchEverywhere():
-                return keys.RELOCALIZE, Relocalize(sender=name, command_id=command_id)
-            case NoMotionUpdate():
-                return keys.UPDATE, Update(sender=name, command_id=command_id)
-            case Reconfigure(settings=settings):
-                return keys.CONFIGURE, Configure(sender=name, settings=settings)

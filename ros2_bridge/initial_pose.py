@@ -7,13 +7,14 @@ import numpy as np
 
 from particle_filter.poses import between, compose
 from process_runtime.ros2_settings import Ros2Settings
-from protocol.message import Covariance
+from protocol.answers import SetPose
+from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.validity import gaussian_problem
 from recordings.rigid import rigid_of
 from recordings.transforms import TransformMissingError, TransformTree
 from ros2_bridge.headers import frame_name, stamp_of
-from ros2_bridge.outputs import GivePose
+from ros2_bridge.outputs import NO_ID
 
 _LEAST_M, _LEAST_RAD = 0.01, 0.005
 """Least standard deviations: senders that omit the covariance send zeros."""
@@ -22,7 +23,7 @@ _SIGMA_M, _SIGMA_RAD = 0.5, math.pi / 12.0
 """AMCL's standard deviations for a pose in parameters."""
 
 
-def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> GivePose:
+def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> SetPose:
     """Convert a `geometry_msgs/PoseWithCovarianceStamped` to the robot's current pose.
 
     The odometry since its stamp is added, if the tf buffer reaches back that far.
@@ -43,20 +44,32 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> G
     now_ns = frames.newest_ns(odom, base)
     stamp_ns = stamp_of(message.header)
     if now_ns is None or not 0 < stamp_ns < now_ns:
-        return GivePose(pose_tuple(then), covariance, now_ns)
+        return _command(settings, pose_tuple(then), covariance, now_ns)
     try:
         start, end = (frames.lookup(odom, base, at).planar() for at in (stamp_ns, now_ns))
     except TransformMissingError:
-        return GivePose(pose_tuple(then), covariance, now_ns)
+        return _command(settings, pose_tuple(then), covariance, now_ns)
     now = compose(then, between(np.array(start), np.array(end)))
-    return GivePose(pose_tuple(now), covariance, now_ns)
+    return _command(settings, pose_tuple(now), covariance, now_ns)
 
 
-def initial_pose(settings: Ros2Settings) -> GivePose:
+def initial_pose(settings: Ros2Settings) -> SetPose:
     """The pose in the settings."""
     pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
     spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
-    return GivePose(pose, covariance_tuple(spread), None)
+    return _command(settings, pose, covariance_tuple(spread), None)
+
+
+def _command(
+    settings: Ros2Settings, pose: PoseTuple, covariance: Covariance, stamp_ns: int | None
+) -> SetPose:
+    return SetPose(
+        sender=settings.node_name,
+        command_id=NO_ID,
+        map_from_robot=pose,
+        covariance=covariance,
+        stamp_ns=stamp_ns,
+    )
 
 
 def _usable(covariance: Any) -> Covariance:

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from grid_maps.grid_map import GridMap
-from protocol.live_settings import LiveSettings
-from protocol.message import Covariance, PoseTuple
-from protocol.steps import LaserReading, OdometryReading
+from protocol.answers import Configure, Relocalize, SetPose, Update
+from protocol.steps import LaserReading, MapReading, OdometryReading
 from ros2_bridge.topics import Topic
+
+NO_ID = ""
+"""Id of a command in an output; the process replaces it."""
 
 
 @dataclass(frozen=True)
@@ -26,45 +27,6 @@ class Bond:
 
 
 @dataclass(frozen=True)
-class GivePose:
-    """Give the robot's pose to the coordinator.
-
-    Args:
-        map_from_robot: x [m], y [m], heading [rad].
-        covariance: of that pose.
-        stamp_ns: time of the pose; None: now.
-    """
-
-    map_from_robot: PoseTuple
-    covariance: Covariance
-    stamp_ns: int | None
-
-
-@dataclass(frozen=True)
-class SearchEverywhere:
-    """Forget all places and search the whole map."""
-
-
-@dataclass(frozen=True)
-class NoMotionUpdate:
-    """Make a step of the next scan although the robot stands."""
-
-
-@dataclass(frozen=True)
-class Reconfigure:
-    """Apply these settings from the next step on."""
-
-    settings: LiveSettings
-
-
-@dataclass(frozen=True)
-class GiveMap:
-    """Localize in this map."""
-
-    grid_map: GridMap
-
-
-@dataclass(frozen=True)
 class Refused:
     """Something unusable: counted by its cause, and logged in one line."""
 
@@ -73,15 +35,5 @@ class Refused:
     detail: str
 
 
-Reading: TypeAlias = LaserReading | OdometryReading
-Output: TypeAlias = (
-    Publish
-    | Bond
-    | Reading
-    | GivePose
-    | SearchEverywhere
-    | NoMotionUpdate
-    | Reconfigure
-    | GiveMap
-    | Refused
-)
+Command: TypeAlias = SetPose | Relocalize | Update | Configure
+Output: TypeAlias = Publish | Bond | Refused | LaserReading | OdometryReading | MapReading | Command

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from process_runtime.settings import Settings
+from protocol.answers import Configure, Relocalize, Update
 from protocol.live_settings import AS_STARTED, LiveSettings
 from ros2_bridge import message_types as types
 from ros2_bridge import topics
@@ -11,7 +12,7 @@ from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import TRANSITION_GRAPH, Lifecycle, State, Transition
 from ros2_bridge.message_types import new, response_of
 from ros2_bridge.messages_out import header
-from ros2_bridge.outputs import Bond, NoMotionUpdate, Output, Publish, Reconfigure, SearchEverywhere
+from ros2_bridge.outputs import NO_ID, Bond, Output, Publish
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.type_descriptions import get_type_description
 
@@ -33,6 +34,9 @@ class Services:
         self.lifecycle = Lifecycle()
         self._amcl, self._clock, self._node = amcl, clock, node
         self._parameters, self._is_new = Parameters(settings), True
+        parameters, self._sender = self._parameters, settings.ros2.node_name
+        self.no_motion_update = Update(sender=self._sender, command_id=NO_ID)
+        """Makes a step of the next scan although the robot stands."""
         self.freshness = "unreachable"
         """The freshness in the newest status."""
         self._served: dict[str, tuple[str, Callable[[Any], Answer]]] = {
@@ -43,34 +47,13 @@ class Services:
             "~/change_state": (types.CHANGE_STATE, self._change_state),
             "~/get_state": (types.GET_STATE, self._get_state),
             "~/get_available_states": (types.GET_AVAILABLE_STATES, self._get_states),
-            "~/get_available_transitions": (
-                types.GET_AVAILABLE_TRANSITIONS,
-                lambda _: _transitions(self.lifecycle.available()),
-            ),
-            "~/get_transition_graph": (
-                types.GET_AVAILABLE_TRANSITIONS,
-                lambda _: _transitions(TRANSITION_GRAPH),
-            ),
-            "~/get_parameters": (
-                types.GET_PARAMETERS,
-                lambda request: (self._parameters.get(request), []),
-            ),
-            "~/get_parameter_types": (
-                types.GET_PARAMETER_TYPES,
-                lambda request: (self._parameters.kinds(request), []),
-            ),
-            "~/list_parameters": (
-                types.LIST_PARAMETERS,
-                lambda request: (self._parameters.names(request), []),
-            ),
-            "~/describe_parameters": (
-                types.DESCRIBE_PARAMETERS,
-                lambda request: (self._parameters.describe(request), []),
-            ),
-            "~/get_type_description": (
-                types.GET_TYPE_DESCRIPTION,
-                lambda request: (get_type_description(request), []),
-            ),
+            "~/get_available_transitions": (types.GET_AVAILABLE_TRANSITIONS, self._get_transitions),
+            "~/get_transition_graph": (types.GET_AVAILABLE_TRANSITIONS, self._get_graph),
+            "~/get_parameters": (types.GET_PARAMETERS, _only(parameters.get)),
+            "~/get_parameter_types": (types.GET_PARAMETER_TYPES, _only(parameters.kinds)),
+            "~/list_parameters": (types.LIST_PARAMETERS, _only(parameters.names)),
+            "~/describe_parameters": (types.DESCRIBE_PARAMETERS, _only(parameters.describe)),
+            "~/get_type_description": (types.GET_TYPE_DESCRIPTION, _only(get_type_description)),
             "~/set_parameters": (types.SET_PARAMETERS, self._set_parameters),
             "~/set_parameters_atomically": (
                 types.SET_PARAMETERS_ATOMICALLY,
@@ -121,11 +104,17 @@ class Services:
         states = [_state(state) for state in State]
         return new(response_of(types.GET_AVAILABLE_STATES), available_states=states), []
 
+    def _get_transitions(self, _request: Any) -> Answer:
+        return _transitions(self.lifecycle.available())
+
+    def _get_graph(self, _request: Any) -> Answer:
+        return _transitions(TRANSITION_GRAPH)
+
     def _search_everywhere(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [SearchEverywhere()]
+        return new(response_of(types.EMPTY)), [Relocalize(sender=self._sender, command_id=NO_ID)]
 
     def _no_motion_update(self, _request: Any) -> Answer:
-        return new(response_of(types.EMPTY)), [NoMotionUpdate()]
+        return new(response_of(types.EMPTY)), [self.no_motion_update]
 
     def _set_initial_pose(self, request: Any) -> Answer:
         outputs = list(self._amcl.on_initial_pose(request.pose))
@@ -144,7 +133,7 @@ class Services:
 
     def _reconfigured(self, before: LiveSettings) -> list[Output]:
         live = self._parameters.live
-        return [] if live == before else [Reconfigure(live)]
+        return [] if live == before else [Configure(sender=self._sender, settings=live)]
 
     def on_live_settings(self, found: LiveSettings) -> list[Output]:
         """Compare the system's live settings with ours: a new node adopts them, later ours win."""
@@ -154,7 +143,7 @@ class Services:
         if is_first and wanted == AS_STARTED:
             self._parameters.adopt(found)
             return []
-        return [Reconfigure(wanted)]
+        return [Configure(sender=self._sender, settings=wanted)]
 
     def _use(self, taken: list[Any]) -> list[Output]:
         """Apply parameters that were set, and publish the change."""
@@ -181,6 +170,11 @@ class Services:
             start_state=_state(step.start),
             goal_state=_state(step.goal),
         )
+
+
+def _only(respond: Callable[[Any], Any]) -> Callable[[Any], Answer]:
+    """Return a handler of calls that have no outputs."""
+    return lambda request: (respond(request), [])
 
 
 def _state(state: State) -> Any:

@@ -10,6 +10,7 @@ from process_runtime.ros2_settings import Ros2Settings
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 from process_runtime.settings_table import TABLE
+from protocol.answers import Configure, SetPose
 from protocol.errors import InputFileError, SettingsError
 from protocol.live_settings import LiveSettings
 from ros2_bridge import message_types as types
@@ -17,7 +18,6 @@ from ros2_bridge.amcl import Amcl
 from ros2_bridge.lifecycle import ACTIVATE, CONFIGURE
 from ros2_bridge.message_types import decode, encode, new, request_of
 from ros2_bridge.nav2_params import read_nav2_params
-from ros2_bridge.outputs import GivePose, Reconfigure
 from ros2_bridge.parameter_table import LIVE, PARAMETERS
 from ros2_bridge.parameters import Parameters
 from ros2_bridge.robot_session import node_name
@@ -364,7 +364,7 @@ def test_after_a_reset_the_initial_pose_is_the_last_pose() -> None:
     services = Services(amcl, Settings(ros2=settings), lambda: 0, "/amcl")
 
     def given(outputs: list[Any]) -> list[Any]:
-        return [one.map_from_robot for one in outputs if isinstance(one, GivePose)]
+        return [one.map_from_robot for one in outputs if isinstance(one, SetPose)]
 
     services.change(CONFIGURE)
     assert given(services.change(ACTIVATE)) == [(1.0, 0.0, 0.0)]
@@ -403,7 +403,7 @@ def set_live(services: Services, *wanted: Any) -> list[Any]:
     request = new(request_of(types.SET_PARAMETERS), parameters=list(wanted))
     response, outputs = services.call("~/set_parameters", request)
     assert all(result.successful for result in response.results)
-    return [one for one in outputs if isinstance(one, Reconfigure)]
+    return [one for one in outputs if isinstance(one, Configure)]
 
 
 NAV2_LIVE = ("update_min_d", "update_min_a", "sigma_hit", "z_hit", "z_max", "z_rand", "z_short")
