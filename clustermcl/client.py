@@ -3,10 +3,11 @@
 import asyncio
 import os
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import zenoh
 
@@ -38,6 +39,7 @@ from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, ask, subscribe
 
 A = TypeVar("A", bound=Message)
+R = TypeVar("R")
 
 _PAUSE_S = 0.1
 _POLL_S = 0.1
@@ -110,6 +112,7 @@ class Client(RobotCommands):
         self._resources = ExitStack()
         self._open: zenoh.Session | None = None
         self._deadline_s = 0.0
+        self._thread: ThreadPoolExecutor
 
     def __enter__(self) -> Self:
         """Connect.
@@ -138,7 +141,8 @@ class Client(RobotCommands):
 
     async def __aenter__(self) -> Self:
         """Connect, as `__enter__`, while other tasks go on."""
-        return await asyncio.to_thread(self.__enter__)
+        self._thread = ThreadPoolExecutor(1)
+        return await self._in_thread(self.__enter__)
 
     async def __aexit__(
         self,
@@ -146,15 +150,20 @@ class Client(RobotCommands):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Disconnect."""
-        await asyncio.to_thread(self.__exit__, kind, error, traceback)
+        """Disconnect, once the thread of a cancelled wait has left the session."""
+        with self._thread:
+            await self._in_thread(self.__exit__, kind, error, traceback)
 
     async def __aiter__(self) -> AsyncIterator[Belief]:
         """Every belief from now on, as `beliefs`, while other tasks go on."""
-        polled = await asyncio.to_thread(self._beliefs, None)
+        polled = await self._in_thread(self._beliefs, None)
         while True:
-            if (belief := await asyncio.to_thread(next, polled)) is not None:
+            if (belief := await self._in_thread(next, polled)) is not None:
                 yield belief
+
+    async def _in_thread(self, call: Callable[..., R], *arguments: Any) -> R:
+        """Run a call in the one thread of this client's asyncio methods."""
+        return await asyncio.get_running_loop().run_in_executor(self._thread, call, *arguments)
 
     def pose(self) -> PoseAnswer:
         """Where the robot is now.

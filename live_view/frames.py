@@ -59,9 +59,16 @@ def step_frame(
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
         "elsewhere": elsewhere_probability(belief),
         "off_map": belief.off_map_probability,
+        **scan_frame(scan),
+        "truth": truth,
+    }
+
+
+def scan_frame(scan: Scan | None) -> Frame:
+    """Return the part of a step that shows its scan: end points and laser [cm], robot's frame."""
+    return {
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
-        "truth": truth,
     }
 
 

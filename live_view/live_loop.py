@@ -113,7 +113,7 @@ class LiveLoop:
             for _ in range(_EVENTS_PER_PICTURE - 1):
                 if node.turn(0.0) is None:
                     break
-        node.drain(self._truth, self._on_truth)
+        self._draw_waiting()
         node.drain(self._pose, self._on_pose)
         if (now_s := time.monotonic()) >= self._next_reports_s:
             self._next_reports_s = now_s + _REPORTS_EVERY_S
@@ -123,10 +123,14 @@ class LiveLoop:
 
     # --- the system
 
-    def _on_belief(self, belief: Belief, received: Received) -> None:
+    def _draw_waiting(self) -> None:
+        """Take scans and true poses in. A scan may come after its belief: one thread per key."""
         while isinstance(scan := self._scans.get(0.0), Received):
             self.node.attempt(self._on_scan, scan)
         self.node.drain(self._truth, self._on_truth)
+
+    def _on_belief(self, belief: Belief, received: Received) -> None:
+        self._draw_waiting()
         self._latency.on_belief(belief.step, received.at_ns)
         self.picture.on_belief(belief)
 

@@ -14,6 +14,7 @@ from live_view.frames import (
     history_row,
     map_frame,
     pose_frame,
+    scan_frame,
     status_frame,
     step_frame,
 )
@@ -110,15 +111,16 @@ class Picture:
         self._set("map", map_frame(message))
 
     def on_scan(self, scan: Scan) -> None:
-        """Keep a scan until its belief arrives."""
+        """Keep a scan until its belief arrives, or add it to the belief that overtook it."""
         self.wanted_map = scan.map_digest
         _keep(self._scans, scan.step, scan)
+        if shown := self._shown_at(scan.step):
+            self._set_step({**shown, **scan_frame(scan)})
 
     def on_truth(self, truth: TruePose) -> None:
         """Show the ground truth of a simulated robot at a step."""
         _keep(self._truths, truth.step, truth.map_from_robot)
-        shown = self._frames.get("step")
-        if shown is not None and shown["step"] == truth.step:
+        if shown := self._shown_at(truth.step):
             self._set_step({**shown, "truth": truth.map_from_robot})
 
     def on_report(self, report: TrackReport) -> None:
@@ -191,6 +193,11 @@ class Picture:
         self._slots = ColourSlots()
         self._set("events", [])
         self._changed.add("history")
+
+    def _shown_at(self, step: int) -> Frame | None:
+        """Return the step's frame if it is the one shown."""
+        shown: Frame | None = self._frames.get("step")
+        return shown if shown is not None and shown["step"] == step else None
 
     def _set_step(self, frame: Frame) -> None:
         """Show a step; replace its frame if it is shown already."""

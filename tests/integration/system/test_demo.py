@@ -215,7 +215,8 @@ def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str
             proxy=None,  # type: ignore[arg-type]  # a NewType of str
         ) as beside,
     ):
-        steps = [steps_of(each, 5) for each in (page, beside)]
+        first = 1 + max(newest_step(each) for each in (page, beside))  # both pages have it whole
+        steps = [past_steps(each, range(first, first + 5)) for each in (page, beside)]
     for ours, amcl in zip(*steps, strict=True):
         assert ours["stamp_s"] == amcl["stamp_s"]
         assert amcl["truth"] == ours["truth"]
@@ -225,18 +226,28 @@ def test_amcl_localizes_the_same_steps_beside_it(viewed: tuple[TypedCommand, str
     demo.assert_nothing_runs()
 
 
-def steps_of(page: ClientConnection, until: int) -> list[dict[str, Any]]:
-    """The drawings of the steps after the first, up to a given one."""
-    found: list[dict[str, Any]] = []
-    newest = 0
-    while len(found) < until:
-        frames = json.loads(page.recv(60.0))
+def drawings(page: ClientConnection) -> Iterator[dict[str, Any]]:
+    """Frames as they arrive; each is acknowledged, as a browser does."""
+    while True:
+        received = page.recv(60.0)
         page.send('{"type": "drawn"}')
-        newest = max(newest, frames.get("step", {}).get("step", 0))
-        if "past" in frames:
-            found.append(frames["past"]["step"])
-        if newest > until and ("past" in frames or not found):
-            page.send(json.dumps({"type": "past", "step": len(found) + 1}))
+        yield json.loads(received)
+
+
+def newest_step(page: ClientConnection) -> int:
+    step: int = next(frames["step"]["step"] for frames in drawings(page) if frames.get("step"))
+    return step
+
+
+def past_steps(page: ClientConnection, steps: range) -> list[dict[str, Any]]:
+    """The archived drawings of given steps, once the page shows a later one."""
+    next(
+        frames for frames in drawings(page) if frames.get("step", {}).get("step", -1) >= steps.stop
+    )
+    found = []
+    for step in steps:
+        page.send(json.dumps({"type": "past", "step": step}))
+        found.append(next(frames["past"]["step"] for frames in drawings(page) if "past" in frames))
     return found
 
 

@@ -127,7 +127,7 @@ async def beliefs_beside_another_task() -> None:
         nonlocal ticks
         while True:
             ticks += 1
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0.001)
 
     ticking = asyncio.create_task(tick())
     steps: list[int] = []
@@ -137,7 +137,7 @@ async def beliefs_beside_another_task() -> None:
             if len(steps) == 3:
                 break
         waiting = asyncio.create_task(anext(aiter(client)))
-        await asyncio.sleep(0.02)
+        await asyncio.sleep(0.0)  # it waits now; in a longer pause a belief may come
         waiting.cancel()
         with pytest.raises(asyncio.CancelledError):
             await waiting

@@ -60,6 +60,15 @@ def test_the_scan_of_a_step_is_drawn_with_its_belief(picture: Picture) -> None:
     assert picture.changes()["step"]["scan"] == []
 
 
+def test_a_scan_that_its_belief_overtook_is_drawn_now_and_in_the_archive(picture: Picture) -> None:
+    picture.on_belief(belief(5, 1))
+    picture.on_scan(scan(5, [2.0, 3.0]))
+    assert picture.changes()["step"]["scan"] == [300, 0, 100, 300]
+    assert msgspec.json.decode(picture.past(5)["step"])["scan"] == [300, 0, 100, 300]
+    picture.on_scan(scan(4, [1.0]))
+    assert picture.changes() == {}
+
+
 def test_a_true_pose_that_comes_late_is_drawn_all_the_same(picture: Picture) -> None:
     picture.on_belief(belief(5, 1))
     picture.on_truth(TruePose(sender="s", step=5, map_from_robot=(1.0, 1.0, 0.0)))
