@@ -45,7 +45,7 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
         "XDG_STATE_HOME": str(tmp_path),
     }  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as up:
-        wait_until(lambda: graph.endpoints() == ENDPOINTS, 60.0)
+        wait_until(lambda: graph.endpoints() == ENDPOINTS)
         modules = {word for process in up.meet_family() for word in process.cmdline()}
         assert "ros2_bridge" in modules
         assert "zenoh_link.router" not in modules
@@ -58,7 +58,7 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
             return False
 
         with Client(Settings(zenoh=zenoh_settings)) as client:
-            robot.stand_until(is_in_that_map, deadline_s=60.0)
+            robot.stand_until(is_in_that_map)
         assert up.end(signal.SIGINT) == 0
         assert up.err.count("pf_err of nav2 has no effect: ") == 1
         assert "Traceback" not in up.err
