@@ -76,7 +76,7 @@ def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path:
     nav2_params = tmp_path / "nav2_params.yaml"
     nav2_params.write_text(NAV2)
     shown = command("settings", "--from-nav2", str(nav2_params))
-    assert "# pf_err of nav2 has no effect: the number of particles is per cluster" in shown.stdout
+    assert "# pf_err of nav2 has no effect: all places share belief.particles" in shown.stdout
     assert "\ngate_distance_m = 0.3\n" in shown.stdout
     (tmp_path / "settings.toml").write_text(shown.stdout)
     again = command("settings", "--settings", str(tmp_path / "settings.toml"))
