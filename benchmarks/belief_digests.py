@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from benchmarks.experiments.case import AfterStep, Case, RecordedRobot, SimulatedRobot
+from benchmarks.experiments.task import Run, Task
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, RecordedRobot, SimulatedRobot
-from evaluation.experiments.task import Run, Task
 from process_runtime.settings import Settings
 from worker.map_model import default_cache_folder
 

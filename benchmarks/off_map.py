@@ -26,10 +26,10 @@ import msgspec
 import numpy as np
 import typer
 
+from benchmarks.experiments.case import Case, RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import Case, RecordedRobot
-from evaluation.experiments.course import TrueStep, course_of
+from evaluation.course import TrueStep, course_of
 from evaluation.in_process import InProcess
 from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
 from grid_maps.grid_map import GridMap

@@ -26,6 +26,6 @@ def recordings(begun: str) -> Iterator[str]:
 
 def algorithms(begun: str) -> Iterator[str]:
     """What `evaluate` can run."""
-    from evaluation.experiments.case import ALGORITHMS  # noqa: PLC0415 - see above
+    from evaluation.run import ALGORITHMS  # noqa: PLC0415 - see above
 
     return (name for name in ALGORITHMS if name.startswith(begun))

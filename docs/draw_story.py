@@ -8,7 +8,7 @@ from pathlib import Path
 from PIL import Image, ImageDraw, ImageFont
 
 from coordinator.belief.outcome import belief_after
-from evaluation.experiments.case import ALGORITHMS, NAMES, Algorithm
+from evaluation.run import ALGORITHMS
 from grid_maps.map_message import to_message
 from live_view.drawing import drawn_picture
 from live_view.frames import step_frame
@@ -21,11 +21,12 @@ from worker.map_model import sensor_model
 
 HERE = Path(__file__).parent
 SIDE_PX, STEPS = 420, 190
-SHOWN: tuple[tuple[Algorithm, int], ...] = (
+SHOWN: tuple[tuple[str, int], ...] = (
     ("mcl", 100),
     ("cluster-mcl", 100),
     ("cluster-mcl", 188),
 )
+NAMES = {"mcl": "ordinary MCL", "cluster-mcl": "Cluster-MCL"}
 
 
 def main() -> None:
@@ -38,7 +39,7 @@ def main() -> None:
     strip.quantize(128, Image.Quantize.MAXCOVERAGE).save(HERE / "story.png", optimize=True)
 
 
-def moment(algorithm: Algorithm, step: int) -> Image.Image:
+def moment(algorithm: str, step: int) -> Image.Image:
     """The map after a step of the demo's run."""
     place, settings = world("cross_feature"), FilterSettings()
     source = SimulatedSource(Simulation(place, settings.seed), steps=STEPS)

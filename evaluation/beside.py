@@ -12,7 +12,7 @@ from importlib.metadata import version
 import msgspec
 
 from coordinator.belief.outcome import Outcome, belief_after
-from evaluation.experiments.case import ALGORITHMS
+from evaluation.run import ALGORITHMS
 from grid_maps.map_message import from_message
 from particle_filter.sensor_model import SensorModel
 from process_runtime.main import Invocation, process_main

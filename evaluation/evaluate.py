@@ -5,7 +5,9 @@ It runs one experiment built from the options instead of one from the catalogue.
 
 import os
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,18 +23,12 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from evaluation.experiments.case import (
-    AfterStep,
-    Case,
-    RecordedRobot,
-    SimulatedRobot,
-    algorithm_named,
-)
-from evaluation.experiments.pool import in_parallel
-from evaluation.experiments.task import Finished, Run, Task, run_task
-from evaluation.experiments.trace import Trace
+from coordinator.belief.outcome import belief_after
+from evaluation.course import Case, RecordedRobot, SimulatedRobot
+from evaluation.measures import RunMeasures, StepFacts, facts_of, measures_of
 from evaluation.recordings import opened
-from evaluation.report_page import DRAWN_RUNS, TableText, report_page
+from evaluation.references import written_trajectory
+from evaluation.report_page import DRAWN_RUNS, DrawnRun, TableText, report_page
 from evaluation.results import (
     MORE_TABLES,
     POSES,
@@ -40,10 +36,10 @@ from evaluation.results import (
     Result,
     as_json,
     check_results_file,
-    result_of,
     table_rows,
     write_results,
 )
+from evaluation.run import ALGORITHMS, Run, in_parallel
 from process_runtime.logs import is_quiet
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
@@ -51,6 +47,7 @@ from process_runtime.sources import Simulated, parsed_source
 from process_runtime.stop import stop_on_signals
 from protocol.errors import SettingsError
 from recordings.map_file import map_file_of
+from recordings.run_log import RunLog
 
 DEFAULT_STEPS = 300
 """Steps of a simulated robot, which never ends by itself."""
@@ -86,6 +83,80 @@ class EvaluateOptions:
     """File for an HTML page."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """The specification of a run."""
+
+    case: Case
+    algorithm: str
+    seed: int
+    settings: Settings
+    start_step: int = 0
+    """First step of a recording, as if the robot had been switched on there."""
+    kidnap_after: int | None = None
+    """The simulated robot is kidnapped after this step."""
+    is_drawn: bool = False
+    record: Path | None = None
+    """File for a bag of the run; None: none."""
+    tum: Path | None = None
+    """File for the most probable pose of each step; None: none."""
+
+    def prepared(self) -> Run:
+        """Return the run.
+
+        Raises:
+            ClusterMclError: an input cannot be used.
+        """
+        return Run(
+            self.case,
+            ALGORITHMS[self.algorithm],
+            self.seed,
+            self.settings,
+            start_step=self.start_step,
+        )
+
+
+Finished = tuple[RunMeasures, list[StepFacts]]
+"""The measures of a run, and its steps if it is drawn."""
+
+
+def run_task(task: Task, on_update: Callable[[], None] | None = None) -> Finished:
+    """Run a task from the first step to the last.
+
+    Args:
+        task: the specification.
+        on_update: called after each step.
+
+    Raises:
+        ClusterMclError: an input cannot be used.
+    """
+    run = task.prepared()
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    facts: list[StepFacts] = []
+    with _recorder(task.record) as recorder, written_trajectory(task.tum) as on_pose:
+        for number, (scan, outcome, truth) in enumerate(run.steps()):
+            facts.append(facts_of(number, scan.stamp_ns, outcome, truth))
+            if recorder is not None:
+                if recorder.wants_map(scan):
+                    recorder.on_map(run.course.map, scan.stamp_ns)
+                recorder.on_scan(scan)
+                recorder.on_belief(belief_after(scan, outcome, scan.sender))
+            if outcome.hypotheses:
+                on_pose(scan.stamp_ns, outcome.hypotheses[0].mean)
+            if on_update is not None:
+                on_update()
+            if number == task.kidnap_after:
+                run.course.kidnap()
+    measures = measures_of(
+        facts, wall_s=time.perf_counter() - wall_s, cpu_s=time.process_time() - cpu_s
+    )
+    return measures, facts if task.is_drawn else []
+
+
+def _recorder(file: Path | None) -> AbstractContextManager[RunLog | None]:
+    return nullcontext() if file is None else RunLog.to(file)
+
+
 def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     """Run all seeds, print tables or JSON, and write the requested files.
 
@@ -93,24 +164,27 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         ClusterMclError: an input cannot be used, or a run failed.
         StoppedError: interrupted.
     """
-    algorithm, case = algorithm_named(options.algorithm), case_of(options)
+    if options.algorithm not in ALGORITHMS:
+        problem = f"--algorithm {options.algorithm}: there is {' or '.join(ALGORITHMS)}"
+        raise SettingsError(key="--algorithm", problem=problem)
+    case, seeds = case_of(options)
     if options.output is not None:
         check_results_file(options.output)
     if options.report_file is not None:
         check_output_file(options.report_file)
     if isinstance(case.robot, RecordedRobot):
         opened(options.recording, settings.bridge)  # reports the skipped lines, once
-    seeds = range(settings.seed, settings.seed + case.seeds)
     tasks = [
         Task(
             case=case,
-            algorithm=algorithm,
+            algorithm=options.algorithm,
             seed=seed,
             settings=settings,
+            kidnap_after=options.kidnap_at,
             record=options.record,
             tum=options.tum,
         )
-        for seed in seeds
+        for seed in range(settings.seed, settings.seed + seeds)
     ]
     steps = _steps_count(tasks[0])  # raises input errors before any process is started
     if options.starts is not None and isinstance(case.robot, RecordedRobot):
@@ -120,8 +194,12 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
         if file is not None:
             _check_file_of_one_run(option, file, len(tasks))
     if options.report_file is not None:
-        tasks = [replace(task, with_trace=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
-    runs, traces = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
+        tasks = [replace(task, is_drawn=index < DRAWN_RUNS) for index, task in enumerate(tasks)]
+    finished = _all_results(tasks, min(steps, case.updates or steps), options.jobs)
+    runs = [
+        {"seed": task.seed, "start_step": task.start_step, **msgspec.structs.asdict(measures)}
+        for task, (measures, _) in zip(tasks, finished, strict=True)
+    ]
     common = {
         "algorithm": options.algorithm,
         "recording": options.recording,
@@ -134,7 +212,10 @@ def run_evaluate(options: EvaluateOptions, settings: Settings) -> None:
     tables = {title: POSES, **MORE_TABLES}
     if options.report_file is not None:
         texts = [TableText(list(names), table_rows(runs, names)) for names in tables.values()]
-        page = report_page(title, Run(tasks[0]).course.map, traces, texts)
+        drawn = [
+            DrawnRun(task.seed, facts) for task, (_, facts) in zip(tasks, finished, strict=True)
+        ]
+        page = report_page(title, tasks[0].prepared().course.map, drawn, texts)
         write_output_file(options.report_file, page)
     if options.as_json:
         sys.stdout.write(as_json(common, runs))
@@ -168,8 +249,8 @@ def _check_file_of_one_run(option: str, file: Path, runs: int) -> None:
     check_output_file(file)
 
 
-def case_of(options: EvaluateOptions) -> Case:
-    """Return the experiment of the options.
+def case_of(options: EvaluateOptions) -> tuple[Case, int]:
+    """Return the robot with the length of a run, and the number of seeds.
 
     Raises:
         SettingsError: options contradict each other.
@@ -179,16 +260,9 @@ def case_of(options: EvaluateOptions) -> Case:
     if simulated and options.starts is not None and options.seeds > 1:
         problem = "--seeds: every start of a simulated robot has a seed of its own; leave it out"
         raise SettingsError(key="--seeds", problem=problem)
-    updates = options.steps or _usual_steps(options, simulated=simulated)
+    steps = options.steps or _usual_steps(options, simulated=simulated)
     seeds = options.starts if simulated and options.starts is not None else options.seeds
-    return Case(
-        name="evaluate",
-        title=options.recording,
-        robot=robot,
-        updates=updates,
-        seeds=seeds,
-        mirrored=options.mirrored,
-    )
+    return Case(robot=robot, updates=steps, mirrored=options.mirrored), seeds
 
 
 def _usual_steps(options: EvaluateOptions, *, simulated: bool) -> int | None:
@@ -224,11 +298,7 @@ def _robot_of(options: EvaluateOptions) -> SimulatedRobot | RecordedRobot:
         if options.reference:
             problem = "--reference: a simulated robot knows where it is; leave it out"
             raise SettingsError(key="--reference", problem=problem)
-        return SimulatedRobot(
-            world=source.world,
-            map=map_file,
-            kidnapping=None if options.kidnap_at is None else AfterStep(options.kidnap_at),
-        )
+        return SimulatedRobot(world=source.world, map=map_file)
     if map_file is None:
         problem = "--map is missing: a recording needs the map it was made in"
         raise SettingsError(key="--map", problem=problem)
@@ -246,19 +316,15 @@ def _steps_count(task: Task) -> int:
     Raises:
         ClusterMclError: an input cannot be used.
     """
-    match task.case.robot:
-        case SimulatedRobot():
-            next(Run(task).course.steps)
-            return task.case.updates or DEFAULT_STEPS
-        case RecordedRobot():
-            whole = replace(task, case=msgspec.structs.replace(task.case, updates=None))
-            return sum(1 for _ in Run(whole).course.steps)
+    if isinstance(task.case.robot, SimulatedRobot):
+        next(task.prepared().course.steps)
+        return task.case.updates or DEFAULT_STEPS
+    whole = replace(task, case=msgspec.structs.replace(task.case, updates=None))
+    return sum(1 for _ in whole.prepared().course.steps)
 
 
-def _all_results(
-    tasks: Sequence[Task], steps: int, jobs: int | None
-) -> tuple[list[Result], list[Trace]]:
-    """Run one task per core; return all results in order, and the steps of runs that keep them."""
+def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[Finished]:
+    """Run one task per core, and return all results in order."""
     stop = stop_on_signals(exit_after_s=5.0)
     done: dict[int, Finished] = {}
     with _progress() as progress:
@@ -271,16 +337,11 @@ def _all_results(
         if len(tasks) == 1:
             done[0] = run_task(tasks[0], on_update)
         else:
-            for piece, finished in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
-                progress.advance(bar, finished.measures.updates)
-                done[piece] = finished
+            for index, finished in in_parallel(run_task, tasks, jobs or os.cpu_count() or 1, stop):
+                progress.advance(bar, finished[0].steps)
+                done[index] = finished
     stop.check()
-    results = [
-        result_of(task.seed, done[piece].measures, task.start_step)
-        for piece, task in enumerate(tasks)
-    ]
-    traces = (done[piece].trace for piece in range(len(tasks)))
-    return results, [trace for trace in traces if trace is not None]
+    return [done[index] for index in range(len(tasks))]
 
 
 def _progress() -> Progress:

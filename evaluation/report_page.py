@@ -3,10 +3,11 @@
 import base64
 import html
 import io
+import itertools
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -14,7 +15,7 @@ from importlib.metadata import version
 import numpy as np
 from PIL import Image
 
-from evaluation.experiments.trace import Trace, TraceStep
+from evaluation.measures import StepFacts
 from grid_maps.grid_map import GridMap
 from grid_maps.map_message import to_message
 from live_view.drawing import PALETTE, map_picture
@@ -28,6 +29,7 @@ _WIDTH, _HEIGHT, _LEFT, _BELOW = 560.0, 150.0, 54.0, 18.0
 """Size of a plot, and its left and lower margins [px]."""
 _MOST_ERROR_M = 10.0
 _JUMP_M = 2.0
+_MOST_PLACES = 12
 _MARGIN_M = 0.5
 _TRUE, _RIGHT, _WRONG = "#1a2027", PALETTE[1], "#c0262d"
 _STYLE = """
@@ -68,7 +70,7 @@ pre { overflow-x: auto; }
 """
 
 _Curve = tuple[Sequence[tuple[int, float]], str]
-"""Points (update, value) and a colour."""
+"""Points (step, value) and a colour."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,18 @@ class TableText:
     rows: Sequence[Sequence[str]]
 
 
+@dataclass(frozen=True)
+class DrawnRun:
+    """The steps of a run that is drawn."""
+
+    seed: int
+    steps: Sequence[StepFacts]
+
+
 def report_page(
     title: str,
     grid_map: GridMap,
-    traces: Sequence[Trace],
+    drawn_runs: Sequence[DrawnRun],
     tables: Sequence[TableText],
 ) -> str:
     """Return the page of evaluated runs.
@@ -90,11 +100,11 @@ def report_page(
     Args:
         title: the experiment and its result.
         grid_map: the map of all runs.
-        traces: steps of the drawn runs.
+        drawn_runs: those to draw; steps without a known truth are left out.
         tables: tables of all runs.
     """
     drawn = MapDrawing(grid_map)
-    runs = "".join(_run(trace, drawn) for trace in traces if trace.steps)
+    runs = "".join(_run(run, drawn) for run in drawn_runs if any(s.truth for s in run.steps))
     legend = (
         f'On the map: <i style="--of:{_RIGHT}">the estimate, right</i>, '
         f'<i style="--of:{_WRONG}">wrong</i> (beyond 1 m or 20 degrees), and the true path, '
@@ -180,61 +190,48 @@ def free_bounds(grid_map: GridMap) -> tuple[float, float, float, float]:
     return float(west), float(south), float(east), float(north)
 
 
-def _run(trace: Trace, drawn: MapDrawing) -> str:
-    steps, last = trace.steps, trace.steps[-1].update
-    placed = [step for step in steps if step.places]
-    errors = [(step.update, min(_error_m(step), _MOST_ERROR_M)) for step in placed]
-    of_truth = [(step.update, step.truth_probability) for step in steps]
+def _run(run: DrawnRun, drawn: MapDrawing) -> str:
+    steps = [step for step in run.steps if step.truth]
+    last = steps[-1].step
+    errors = [
+        (each.step, min(each.error.distance_m, _MOST_ERROR_M)) for each in steps if each.error
+    ]
+    of_truth = [(each.step, each.truth_probability) for each in steps if each.claims]
     most_m = max((error for _, error in errors), default=0.0)
     scale_m = next((m for m in (0.2, 0.5, 1.0, 2.0, 5.0) if most_m <= m), _MOST_ERROR_M)
     return (
-        f'<section class="run"><h2>seed {trace.seed}</h2>'
+        f'<section class="run"><h2>seed {run.seed}</h2>'
         f"<figure>{_map(steps, drawn)}</figure><div>"
         f"<figure>{_plot([(errors, _WRONG)], last, scale_m, ' m')}<figcaption>how far the most "
         f"probable place is off, up to {_MOST_ERROR_M:.0f} m</figcaption></figure>"
-        f"<figure>{_plot([*_of_clusters(placed), (of_truth, _TRUE)], last, 1.0)}<figcaption>"
+        f"<figure>{_plot([*_of_clusters(steps), (of_truth, _TRUE)], last, 1.0)}<figcaption>"
         "probability of each place, and of all that are right (the thick line)"
         "</figcaption></figure></div></section>\n"
     )
 
 
-def _error_m(step: TraceStep) -> float:
-    x, y = step.places[0].position
-    return math.hypot(x - step.truth[0], y - step.truth[1])
-
-
-def _of_clusters(steps: Sequence[TraceStep]) -> list[_Curve]:
+def _of_clusters(steps: Sequence[StepFacts]) -> list[_Curve]:
     curves: dict[int, list[tuple[int, float]]] = {}
     for step in steps:
-        for place in step.places:
-            curves.setdefault(place.cluster, []).append((step.update, place.probability))
+        for place in step.claims[:_MOST_PLACES]:
+            curves.setdefault(place.cluster, []).append((step.step, place.probability))
     return [(curve, PALETTE[i % len(PALETTE)]) for i, curve in enumerate(curves.values())]
 
 
-def _map(steps: Sequence[TraceStep], drawn: MapDrawing) -> str:
+def _map(steps: Sequence[StepFacts], drawn: MapDrawing) -> str:
     stroke_m = drawn.size_m / 250.0
-    truth = _ways([step.truth[:2] for step in steps], _TRUE, stroke_m, dotted=True)
-    ways = [
+    truth = _ways([step.truth[:2] for step in steps if step.truth], _TRUE, stroke_m, dotted=True)
+    estimates = [
         way
-        for right, piece in _pieces(steps)
-        for way in _ways(piece, _RIGHT if right else _WRONG, stroke_m)
+        for kind, group in itertools.groupby(steps, lambda step: (bool(step.claims), step.right))
+        if kind[0]
+        for way in _ways(
+            [(step.claims[0].x_m, step.claims[0].y_m) for step in group],
+            _RIGHT if kind[1] else _WRONG,
+            stroke_m,
+        )
     ]
-    return drawn.with_shapes([*ways, *truth])
-
-
-def _pieces(steps: Sequence[TraceStep]) -> Iterator[tuple[bool, list[tuple[float, float]]]]:
-    """Split the estimate's path into right and wrong parts."""
-    piece: list[tuple[float, float]] = []
-    right = False
-    for step in steps:
-        if piece and (not step.places or step.right != right):
-            yield right, piece
-            piece = []
-        if step.places:
-            right = step.right
-            piece.append(step.places[0].position)
-    if piece:
-        yield right, piece
+    return drawn.with_shapes([*estimates, *truth])
 
 
 def _ways(
@@ -256,8 +253,8 @@ def _ways(
 
 
 def _plot(curves: Sequence[_Curve], last: int, most: float, unit: str = "") -> str:
-    def place(update: int, value: float) -> tuple[float, float]:
-        across = (update / max(last, 1)) * (_WIDTH - _LEFT - 6.0)
+    def place(step: int, value: float) -> tuple[float, float]:
+        across = (step / max(last, 1)) * (_WIDTH - _LEFT - 6.0)
         return _LEFT + across, (1.0 - value / most) * (_HEIGHT - _BELOW - 8.0) + 8.0
 
     grid = [
@@ -273,7 +270,7 @@ def _plot(curves: Sequence[_Curve], last: int, most: float, unit: str = "") -> s
         f'points="{" ".join("{:.1f},{:.1f}".format(*place(*point)) for point in curve)}"/>'
         for curve, colour in curves
     ]
-    end = f'<text x="{_WIDTH - 2}" y="{_HEIGHT - 3}" text-anchor="end">update {last}</text>'
+    end = f'<text x="{_WIDTH - 2}" y="{_HEIGHT - 3}" text-anchor="end">step {last}</text>'
     return f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}">{"".join([*grid, *drawn])}{end}</svg>'
 
 

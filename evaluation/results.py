@@ -7,50 +7,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from evaluation.experiments.measures import RunMeasures
 from process_runtime.output_files import OutputError, check_output_file, write_output_file
 from protocol.errors import SettingsError
 
 KINDS = (".json", ".csv", ".parquet")
 
 Result = dict[str, Any]
-"""One run, see `result_of`."""
+"""One run: `seed`, `start_step` (of the recording) and the fields of `RunMeasures`."""
 Columns = dict[str, tuple[str, str]]
 """Of a table: the heading, the key of a run's measure, and its format."""
-
-
-def result_of(seed: int, measures: RunMeasures, start_step: int = 0) -> Result:
-    """A row of CSV and Parquet, an entry in `runs` of the JSON; steps are counted from 0.
-
-    `start_step` counts the steps of the recording; all others count those of the run.
-    """
-    settled, sure = measures.settled_at_update, measures.sure_and_right_at_update
-    return {
-        "seed": seed,
-        "start_step": start_step,
-        "steps": measures.updates,
-        "localized": measures.localized,
-        "final_error_m": measures.final_error_m,
-        "final_error_rad": measures.final_error_rad,
-        "localized_at_step": None if settled is None else settled - 1,
-        "localized_at_s": measures.settled_after_s,
-        "confidently_wrong_fraction": measures.confidently_wrong_share,
-        "truth_tracked_fraction": measures.tracked_share,
-        "truth_probability_mean": measures.truth_probability,
-        "rmse_m": measures.rmse_m,
-        "sure_and_right_at_step": None if sure is None else sure - 1,
-        "log_score_mean": measures.log_score,
-        "truth_probability_lowest_once_sure": measures.truth_lowest_once_sure,
-        "brier_mean": measures.brier,
-        "elsewhere_probability_mean": measures.elsewhere_probability,
-        "off_map_probability_mean": measures.off_map_probability,
-        "localized_fraction": measures.localized_share,
-        "ambiguous_fraction": measures.ambiguous_share,
-        "lost_fraction": measures.lost_share,
-        "searching_fraction": measures.searching_share,
-        "wall_s": measures.wall_s,
-        "cpu_s": measures.cpu_s,
-    }
 
 
 def as_json(common: Result, runs: Sequence[Result]) -> str:

@@ -15,10 +15,10 @@ from benchmarks.evidence_model.models import families
 from benchmarks.evidence_model.record import recorded
 from benchmarks.evidence_model.records import save
 from benchmarks.evidence_model.replay import Rules
+from benchmarks.experiments.case import AfterStep, Case, RecordedRobot
 from benchmarks.experiments.catalogue import all_cases
+from evaluation.course import course_of
 from evaluation.evaluate import start_steps
-from evaluation.experiments.case import AfterStep, Case, RecordedRobot
-from evaluation.experiments.course import course_of
 from process_runtime.settings import Settings
 from process_runtime.settings_file import load_settings
 

@@ -13,15 +13,15 @@ import typer
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.experiments.case import algorithm_named
 from benchmarks.experiments.catalogue import all_cases
 from benchmarks.experiments.run_table import RunTable, key_of, tasks_of
 from benchmarks.experiments.summary import over_all, read_table
 from benchmarks.experiments.summary import summary as table_summary
+from benchmarks.experiments.task import run_task
 from clustermcl.commands.options import Assignments, SettingsFile
 from clustermcl.commands.recordings import MOST_JOBS, MOST_RUNS
-from evaluation.experiments.case import algorithm_named
-from evaluation.experiments.pool import in_parallel
-from evaluation.experiments.task import run_task
+from evaluation.run import in_parallel
 from process_runtime.settings_file import load_settings
 from process_runtime.stop import StoppedError, stop_on_signals
 from protocol.errors import ClusterMclError, SettingsError

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from evaluation.experiments.case import (
+from benchmarks.experiments.case import (
     ALIKE_BASELINES,
     Case,
     OnceRight,

@@ -12,9 +12,9 @@ from typing import Any
 
 from msgspec.structs import asdict, fields
 
-from evaluation.experiments.case import Algorithm, Case
-from evaluation.experiments.measures import BINS, RunMeasures
-from evaluation.experiments.task import Finished, Task
+from benchmarks.experiments.case import Algorithm, Case
+from benchmarks.experiments.measures import BINS, RunMeasures
+from benchmarks.experiments.task import Finished, Task
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, value_of

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, wilcoxon
 
+from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import COLUMNS, rows_of
-from evaluation.experiments.measures import BINS
 
 OURS = "cluster-mcl"
 _TEXT = ("experiment", "role", "algorithm", "version", "settings")

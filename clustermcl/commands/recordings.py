@@ -51,7 +51,7 @@ def evaluate(
         str,
         typer.Option(
             metavar="NAME",
-            help="cluster-mcl; ordinary: mcl, mcl-visibility, amcl, ...",
+            help="cluster-mcl, mcl (ordinary) or amcl (augmented).",
             autocompletion=completion.algorithms,
         ),
     ] = "cluster-mcl",

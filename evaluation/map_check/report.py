@@ -6,11 +6,10 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 
-from evaluation.experiments.symmetry import middle_of
 from evaluation.map_check.agreement import FITS_WITHIN_M, Agreement
 from evaluation.map_check.ground import Ground, ground_of
 from evaluation.map_check.look_alikes import LookAlikeSearch
-from evaluation.map_check.symmetries import Symmetry, symmetries_of
+from evaluation.map_check.symmetries import Symmetry, middle_of, symmetries_of
 from evaluation.map_check.views import WAY_M, Viewer
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple

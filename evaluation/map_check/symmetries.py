@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 
 from evaluation.map_check.look_alikes import LookAlikes
+from grid_maps.grid_map import GridMap
 from particle_filter.gaussian import fit_gaussian
 from particle_filter.places import cluster_by_source_point
 from particle_filter.poses import compose, inverse
@@ -28,6 +29,14 @@ class Symmetry(msgspec.Struct, frozen=True, kw_only=True):
     """Translation; None: a rotation."""
     share: float
     """Share of the sampled places."""
+
+
+def middle_of(grid_map: GridMap) -> tuple[float, float]:
+    """Return the middle of the grid in the map frame [m]."""
+    width_m, height_m = grid_map.size_m
+    middle = np.array([width_m / 2, height_m / 2, 0.0])
+    x, y, _ = compose(np.array(grid_map.map_from_grid), middle)
+    return float(x), float(y)
 
 
 def symmetries_of(found: Sequence[LookAlikes], middle: tuple[float, float]) -> tuple[Symmetry, ...]:

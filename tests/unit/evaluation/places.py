@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from coordinator.belief.outcome import Outcome
 from protocol.answers import Belief, Hypothesis, State, Status
 from protocol.health import Health
 from protocol.message import Covariance, PoseTuple
@@ -30,6 +31,22 @@ def belief(step: int, state: State, *hypotheses: Hypothesis, **more: Any) -> Bel
         state=state,
         hypotheses=hypotheses,
         **{"searching": False, **more},
+    )
+
+
+def outcome(
+    state: State, *hypotheses: Hypothesis, elsewhere: float | None = None, off_map: float = 0.0
+) -> Outcome:
+    return Outcome(
+        step=0,
+        state=state,
+        hypotheses=hypotheses,
+        elsewhere_probability=elsewhere,
+        off_map_probability=off_map,
+        searching=False,
+        missing=(),
+        begin={},
+        events=(),
     )
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import Case, RecordedRobot
-from evaluation.experiments.task import Run, Task
+from evaluation.course import Case, RecordedRobot
+from evaluation.run import ALGORITHMS, Run
 from particle_filter.settings import BeliefSettings
 from process_runtime.settings import BridgeSettings, Settings
 from protocol.message import PoseTuple
@@ -44,15 +44,9 @@ def believed(bag: Path, cache_folder: Path) -> list[Outcome]:
 def beliefs(recording: Path, cache_folder: Path) -> Iterator[Outcome]:
     grid_map = recording_or_skip("crob-jarvis/map.yaml")
     robot = RecordedRobot(recording=recording, map=grid_map, reference=None)
-    case = Case(name="jarvis", title="Jarvis", robot=robot, seeds=1)
-    task = Task(
-        case=case,
-        algorithm="cluster-mcl",
-        seed=0,
-        settings=SETTINGS,
-        cache_folder=cache_folder,
-    )
-    return Run(task).outcomes()
+    follow = ALGORITHMS["cluster-mcl"]
+    run = Run(Case(robot=robot), follow, 0, SETTINGS, cache_folder=cache_folder)
+    return (outcome for _, outcome, _ in run.steps())
 
 
 def steps(recording: Path) -> list[Scan]:

@@ -4,7 +4,7 @@ import pytest
 
 from coordinator.belief.outcome import Outcome
 from evaluation.beside import Follower, beside_name
-from evaluation.experiments.case import ALGORITHMS
+from evaluation.run import ALGORITHMS
 from grid_maps.map_message import to_message
 from particle_filter.sensor_model import SensorModel
 from process_runtime.settings import BridgeSettings

@@ -2,32 +2,23 @@
 
 import math
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
+import msgspec
 import pytest
 from typer.testing import CliRunner
 
 from clustermcl.command import app
 from evaluation import evaluate
+from evaluation.course import RecordedRobot, SimulatedRobot
 from evaluation.evaluate import EvaluateOptions, case_of, start_steps
-from evaluation.experiments.case import (
-    ALGORITHMS,
-    NAMES,
-    AfterStep,
-    Algorithm,
-    RecordedRobot,
-    SimulatedRobot,
-    algorithm_named,
-)
-from evaluation.experiments.measures import measures_of
-from evaluation.experiments.step_facts import facts_of
-from evaluation.results import result_of
+from evaluation.measures import facts_of, measures_of
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.answers import Hypothesis, State
 from protocol.errors import SettingsError
 from protocol.message import PoseTuple
-from tests.unit.evaluation.places import place
+from tests.unit.evaluation.places import outcome, place
 
 TRUTH: PoseTuple = (10.0, 5.0, 3.0)
 RIGHT, WRONG = (10.5, 5.0, 3.0), (14.0, 5.0, 3.0)
@@ -36,10 +27,10 @@ RIGHT, WRONG = (10.5, 5.0, 3.0), (14.0, 5.0, 3.0)
 def judged(*steps: tuple[State, list[Hypothesis], PoseTuple | None]) -> dict[str, Any]:
     """One step a second, numbered from 0."""
     facts = [
-        facts_of(update, (100 + update) * 10**9, state, places, (truth,) if truth else ())
-        for update, (state, places, truth) in enumerate(steps, start=1)
+        facts_of(step, (100 + step) * 10**9, outcome(state, *places), truth)
+        for step, (state, places, truth) in enumerate(steps)
     ]
-    return result_of(0, measures_of(facts))
+    return msgspec.structs.asdict(measures_of(facts))
 
 
 def sure_of(pose: PoseTuple) -> tuple[State, list[Hypothesis], PoseTuple | None]:
@@ -127,7 +118,6 @@ def test_without_ground_truth_the_first_place_ends_the_first_search() -> None:
 def test_steps_in_the_json_are_counted_from_0() -> None:
     doubtful = ("ambiguous", [place(0.6, RIGHT), place(0.4, WRONG)], TRUTH)
     verdict = judged(sure_of(WRONG), sure_of(RIGHT), doubtful)
-    assert verdict["start_step"] == 0
     assert verdict["sure_and_right_at_step"] == 1
     assert verdict["truth_probability_lowest_once_sure"] == 0.6
     logs = (math.log(0.001), math.log(0.95), math.log(0.6))
@@ -147,24 +137,24 @@ def test_starts_are_spread_evenly_and_leave_room_for_their_steps() -> None:
 
 def test_with_starts_a_run_has_60_steps_by_default() -> None:
     recorded = {"recording": "a.log", "map_file": "b.yaml", "starts": 8}
-    assert case_of(EvaluateOptions(**recorded)).updates == 60
-    assert case_of(EvaluateOptions(**recorded, steps=9)).updates == 9
-    assert case_of(EvaluateOptions(**recorded, seeds=3)).seeds == 3
-    simulated = case_of(EvaluateOptions(recording="sim:hall", starts=8))
-    assert (simulated.updates, simulated.seeds) == (60, 8)
+    assert case_of(EvaluateOptions(**recorded))[0].updates == 60
+    assert case_of(EvaluateOptions(**recorded, steps=9))[0].updates == 9
+    assert case_of(EvaluateOptions(**recorded, seeds=3))[1] == 3
+    simulated, seeds = case_of(EvaluateOptions(recording="sim:hall", starts=8))
+    assert (simulated.updates, seeds) == (60, 8)
 
 
 def test_a_simulated_robot_drives_300_steps_by_default() -> None:
-    case = case_of(EvaluateOptions(recording="sim:hall"))
+    case, _ = case_of(EvaluateOptions(recording="sim:hall"))
     assert (case.robot, case.updates) == (SimulatedRobot(world="hall"), 300)
-    asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9, kidnap_at=4)
-    case = case_of(asked)
-    robot = SimulatedRobot(world="a.yaml", map=Path("b.yaml"), kidnapping=AfterStep(4))
+    asked = EvaluateOptions(recording="sim:a.yaml", map_file="b.yaml", steps=9)
+    case, _ = case_of(asked)
+    robot = SimulatedRobot(world="a.yaml", map=Path("b.yaml"))
     assert (case.robot, case.updates) == (robot, 9)
 
 
 def test_a_recorded_robot_drives_to_its_end() -> None:
-    case = case_of(EvaluateOptions(recording="a.log", map_file="b.yaml"))
+    case, _ = case_of(EvaluateOptions(recording="a.log", map_file="b.yaml"))
     robot = RecordedRobot(recording=Path("a.log"), map=Path("b.yaml"), reference=None)
     assert (case.robot, case.updates) == (robot, None)
 
@@ -184,15 +174,8 @@ def test_options_that_do_not_fit_together_are_refused(options: Any, said: str) -
 
 
 def test_an_unknown_algorithm_is_refused() -> None:
-    with pytest.raises(
-        SettingsError, match="slam: there is cluster-mcl or paper-letter or mcl or mcl"
-    ):
-        algorithm_named("slam")
-
-
-def test_every_algorithm_has_a_name_for_people() -> None:
-    assert set(NAMES) == set(ALGORITHMS) == set(get_args(Algorithm))
-    assert len(set(NAMES.values())) == len(NAMES)
+    with pytest.raises(SettingsError, match="slam: there is cluster-mcl or mcl or amcl"):
+        evaluate.run_evaluate(EvaluateOptions(recording="sim:hall", algorithm="slam"), Settings())
 
 
 @pytest.mark.parametrize("option", ["--seeds", "--starts", "--steps", "--jobs"])

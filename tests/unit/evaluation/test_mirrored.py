@@ -6,8 +6,7 @@ import math
 import msgspec
 import numpy as np
 
-from evaluation.experiments.case import Case, SimulatedRobot
-from evaluation.experiments.course import course_of
+from evaluation.course import Case, SimulatedRobot, course_of
 from particle_filter.sensor_model import points_in_robot
 from process_runtime.settings import BridgeSettings
 from protocol.arrays import ArrayBlob
@@ -52,7 +51,7 @@ def test_beams_end_on_the_other_side_of_the_robot() -> None:
 
 
 def test_the_course_of_a_mirrored_robot_is_the_mirror_image_of_the_other() -> None:
-    case = Case(name="c", title="c", robot=SimulatedRobot(world="hall"), updates=5, seeds=1)
+    case = Case(robot=SimulatedRobot(world="hall"), updates=5)
     plain = itertools.islice(course_of(case, 1, BridgeSettings()).steps, 5)
     image = course_of(msgspec.structs.replace(case, mirrored=True), 1, BridgeSettings())
     for (scan, _), (seen, truth) in zip(plain, image.steps, strict=True):

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
-from evaluation.experiments.course import course_of
+from evaluation.course import Case, RecordedRobot, SimulatedRobot, course_of
 from evaluation.in_process import outcomes
 from process_runtime.settings import BridgeSettings, Settings
 from tests.unit.recordings import recording_or_skip
@@ -24,7 +23,7 @@ def run(case: Case, cache: Path, steps: int) -> list[Outcome]:
 
 
 def case(robot: SimulatedRobot | RecordedRobot, *, mirrored: bool = False) -> Case:
-    return Case(name="c", title="c", robot=robot, seeds=1, mirrored=mirrored)
+    return Case(robot=robot, mirrored=mirrored)
 
 
 def localized(told: list[Outcome]) -> float:

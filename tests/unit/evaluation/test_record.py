@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from coordinator.belief.outcome import Outcome
-from evaluation.evaluate import EvaluateOptions, run_evaluate
-from evaluation.experiments.case import Case, SimulatedRobot
-from evaluation.experiments.task import Run, Task
+from evaluation import evaluate
+from evaluation.course import Case, SimulatedRobot
+from evaluation.evaluate import EvaluateOptions, Task, run_evaluate, run_task
 from evaluation.in_process import outcomes
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
@@ -34,30 +34,26 @@ DIGEST = world("cross_feature").map.digest
 class Recorded:
     """A run that was recorded, with what was recorded."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.file = folder / "run.mcap"
-        robot = SimulatedRobot(world="cross_feature")
-        case = Case(name="run", title="run", robot=robot, updates=STEPS, seeds=1, baselines=())
-        task = Task(
-            case=case, algorithm="cluster-mcl", seed=3, settings=SMALL,
-            cache_folder=folder / "cache", record=self.file,
-        )  # fmt: skip
-        run = Run(task)
         self.scans: list[Scan] = []
-        follow = run._follow
+        self.outcomes: list[Outcome] = []
 
-        def overheard(scans: Any, model: Any, settings: Any) -> Any:
-            for scan, outcome in follow(scans, model, settings):
+        def overheard(*arguments: Any) -> Any:
+            for scan, outcome in outcomes(*arguments):
                 self.scans.append(scan)
+                self.outcomes.append(outcome)
                 yield scan, outcome
 
-        run._follow = overheard
-        self.outcomes: list[Outcome] = list(run.outcomes())
+        monkeypatch.setitem(evaluate.ALGORITHMS, "cluster-mcl", overheard)
+        case = Case(robot=SimulatedRobot(world="cross_feature"), updates=STEPS)
+        run_task(Task(case=case, algorithm="cluster-mcl", seed=3, settings=SMALL, record=self.file))
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
-    return Recorded(tmp_path_factory.mktemp("recorded"))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return Recorded(tmp_path_factory.mktemp("recorded"), monkeypatch)
 
 
 def test_all_steps_and_beliefs_are_recorded(run: Recorded) -> None:

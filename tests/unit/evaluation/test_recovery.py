@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from evaluation.recovery import Recovery, RecoveryGains
+from evaluation.mcl import Recovery, RecoveryGains
 
 GAINS = RecoveryGains(slow=0.1, fast=0.5)
 

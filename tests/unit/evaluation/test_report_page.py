@@ -8,25 +8,26 @@ from importlib.metadata import version
 import numpy as np
 import pytest
 
-from evaluation.experiments.trace import Trace, TracePlace, TraceStep
-from evaluation.report_page import TableText, report_page
+from evaluation.measures import StepFacts, facts_of
+from evaluation.report_page import DrawnRun, TableText, report_page
 from grid_maps.grid_map import GridMap
+from tests.unit.evaluation.places import outcome, place
 
 ROOM = GridMap(np.pad(np.zeros((20, 40), np.int8), 1, constant_values=1), 0.5, (-3.0, 2.0, 0.3))
 TABLE = TableText(["seed", "error m"], [["0", "0.07"], ["1", "<b>"]])
 
 
-def step(update: int, x: float, *, right: bool) -> TraceStep:
-    place = TracePlace(cluster=update % 2, probability=0.75, position=(x, 1.0))
-    return TraceStep(update, (float(update), 1.0, 0.0), right, 0.75 if right else 0.0, (place,))
+def step(number: int, x: float, truth_x: float) -> StepFacts:
+    found = outcome("localized", place(0.75, (x, 1.0, 0.0), cluster=number % 2))
+    return facts_of(number, 0, found, (truth_x, 1.0, 0.0))
 
 
-def page(*steps: TraceStep) -> str:
-    return report_page("cluster-mcl on <sim>", ROOM, [Trace(7, list(steps))], [TABLE])
+def page(*steps: StepFacts) -> str:
+    return report_page("cluster-mcl on <sim>", ROOM, [DrawnRun(7, steps)], [TABLE])
 
 
 def test_the_page_needs_nothing_from_elsewhere() -> None:
-    text = page(step(1, 1.0, right=True))
+    text = page(step(1, 1.0, 1.0))
     assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
     assert "<script" not in text
     assert "http" not in text
@@ -34,7 +35,7 @@ def test_the_page_needs_nothing_from_elsewhere() -> None:
 
 def test_what_is_named_cannot_break_the_page(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["clustermcl", "evaluate", "<x>.log"])
-    text = page(step(1, 1.0, right=True))
+    text = page(step(1, 1.0, 1.0))
     assert "<sim>" not in text
     assert "<td><b>" not in text
     assert "&lt;sim&gt;" in text
@@ -43,7 +44,7 @@ def test_what_is_named_cannot_break_the_page(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_every_drawing_is_well_formed() -> None:
-    text = page(step(1, 1.0, right=True), step(2, 9.0, right=False))
+    text = page(step(1, 1.0, 1.0), step(2, 9.0, 2.0))
     drawings = re.findall(r"<svg.*?</svg>", text, re.DOTALL)
     assert len(drawings) == 4  # the map for all; a run's map and two plots
     for drawing in drawings:
@@ -51,7 +52,7 @@ def test_every_drawing_is_well_formed() -> None:
 
 
 def test_the_estimates_way_is_drawn_in_pieces_that_are_right_and_wrong() -> None:
-    text = page(step(1, 1.0, right=True), step(2, 1.5, right=True), step(3, 9.0, right=False))
+    text = page(step(1, 1.0, 1.0), step(2, 1.5, 2.0), step(3, 9.0, 3.0))
     lines = re.findall(r'<polyline points="([^"]+)" fill="none" stroke="(#\w+)"', text)
     assert lines[:2] == [
         ("1.00,1.00 1.50,1.00 1.50,1.00", "#0072B2"),
@@ -60,24 +61,24 @@ def test_the_estimates_way_is_drawn_in_pieces_that_are_right_and_wrong() -> None
 
 
 def test_a_jump_is_no_way() -> None:
-    text = page(step(1, 1.0, right=True), step(2, 15.0, right=True))
+    text = page(step(1, 1.0, 1.0), step(2, 15.0, 15.0))
     assert "1.00,1.00 15.00,1.00" not in text
 
 
 def test_steps_without_a_place_are_drawn_all_the_same() -> None:
-    nothing = TraceStep(1, (1.0, 1.0, 0.0), False, 0.0, ())
-    assert "seed 7" in page(nothing, step(2, 1.0, right=True))
+    nothing = facts_of(1, 0, outcome("searching"), (1.0, 1.0, 0.0))
+    assert "seed 7" in page(nothing, step(2, 1.0, 1.0))
 
 
 def test_a_run_without_a_known_truth_is_in_the_table_alone() -> None:
-    text = page()
+    text = page(facts_of(1, 0, outcome("localized", place(1.0)), None))
     assert "seed 7" not in text
     assert "0.07" in text
 
 
 def test_the_longest_label_of_a_plot_has_room() -> None:
-    off = TraceStep(1, (0.0, 0.0, 0.0), True, 1.0, (TracePlace(0, 1.0, (0.04, 0.0)),))
-    labels = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="end">([\d.]+ m)<', page(off))
+    off = page(step(1, 0.04, 0.0))
+    labels = re.findall(r'<text x="([\d.]+)"[^>]*text-anchor="end">([\d.]+ m)<', off)
     assert [label for _, label in labels] == ["0 m", "0.1 m", "0.2 m"]
     for right_px, label in labels:
         assert float(right_px) > 8.0 * len(label), "a digit of 11 px is up to 7 px wide"

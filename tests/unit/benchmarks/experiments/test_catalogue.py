@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.experiments.case import Case, RecordedRobot, SimulatedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, all_cases, recorded_cases
-from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
 from tests.unit.recordings import data_folder
 
 

@@ -6,19 +6,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import COLUMNS, RunTable, key_of, rows_of, tasks_of
-from evaluation.experiments.measures import BINS
-from evaluation.experiments.task import Finished, Task
+from benchmarks.experiments.task import Finished, Task
 from particle_filter.settings import BeliefSettings
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.errors import InputFileError
-from tests.unit.evaluation.experiments.made_up import case, measures
+from tests.unit.benchmarks.experiments.made_up import case, measures
 
 
 def finished(**measured: object) -> Finished:
     counts = np.arange(3.0 * BINS).reshape(3, BINS)
-    return Finished(measures=measures(**measured), calibration=counts, trace=None)
+    return Finished(measures=measures(**measured), calibration=counts)
 
 
 def task(seed: int = 0, settings: Settings | None = None) -> Task:

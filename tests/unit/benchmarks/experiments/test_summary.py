@@ -3,9 +3,9 @@ import pandas as pd
 import pytest
 from scipy.stats import wilcoxon
 
+from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import COLUMNS
 from benchmarks.experiments.summary import over_all, summary
-from evaluation.experiments.measures import BINS
 
 
 def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:

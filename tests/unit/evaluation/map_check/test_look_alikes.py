@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from evaluation.experiments.symmetry import turned_copies
+from benchmarks.experiments.observability import turned_copies
 from evaluation.map_check.look_alikes import LookAlikes, LookAlikeSearch
 from evaluation.map_check.report import report_of
 from evaluation.map_check.symmetries import symmetries_of

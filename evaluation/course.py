@@ -3,8 +3,10 @@
 import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 
-from evaluation.experiments.case import Case, RecordedRobot, SimulatedRobot
+import msgspec
+
 from evaluation.references import load_reference
 from grid_maps.grid_map import GridMap
 from particle_filter.trajectory import Trajectory
@@ -22,6 +24,36 @@ TrueStep = tuple[Scan, PoseTuple | None]
 """A step and the true pose at its scan; None where the truth is unknown."""
 
 
+class SimulatedRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """A simulated robot."""
+
+    world: str
+    """Name of a world, or a map file."""
+    map: Path | None = None
+    """Map for the localizer; None: the world's own map."""
+    people: int = 0
+    """Number of people who walk near the robot."""
+
+
+class RecordedRobot(msgspec.Struct, frozen=True, kw_only=True):
+    """A recorded robot."""
+
+    recording: Path
+    map: Path
+    reference: Path | None = None
+    """File with the ground truth; None: unknown, and no step is judged."""
+
+
+class Case(msgspec.Struct, frozen=True, kw_only=True):
+    """A robot and the length of a run."""
+
+    robot: SimulatedRobot | RecordedRobot
+    updates: int | None = None
+    """Most steps of a run; None: to the recording's end."""
+    mirrored: bool = False
+    """Mirror every scan and motion: the robot is nowhere on the map, so no step is judged."""
+
+
 @dataclass(frozen=True)
 class Course:
     """The steps of one run."""
@@ -37,10 +69,10 @@ class Course:
 
 
 def course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int = 0) -> Course:
-    """Begin a run. A mirrored robot is nowhere on the map, so its true pose is unknown.
+    """Begin a run.
 
     Args:
-        case: the experiment.
+        case: the robot.
         seed: of the simulated robot; a recording does not depend on it.
         settings: the motion gate.
         start_step: the first step used of a recording.
@@ -74,9 +106,9 @@ def _course_of(case: Case, seed: int, settings: BridgeSettings, start_step: int)
 
 
 def _with_truth(
-    scans: Iterator[Scan], reference: Trajectory | None, start_step: int, updates: int | None
+    scans: Iterator[Scan], reference: Trajectory | None, start_step: int, steps: int | None
 ) -> Iterator[TrueStep]:
-    end = None if updates is None else start_step + updates
+    end = None if steps is None else start_step + steps
     for scan in itertools.islice(scans, start_step, end):
         yield scan, reference.pose_at(scan.stamp_ns) if reference else None
 

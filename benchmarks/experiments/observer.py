@@ -1,12 +1,17 @@
 """Observes a run: records every step, decides when to kidnap the robot and when to end."""
 
+from benchmarks.experiments.case import AfterStep, Case, OnceRight, SimulatedRobot
+from benchmarks.experiments.measures import (
+    Counts,
+    RunMeasures,
+    Update,
+    calibration_of,
+    measures_of,
+    update_of,
+)
+from benchmarks.experiments.observability import ScanObservability, turned_copies
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, OnceRight, RecordedRobot, SimulatedRobot
-from evaluation.experiments.measures import Counts, RunMeasures, calibration_of, measures_of
-from evaluation.experiments.observability import ScanObservability
-from evaluation.experiments.step_facts import StepFacts, facts_of
-from evaluation.experiments.symmetry import middle_of, turned_copies
-from evaluation.experiments.trace import Trace, TraceStep, places_of
+from evaluation.map_check.symmetries import middle_of
 from grid_maps.grid_map import GridMap
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -20,47 +25,36 @@ class Observer:
 
     Args:
         case: the experiment.
-        seed: of the run.
         grid_map: the localizer's map.
-        with_trace: keep every step for plots.
     """
 
-    def __init__(self, case: Case, seed: int, grid_map: GridMap, *, with_trace: bool) -> None:
+    def __init__(self, case: Case, grid_map: GridMap) -> None:
         self._case, self._middle = case, middle_of(grid_map)
         match case.robot:
             case SimulatedRobot(people=people, kidnapping=kidnapping):
                 self._people, self._kidnapping = people, kidnapping
-            case RecordedRobot():
+            case _:
                 self._people, self._kidnapping = 0, None
         self._observability = (
             ScanObservability(grid_map) if case.has_feature or self._people else None
         )
-        self._facts: list[StepFacts] = []
+        self._updates: list[Update] = []
         self._update = self._right_in_a_row = 0
         self._seen_at: int | None = None
         self._kidnapped_at: int | None = None
         self._right_before_kidnap: bool | None = None
         self._short_shares: list[float] = []
-        self.trace = Trace(seed) if with_trace else None
 
     def on_step(self, scan: Scan, outcome: Outcome, truth: PoseTuple | None) -> None:
         """Take a step and the resulting belief; `truth` is None if unknown."""
         self._update += 1
-        state, places = outcome.state, outcome.hypotheses
         symmetry = self._case.symmetry
         copies = turned_copies(truth, symmetry, self._middle) if truth else ()
-        elsewhere, off_map = outcome.elsewhere_probability, outcome.off_map_probability
-        facts = facts_of(self._update, scan.stamp_ns, state, places, copies, elsewhere, off_map)
-        self._facts.append(facts)
-        if truth is None:
-            return
-        self._right_in_a_row = self._right_in_a_row + 1 if facts.right else 0
-        self._look(scan, copies)
-        if self.trace is not None:
-            held = places_of(places) if facts.claims else ()
-            self.trace.steps.append(
-                TraceStep(self._update, truth, facts.right, facts.copies[0] or 0.0, held)
-            )
+        update = update_of(self._update, scan.stamp_ns, outcome, copies)
+        self._updates.append(update)
+        if truth is not None:
+            self._right_in_a_row = self._right_in_a_row + 1 if update.facts.right else 0
+            self._look(scan, copies)
 
     @property
     def kidnap_now(self) -> bool:
@@ -90,12 +84,12 @@ class Observer:
     @property
     def calibration(self) -> Counts:
         """See `calibration_of`."""
-        return calibration_of(self._facts)
+        return calibration_of(self._updates)
 
     def measures(self, wall_s: float, cpu_s: float = 0.0) -> RunMeasures:
         shares = self._short_shares
         return measures_of(
-            self._facts,
+            self._updates,
             seen_at_update=self._seen_at,
             kidnapped_at_update=self._kidnapped_at,
             right_before_kidnap=self._right_before_kidnap,

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.experiments.baselines import ALGORITHMS, KLD_LEAST_PARTICLES, KldSampling
+from benchmarks.experiments.case import AfterStep, Algorithm, Case, SimulatedRobot
+from benchmarks.experiments.measures import RunMeasures
+from benchmarks.experiments.task import Run, Task, run_task
 from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import ALGORITHMS, AfterStep, Algorithm, Case, SimulatedRobot
-from evaluation.experiments.measures import RunMeasures
-from evaluation.experiments.task import Run, Task, run_task
-from evaluation.ordinary_mcl import KLD_LEAST_PARTICLES, redrawn
+from evaluation.mcl import AMCL_GAINS, SHRINKING_STEPS, OrdinaryMCL
 from particle_filter.arrays import Poses
 from particle_filter.cluster_filter import ParticleSet
 from particle_filter.settings import BeliefSettings, FilterSettings
@@ -81,7 +82,12 @@ def cloud(*poses: tuple[float, float, float], count: int = 2000) -> ParticleSet:
 
 
 def drawn(before: ParticleSet, random_share: float, *, kld: bool = False) -> ParticleSet:
-    return redrawn(before, random_share, ROOM, SETTINGS, np.random.default_rng(7), kld=kld)
+    """Return what resampling makes of a set once it has shrunk."""
+    followed = (KldSampling if kld else OrdinaryMCL)(ROOM, SETTINGS, AMCL_GAINS)
+    followed.steps = SHRINKING_STEPS
+    assert followed._recovery is not None
+    followed._recovery._slow, followed._recovery._fast = 1.0, 1.0 - random_share
+    return followed._redrawn(before, np.random.default_rng(7))
 
 
 def test_of_a_cloud_the_random_share_is_drawn_anywhere() -> None:

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.experiments.observability import ScanObservability
-from evaluation.experiments.symmetry import middle_of, turned_copies
+from benchmarks.experiments.observability import ScanObservability, turned_copies
+from evaluation.map_check.symmetries import middle_of
 from grid_maps.grid_map import GridMap
 from process_runtime.settings import BridgeSettings
 from protocol.message import PoseTuple

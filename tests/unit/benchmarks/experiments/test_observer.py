@@ -1,17 +1,13 @@
-import math
-
 import msgspec
 import numpy as np
-import pytest
 
-from coordinator.belief.outcome import Outcome
-from evaluation.experiments.case import AfterStep, Case, OnceRight, SimulatedRobot
-from evaluation.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
-from protocol.answers import Hypothesis
+from benchmarks.experiments.case import AfterStep, Case, OnceRight, SimulatedRobot
+from benchmarks.experiments.observer import GOOD_BEFORE_KIDNAP, Observer
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
 from robot_simulator.worlds.catalogue import world
-from tests.unit.evaluation.experiments.made_up import NOWHERE, TRUTH, case, place
+from tests.unit.benchmarks.experiments.made_up import NOWHERE, TRUTH, at, case
+from tests.unit.evaluation.places import outcome
 
 SCAN = Scan(
     sender="test",
@@ -27,24 +23,12 @@ SCAN = Scan(
 )
 
 
-def outcome(*places: Hypothesis) -> Outcome:
-    return Outcome(
-        step=0,
-        state="localized",
-        hypotheses=places,
-        elsewhere_probability=1.0 - math.fsum(p.probability for p in places),
-        searching=False,
-        missing=(),
-        begin={},
-        events=(),
-    )
+def observer(of: Case) -> Observer:
+    return Observer(of, world("rectangle").map)
 
 
-def observer(of: Case, **more: bool) -> Observer:
-    return Observer(of, 0, world("rectangle").map, with_trace=more.get("with_trace", False))
-
-
-RIGHT, WRONG = outcome(place(0.8), place(0.2, NOWHERE)), outcome(place(1.0, NOWHERE))
+RIGHT = outcome("localized", at(0.8), at(0.2, NOWHERE))
+WRONG = outcome("localized", at(1.0, NOWHERE))
 
 
 def lifted(kidnapping: AfterStep | OnceRight) -> SimulatedRobot:
@@ -99,13 +83,3 @@ def test_steps_without_a_known_truth_are_updates_but_not_judged() -> None:
     assert measures.right_share == 1.0
     assert measures.bootstrap_update == 2
     assert watching.calibration[0].sum() == 1
-
-
-def test_a_trace_keeps_the_places_and_the_truth() -> None:
-    watching = observer(case(), with_trace=True)
-    watching.on_step(SCAN, RIGHT, TRUTH)
-    assert watching.trace is not None
-    (step,) = watching.trace.steps
-    assert step.truth == TRUTH
-    assert step.truth_probability == pytest.approx(0.8)
-    assert [each.position for each in step.places] == [TRUTH[:2], NOWHERE[:2]]

@@ -2,9 +2,9 @@ import multiprocessing
 
 import pytest
 
-from evaluation.experiments.pool import RunError, in_parallel
+from evaluation.run import RunError, in_parallel
 from process_runtime.stop import StopFlag
-from tests.unit.evaluation.experiments.work_pieces import work
+from tests.unit.evaluation.work_pieces import work
 
 
 def test_each_piece_is_done_once_whatever_the_order() -> None:

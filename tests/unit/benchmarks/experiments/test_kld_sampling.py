@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evaluation.ordinary_mcl import KLD_BIN_M, KLD_BIN_RAD, sufficient_particles
+from benchmarks.experiments.baselines import KLD_BIN_M, KLD_BIN_RAD, sufficient_particles
 
 
 def spread(sigma_m: float) -> np.ndarray:

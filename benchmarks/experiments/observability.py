@@ -1,12 +1,13 @@
-"""Observability: whether a scan distinguishes symmetric places, and how much is occluded."""
+"""Symmetric places: the images of a pose, and whether a scan distinguishes them."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from grid_maps.grid_map import GridMap
-from particle_filter.poses import compose, inverse
+from particle_filter.poses import compose, inverse, wrap_angle
 from particle_filter.ray_casting import cast_rays_from_poses, jump_field
 from protocol.message import PoseTuple
 from protocol.steps import Scan
@@ -15,6 +16,27 @@ DISTINGUISHING_BEAMS = 3
 """Two places are distinguished by at least this number of beams with different ranges."""
 DISTINGUISHING_M = 0.3
 """Least difference [m]: ten times the range noise, and more than a grazing ray's error."""
+
+
+def turned_copies(
+    pose: PoseTuple, times: int, middle: tuple[float, float]
+) -> tuple[PoseTuple, ...]:
+    """A pose and its images after turns of the whole map by 1 / `times` of a full turn.
+
+    Args:
+        pose: the true one; it comes first.
+        times: of the symmetry; 1: there is nothing but the pose itself.
+        middle: about which the map is turned.
+    """
+    x, y, heading = pose[0] - middle[0], pose[1] - middle[1], pose[2]
+    copies = [pose]
+    for turn in range(1, times):
+        angle = math.tau * turn / times
+        c, s = math.cos(angle), math.sin(angle)
+        copies.append(
+            (middle[0] + c * x - s * y, middle[1] + s * x + c * y, wrap_angle(heading + angle))
+        )
+    return tuple(copies)
 
 
 class ScanObservability:

@@ -2,36 +2,34 @@ import math
 
 import pytest
 
-from evaluation.experiments.measures import (
-    brier,
+from benchmarks.experiments.measures import (
     entropy_of_copies,
     first_alarm,
     first_right,
     leader_changes,
-    log_score,
     measures_of,
     right_at,
+    update_of,
 )
-from evaluation.experiments.step_facts import facts_of
-from protocol.answers import State
-from tests.unit.evaluation.experiments.made_up import (
+from protocol.answers import Hypothesis, State
+from tests.unit.benchmarks.experiments.made_up import (
     COPIES,
     NOWHERE,
     OPPOSITE,
     TRUTH,
+    at,
     facts,
-    place,
     right_or_wrong,
 )
+from tests.unit.evaluation.places import outcome
 
 
 def test_a_step_notes_which_copy_has_which_probability() -> None:
-    step = facts(
-        1, place(0.4), place(0.3, OPPOSITE), place(0.2, (5.5, 0.5, 0.1)), place(0.1, NOWHERE)
-    )
+    step = facts(1, at(0.4), at(0.3, OPPOSITE), at(0.2, (5.5, 0.5, 0.1)), at(0.1, NOWHERE))
     assert step.copies == pytest.approx((0.6, 0.3))
-    assert step.claims == ((0.4, True), (0.3, False), (0.2, True), (0.1, False))
-    assert step.right
+    claims = [(place.probability, place.right) for place in step.facts.claims]
+    assert claims == [(0.4, True), (0.3, False), (0.2, True), (0.1, False)]
+    assert step.facts.right
     assert step.all_tracked
     assert step.leader == 0
 
@@ -39,24 +37,23 @@ def test_a_step_notes_which_copy_has_which_probability() -> None:
 def test_right_ends_at_a_metre_and_at_20_degrees() -> None:
     x, y, heading = TRUTH
     for off, right in (((0.99, 0.0), True), ((1.01, 0.0), False)):
-        assert facts(1, place(1.0, (x + off[0], y, heading))).right == right
+        assert facts(1, at(1.0, (x + off[0], y, heading))).facts.right == right
     for degrees, right in ((19.9, True), (20.1, False)):
         turned = (x, y, heading + math.radians(degrees))
-        assert facts(1, place(1.0, turned)).right == right
+        assert facts(1, at(1.0, turned)).facts.right == right
 
 
 def test_while_searching_nothing_is_claimed() -> None:
-    step = facts(1, place(1.0), state="searching")
-    assert not step.right
-    assert not step.confidently_wrong
-    assert step.claims == ()
+    step = facts(1, at(1.0), state="searching")
+    assert not step.facts.right
+    assert not step.facts.confident
+    assert step.facts.claims == ()
     assert step.leader is None
 
 
 def test_confidently_wrong_is_wrong_with_nine_tenths_or_more() -> None:
-    assert facts(1, place(0.9, NOWHERE)).confidently_wrong
-    assert not facts(1, place(0.89, NOWHERE)).confidently_wrong
-    assert not facts(1, place(1.0)).confidently_wrong
+    for place, expected in ((at(0.9, NOWHERE), 1.0), (at(0.89, NOWHERE), 0.0), (at(1.0), 0.0)):
+        assert measures_of([facts(1, place)]).confidently_wrong_share == expected
 
 
 def test_the_first_right_ones_need_five_in_a_row() -> None:
@@ -76,18 +73,21 @@ def test_an_alarm_is_any_state_but_localized() -> None:
 
 
 def test_the_entropy_of_two_copies() -> None:
-    assert entropy_of_copies(facts(1, place(0.5), place(0.5, OPPOSITE))) == pytest.approx(1.0)
-    uneven = facts(1, place(0.6), place(0.2, OPPOSITE), place(0.2, NOWHERE))
+    assert entropy_of_copies(facts(1, at(0.5), at(0.5, OPPOSITE))) == pytest.approx(1.0)
+    uneven = facts(1, at(0.6), at(0.2, OPPOSITE), at(0.2, NOWHERE))
     three_to_one = -(0.75 * math.log2(0.75) + 0.25 * math.log2(0.25))
     assert entropy_of_copies(uneven) == pytest.approx(three_to_one)
-    assert entropy_of_copies(facts(1, place(1.0))) == 0.0
-    assert entropy_of_copies(facts(1, place(1.0, NOWHERE))) == 0.0
+    assert entropy_of_copies(facts(1, at(1.0))) == 0.0
+    assert entropy_of_copies(facts(1, at(1.0, NOWHERE))) == 0.0
 
 
 def test_changes_of_the_leader_pass_over_updates_without_one() -> None:
-    ours, theirs = (place(0.6), place(0.4, OPPOSITE)), (place(0.4), place(0.6, OPPOSITE))
-    lost = (place(1.0, NOWHERE),)
-    run = [facts(n, *places) for n, places in enumerate((ours, lost, ours, theirs, lost, ours))]
+    ours, theirs = (at(0.6), at(0.4, OPPOSITE)), (at(0.4), at(0.6, OPPOSITE))
+    lost = (at(1.0, NOWHERE),)
+    run = [
+        facts(n, *places)
+        for n, places in enumerate((ours, lost, ours, theirs, lost, ours), start=1)
+    ]
     assert leader_changes(run) == 2
 
 
@@ -125,25 +125,29 @@ def test_before_the_feature_is_seen_is_a_share_of_its_own() -> None:
     assert measures_of(run).all_tracked_until_seen_share is None
 
 
-def test_the_log_score_adds_right_places_up_and_is_bounded() -> None:
-    split = facts(1, place(0.4, NOWHERE), place(0.35), place(0.15, (5.5, 0.5, 0.1)))
-    assert log_score(split) == pytest.approx(math.log(0.5))
-    assert log_score(facts(1, place(0.9995, NOWHERE), place(0.0005))) == math.log(0.001)
-    assert log_score(facts(1)) == math.log(0.001)
-
-
-def test_the_brier_score_is_0_for_the_truth_1_for_nothing_2_for_a_sure_error() -> None:
-    assert brier(facts(1, place(1.0))) == 0.0
-    assert brier(facts(1)) == 1.0
-    assert brier(facts(1, place(1.0, NOWHERE))) == 2.0
-    halves = facts(1, place(0.5), place(0.3, OPPOSITE), place(0.2, NOWHERE))
-    assert brier(halves) == pytest.approx(0.25 + 0.09 + 0.04)
+@pytest.mark.parametrize(
+    ("places", "log_score", "brier"),
+    [
+        ([at(0.4, NOWHERE), at(0.35), at(0.15, (5.5, 0.5, 0.1))], math.log(0.5), 0.25 + 0.16),
+        ([at(0.9995, NOWHERE), at(0.0005)], math.log(0.001), 2 * 0.9995**2),
+        ([], math.log(0.001), 1.0),
+        ([at(1.0)], 0.0, 0.0),
+        ([at(1.0, NOWHERE)], math.log(0.001), 2.0),
+        ([at(0.5), at(0.3, OPPOSITE), at(0.2, NOWHERE)], math.log(0.5), 0.25 + 0.09 + 0.04),
+    ],
+)
+def test_scores_add_up_right_places_and_the_log_score_is_bounded(
+    places: list[Hypothesis], log_score: float, brier: float
+) -> None:
+    made = measures_of([facts(1, *places)])
+    assert made.log_score == pytest.approx(log_score)
+    assert made.brier == pytest.approx(brier)
 
 
 def test_places_of_a_first_search_are_scored_but_are_no_estimate() -> None:
-    searching = facts(1, place(0.95), state="searching")
-    assert (searching.claims, searching.right, searching.tracked) == ((), False, False)
-    made = measures_of([searching, facts(2, place(0.5), place(0.5, OPPOSITE))])
+    searching = facts(1, at(0.95), state="searching")
+    assert (searching.facts.claims, searching.facts.tracked) == ((), False)
+    made = measures_of([searching, facts(2, at(0.5), at(0.5, OPPOSITE))])
     assert made.log_score == pytest.approx((math.log(0.95) + math.log(0.5)) / 2)
     assert made.brier == pytest.approx((0.05**2 + 0.5) / 2)
     assert made.sure_and_right_at_update is made.truth_lowest_once_sure is None
@@ -151,11 +155,11 @@ def test_places_of_a_first_search_are_scored_but_are_no_estimate() -> None:
 
 def test_sure_and_right_is_the_first_estimate_with_nine_tenths() -> None:
     run = [
-        facts(1, place(0.95, NOWHERE), place(0.05)),
-        facts(2, place(0.5), place(0.45, (5.5, 0.5, 0.1)), place(0.05, NOWHERE)),
-        facts(3, place(0.9), place(0.1, NOWHERE)),
-        facts(4, place(0.7, NOWHERE), place(0.3)),
-        facts(5, place(1.0)),
+        facts(1, at(0.95, NOWHERE), at(0.05)),
+        facts(2, at(0.5), at(0.45, (5.5, 0.5, 0.1)), at(0.05, NOWHERE)),
+        facts(3, at(0.9), at(0.1, NOWHERE)),
+        facts(4, at(0.7, NOWHERE), at(0.3)),
+        facts(5, at(1.0)),
     ]
     made = measures_of(run)
     assert made.sure_and_right_at_update == 3  # what the places of update 2 add up to is no one's
@@ -164,20 +168,25 @@ def test_sure_and_right_is_the_first_estimate_with_nine_tenths() -> None:
 
 
 def test_updates_without_ground_truth_are_in_no_score() -> None:
-    unknown = facts_of(1, 0, "localized", [place(1.0, NOWHERE)], (), 0.7)
-    told = facts_of(2, 0, "localized", [place(0.8)], COPIES, 0.2)
+    unknown = update_of(1, 0, outcome("localized", at(1.0, NOWHERE), elsewhere=0.7), ())
+    told = update_of(2, 0, outcome("localized", at(0.8), elsewhere=0.2), COPIES)
     made = measures_of([unknown, told])
     assert made.log_score == pytest.approx(math.log(0.8))
     assert made.brier == pytest.approx(0.04)
     assert measures_of([unknown]).brier is measures_of([]).log_score is None
-    assert measures_of([facts(1, place(1.0))]).elsewhere_probability is None
+    assert measures_of([facts(1, at(1.0))]).elsewhere_probability is None
 
 
 def test_states_and_what_is_at_no_place_are_those_of_all_updates() -> None:
     states: list[State] = ["searching", "ambiguous", "lost", "localized", "localized"]
     run = [
-        facts_of(n, 0, state, [place(0.5)], COPIES if n > 3 else (), 0.5, 0.25 if n > 3 else 0.0)
-        for n, state in enumerate(states)
+        update_of(
+            n,
+            0,
+            outcome(state, at(0.5), elsewhere=0.5, off_map=0.25 if n > 4 else 0.0),
+            COPIES if n > 4 else (),
+        )
+        for n, state in enumerate(states, start=1)
     ]
     made = measures_of(run)
     assert (made.localized_share, made.ambiguous_share) == (0.4, 0.2)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from evaluation.experiments.case import Case, RecordedRobot
-from evaluation.experiments.course import course_of
+from evaluation.course import Case, RecordedRobot, course_of
 from process_runtime.settings import BridgeSettings
 from tests.unit.recordings.logs import flaser
 
@@ -27,7 +26,7 @@ def recorded(tmp_path: Path) -> RecordedRobot:
 
 def truths(robot: RecordedRobot, start_step: int, updates: int | None) -> list[tuple[int, float]]:
     """Number of each step, and where the robot was."""
-    case = Case(name="c", title="c", robot=robot, updates=updates, seeds=1)
+    case = Case(robot=robot, updates=updates)
     steps = course_of(case, 0, BridgeSettings(), start_step).steps
     return [(scan.step, truth[0]) for scan, truth in steps if truth is not None]
 

@@ -1,16 +1,22 @@
-"""The cloud of ordinary MCL: its start, and how it shrinks."""
+"""Ordinary MCL: its start, how it shrinks, and its random particles."""
 
 import numpy as np
 import pytest
 
-from evaluation.one_cloud import OneCloud, start_particles, uniform_over_free_space
+from evaluation import mcl
+from evaluation.mcl import OrdinaryMCL, start_particles, uniform_over_free_space
 from particle_filter.arrays import UNKNOWN
 from particle_filter.poses import between
 from particle_filter.sensor_model import Grid
-from particle_filter.settings import FilterSettings
-from tests.unit.particle_filter.rooms import CELL_M, NO_OFFSET, model_of, plain_room, seen_from
+from particle_filter.sensor_models import computed_model
+from particle_filter.settings import BeliefSettings, ClusterSettings, FilterSettings
+from tests.unit.oracle import tiny_world
+from tests.unit.oracle.tiny_world import SENSOR, TRUTH, Drive
+from tests.unit.particle_filter.rooms import CELL_M, NO_OFFSET, plain_room
 
-HERE = np.array([1.0, 3.0, 0.3])
+ROOM_MODEL = computed_model(
+    Grid(tiny_world.plain_room(), tiny_world.CELL_M, np.zeros(3)), tiny_world.SENSOR
+)
 
 
 def test_the_start_is_even_over_free_cells_and_only_there() -> None:
@@ -43,22 +49,25 @@ def test_a_map_without_a_free_cell_is_refused() -> None:
         uniform_over_free_space(grid, 10, np.random.default_rng(0))
 
 
-def test_particles_shrink_evenly_in_the_logarithm_to_what_is_kept() -> None:
-    """From 6,400 to 100, a half every step; the first scan is weighed by all."""
-    cells, rng, counts = plain_room(), np.random.default_rng(0), []
-    cloud = OneCloud(model_of(cells), FilterSettings(), np.tile(HERE, (6_400, 1)), kept=100)
-    for step in range(8):
-        cloud.advance(HERE if step else None, HERE, seen_from(HERE, cells), rng)
-        counts.append(len(cloud.particles.log_weights))
-        assert cloud.shrunk == (step >= 5)
+def counts_of(settings: FilterSettings, steps: int, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the number of particles after each step, from 6,400 at the start."""
+    monkeypatch.setattr(mcl, "start_particles", lambda _: 6_400)
+    followed = OrdinaryMCL(ROOM_MODEL, settings)
+    counts = []
+    for scan in Drive(tiny_world.plain_room(), TRUTH, steps, first_step=0).scans:
+        followed.advance(scan)
+        assert followed.particles is not None
+        counts.append(len(followed.particles.log_weights))
+    return counts
+
+
+def test_particles_shrink_evenly_in_the_logarithm_to_those_of_all_clusters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    settings = FilterSettings(
+        sensor=SENSOR,
+        cluster=ClusterSettings(particles=25),
+        belief=BeliefSettings(max_clusters=4, particles=0),
+    )
+    counts = counts_of(settings, 8, monkeypatch)
     assert counts == [6_400, 3_200, 1_600, 800, 400, 200, 100, 100]
-
-
-def test_few_that_count_are_redrawn() -> None:
-    cells, rng = plain_room(), np.random.default_rng(0)
-    poses = np.tile(HERE, (100, 1))
-    poses[10:] = [3.0, 1.0, 2.0]  # fit far worse
-    cloud = OneCloud(model_of(cells), FilterSettings(), poses, kept=100)
-    cloud.advance(None, HERE, seen_from(HERE, cells), rng)
-    cloud.advance(HERE, HERE, seen_from(HERE, cells), rng)
-    assert np.mean(np.abs(cloud.particles.map_from_robot[:, 0] - 1.0) < 0.2) > 0.9

@@ -1,42 +1,77 @@
-"""The measures of one run: every term of the experiments' tables is defined here.
+"""The measures of one run in the experiments' tables; `evaluation.measures` defines their terms.
 
 - *Update*: one step, that is one gated scan; updates are counted from 1.
-- *Estimate*: the most probable place. During the first search there is none.
-- *Right*: within 1 m and 20 degrees of the ground truth.
 - *After the bootstrap*: from the update at which the first search has ended.
 - *Copies* of a k-fold symmetric map: the true pose and its images under the map's rotations.
 - *Tracked*: a copy with a place within 1 m and 20 degrees of it.
 - *Feature seen*: the first update in a nearly symmetric map at which 3 or more beams would differ
   by more than 0.3 m at every other copy (see `observability`).
-- *Right for good*: from the first update after which every estimate of the run is right.
-- *Judged*: an update with a known true pose. Others count only in the number of updates, in their
-  states and in the probability of no place.
-- *Reported*: the places of an update with their probabilities, including the first search's.
-
-`clustermcl evaluate` computes some of these measures under other names.
 """
 
 import math
-import statistics
 from collections.abc import Sequence
-from itertools import dropwhile, pairwise, takewhile
+from dataclasses import dataclass
+from itertools import pairwise
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluation.experiments.step_facts import StepFacts
+from coordinator.belief.outcome import Outcome
+from evaluation import measures as common
+from evaluation.measures import StepFacts, mean
+from evaluation.pose_error import pose_error
 from particle_filter.belief import normalised_entropy
-from protocol.answers import State
+from protocol.message import PoseTuple
 
 Counts = NDArray[np.float64]
 IN_A_ROW = 5
 """This number of right estimates in a row is not accidental."""
-LAST_UPDATES = 10
-"""A run with this number of right estimates at its end is localized."""
 BINS = 10
-LEAST_PROBABILITY = 0.001
-"""Lower bound of probabilities before the logarithm: an update costs at most 6.9 nat."""
+
+
+@dataclass(frozen=True, slots=True)
+class Update:
+    """The facts of one update."""
+
+    facts: StepFacts
+    copies: tuple[float | None, ...]
+    """For the true pose and each symmetric copy: total probability of the places that match it, or
+    None if there is none. Empty: the true pose is unknown."""
+
+    @property
+    def number(self) -> int:
+        """Number of the update; the first is 1."""
+        return self.facts.step + 1
+
+    @property
+    def all_tracked(self) -> bool:
+        """Whether the true pose and every symmetric copy have a place."""
+        return None not in self.copies
+
+    @property
+    def leader(self) -> int | None:
+        """Index of the most probable copy; None if no copy has a place."""
+        held = [(p, -index) for index, p in enumerate(self.copies) if p is not None]
+        return -max(held)[1] if held else None
+
+
+def update_of(number: int, stamp_ns: int, outcome: Outcome, copies: Sequence[PoseTuple]) -> Update:
+    """Return the facts of an update.
+
+    Args:
+        number: of the update; the first is 1.
+        stamp_ns: time of its scan.
+        outcome: the belief after it.
+        copies: the true pose, then its symmetric copies; empty if unknown.
+    """
+    facts = common.facts_of(number - 1, stamp_ns, outcome, copies[0] if copies else None)
+    places = outcome.hypotheses if facts.claims else ()
+    near = [
+        [place.probability for place in places if pose_error(place.mean, copy).right]
+        for copy in copies
+    ]
+    return Update(facts, tuple(math.fsum(each) if each else None for each in near))
 
 
 class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -139,7 +174,7 @@ class RunMeasures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def measures_of(
-    facts: Sequence[StepFacts],
+    updates: Sequence[Update],
     *,
     seen_at_update: int | None = None,
     kidnapped_at_update: int | None = None,
@@ -151,7 +186,7 @@ def measures_of(
     """Compute the measures of a run.
 
     Args:
-        facts: its updates in order.
+        updates: the run's updates in order.
         seen_at_update: when the feature was seen.
         kidnapped_at_update: when the robot was kidnapped.
         right_before_kidnap: whether the estimate was right before.
@@ -159,161 +194,116 @@ def measures_of(
         wall_s: duration of the run [s].
         cpu_s: CPU time of the run [s].
     """
-    held = [step for step in after_bootstrap(facts) if step.judged]
-    judged = [step for step in facts if step.judged]
-    final = judged[-1].error if judged else None
-    good = right_for_good(judged)
-    settled = good[0].update if good else None
-    once_sure = from_sure_on(judged)
-    elsewhere = [step.elsewhere for step in facts if step.elsewhere is not None]
-    entropies = [entropy_of_copies(step) for step in held]
+    made = common.measures_of([each.facts for each in updates], wall_s=wall_s, cpu_s=cpu_s)
+    judged = [each for each in updates if each.copies]
+    first = next((each.number for each in updates if each.facts.state != "searching"), math.inf)
+    held = [each for each in judged if each.number >= first]
+    sure, settled = (
+        None if step is None else step + 1
+        for step in (made.sure_and_right_at_step, made.localized_at_step)
+    )
+    entropies = [entropy_of_copies(each) for each in held]
     seen = seen_at_update
-    after_kidnap = [f for f in judged if kidnapped_at_update and f.update > kidnapped_at_update]
+    before_seen = [each for each in held if seen and each.number < seen]
+    after_kidnap = [e for e in judged if kidnapped_at_update and e.number > kidnapped_at_update]
+    kept_from = first_right(judged)
     return RunMeasures(
-        updates=len(facts),
-        localized=bool(good),
-        final_error_m=final.distance_m if final else None,
-        final_error_rad=final.heading_rad if final else None,
+        updates=made.steps,
+        localized=made.localized,
+        final_error_m=made.final_error_m,
+        final_error_rad=made.final_error_rad,
         settled_at_update=settled,
-        settled_after_s=(good[0].stamp_ns - facts[0].stamp_ns) / 1e9 if good else None,
-        rmse_m=root_mean_square([step.error.distance_m for step in good if step.error]),
-        confidently_wrong_share=share([step.confidently_wrong for step in judged]),
-        tracked_share=share([step.tracked for step in held]),
-        kept_share=kept_share(judged),
-        truth_probability=share([step.copies[0] or 0.0 for step in held]),
-        sure_and_right_at_update=once_sure[0].update if once_sure else None,
-        truth_lowest_once_sure=min((step.truth_told for step in once_sure), default=None),
-        log_score=share([log_score(step) for step in judged]),
-        brier=share([brier(step) for step in judged]),
-        elsewhere_probability=share(elsewhere),
-        off_map_probability=share([step.off_map for step in facts]) or 0.0,
-        right_share=share([step.right for step in judged]) or 0.0,
+        settled_after_s=made.localized_at_s,
+        rmse_m=made.rmse_m,
+        confidently_wrong_share=made.confidently_wrong_fraction,
+        tracked_share=made.truth_tracked_fraction,
+        kept_share=mean(
+            each.facts.tracked for each in judged if kept_from and each.number >= kept_from
+        ),
+        truth_probability=made.truth_probability_mean,
+        sure_and_right_at_update=sure,
+        truth_lowest_once_sure=made.truth_probability_lowest_once_sure,
+        log_score=made.log_score_mean,
+        brier=made.brier_mean,
+        elsewhere_probability=made.elsewhere_probability_mean,
+        off_map_probability=made.off_map_probability_mean or 0.0,
+        right_share=mean(each.facts.right for each in judged) or 0.0,
         right_at_50=right_at(judged, 50),
         right_at_100=right_at(judged, 100),
         right_within=first_right(judged),
-        bootstrap_update=held[0].update if held else None,
+        bootstrap_update=held[0].number if held else None,
         copies_found=sum(p is not None for p in held[0].copies) if held else None,
-        all_tracked_share=share([step.all_tracked for step in held]),
-        entropy_mean=statistics.fmean(entropies) if entropies else None,
+        all_tracked_share=mean(each.all_tracked for each in held),
+        entropy_mean=mean(entropies),
         entropy_min=min(entropies, default=None),
         leader_changes=leader_changes(judged),
         seen_at_update=seen,
-        all_tracked_until_seen_share=(
-            share([step.all_tracked for step in held if step.update < seen]) if seen else None
-        ),
+        all_tracked_until_seen_share=mean(each.all_tracked for each in before_seen),
         settled_after_seen=max(settled - seen, 0) if seen and settled else None,
         kidnapped_at_update=kidnapped_at_update,
         right_before_kidnap=right_before_kidnap,
         alarm_after_kidnap=since(first_alarm(after_kidnap), kidnapped_at_update),
         right_after_kidnap=since(first_right(after_kidnap), kidnapped_at_update),
-        localized_share=state_share(facts, "localized"),
-        ambiguous_share=state_share(facts, "ambiguous"),
-        lost_share=state_share(facts, "lost"),
-        searching_share=state_share(facts, "searching"),
+        localized_share=made.localized_fraction,
+        ambiguous_share=made.ambiguous_fraction,
+        lost_share=made.lost_fraction,
+        searching_share=made.searching_fraction,
         localized_wrong_share=(
-            share([step.state == "localized" and not step.right for step in judged]) or 0.0
+            mean(e.facts.state == "localized" and not e.facts.right for e in judged) or 0.0
         ),
         short_beam_share=short_beam_share,
-        wall_s=wall_s,
-        cpu_s=cpu_s,
+        wall_s=made.wall_s,
+        cpu_s=made.cpu_s,
     )
 
 
-def calibration_of(facts: Sequence[StepFacts]) -> Counts:
+def calibration_of(updates: Sequence[Update]) -> Counts:
     """Return counts per tenth of probability, for reliability diagrams.
 
     Returns:
         (3, 10): number of estimates, number of right ones, and sum of their probabilities.
     """
     counts = np.zeros((3, BINS))
-    for step in facts:
-        if step.judged and step.claims:
-            part = min(int(step.probability * BINS), BINS - 1)
-            counts[:, part] += 1.0, step.right, step.probability
+    for facts in (each.facts for each in updates):
+        if facts.claims:
+            probability = facts.claims[0].probability
+            part = min(int(probability * BINS), BINS - 1)
+            counts[:, part] += 1.0, facts.right, probability
     return counts
 
 
-def after_bootstrap(facts: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """Return the updates from the end of the first search."""
-    first = next((i for i, step in enumerate(facts) if step.state != "searching"), len(facts))
-    return facts[first:]
+def right_at(updates: Sequence[Update], number: int) -> bool | None:
+    """Return whether the estimate of one update was right; None if it was not judged."""
+    return next((each.facts.right for each in updates if each.number == number), None)
 
 
-def right_for_good(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """Return the final run of right estimates; empty if under 10 of them and not all updates."""
-    count = sum(1 for _ in takewhile(lambda step: step.right, reversed(judged)))
-    return judged[len(judged) - count :] if count >= min(LAST_UPDATES, len(judged)) else ()
-
-
-def from_sure_on(judged: Sequence[StepFacts]) -> Sequence[StepFacts]:
-    """From the first update on whose estimate is sure and right; none without one."""
-    return tuple(dropwhile(lambda step: not step.sure_and_right, judged))
-
-
-def log_score(step: StepFacts) -> float:
-    """Natural logarithm of the right places' probability, bounded; see `RunMeasures`."""
-    return math.log(max(step.truth_told, LEAST_PROBABILITY))
-
-
-def brier(step: StepFacts) -> float:
-    """Brier score with all right places as one; see `RunMeasures`."""
-    wrong = math.fsum(probability**2 for probability, right in step.told if not right)
-    return (1.0 - step.truth_told) ** 2 + wrong
-
-
-def root_mean_square(values: Sequence[float]) -> float | None:
-    """Of none: None."""
-    return math.sqrt(sum(value**2 for value in values) / len(values)) if values else None
-
-
-def share(flags: Sequence[bool] | Sequence[float]) -> float | None:
-    """Share of those that are set, or the mean; None of none."""
-    return sum(flags) / len(flags) if flags else None
-
-
-def state_share(facts: Sequence[StepFacts], state: State) -> float:
-    """Share of the updates with a state; 0 of none."""
-    return share([step.state == state for step in facts]) or 0.0
-
-
-def right_at(facts: Sequence[StepFacts], update: int) -> bool | None:
-    """Whether the estimate of one update was right; None if it was not judged."""
-    return next((step.right for step in facts if step.update == update), None)
-
-
-def first_right(facts: Sequence[StepFacts], in_a_row: int = IN_A_ROW) -> int | None:
+def first_right(updates: Sequence[Update], in_a_row: int = IN_A_ROW) -> int | None:
     """Return the first update of the first `IN_A_ROW` right estimates in a row."""
     streak = 0
-    for index, step in enumerate(facts):
-        streak = streak + 1 if step.right else 0
+    for index, each in enumerate(updates):
+        streak = streak + 1 if each.facts.right else 0
         if streak == in_a_row:
-            return facts[index - in_a_row + 1].update
+            return updates[index - in_a_row + 1].number
     return None
 
 
-def kept_share(facts: Sequence[StepFacts]) -> float | None:
-    """Share of the updates since the first 5 right ones in a row on which the truth is tracked."""
-    begin = first_right(facts)
-    return share([step.tracked for step in facts if step.update >= begin]) if begin else None
-
-
-def first_alarm(facts: Sequence[StepFacts]) -> int | None:
-    """The first update with a state that says not to trust the estimate."""
-    return next((step.update for step in facts if step.state != "localized"), None)
+def first_alarm(updates: Sequence[Update]) -> int | None:
+    """Return the first update with a state that says not to trust the estimate."""
+    return next((each.number for each in updates if each.facts.state != "localized"), None)
 
 
 def since(update: int | None, begin: int | None) -> int | None:
-    """Updates from one to another; None if either is missing."""
+    """Return the updates from one to another; None if either is missing."""
     return None if update is None or begin is None else update - begin
 
 
-def entropy_of_copies(step: StepFacts) -> float:
-    """Entropy of the copies' probabilities over that of equal ones; 0 if no copy is tracked."""
-    probabilities = np.array([p or 0.0 for p in step.copies])
+def entropy_of_copies(update: Update) -> float:
+    """Return the entropy of the copies over that of equal ones; 0 if no copy is tracked."""
+    probabilities = np.array([p or 0.0 for p in update.copies])
     return normalised_entropy(probabilities) if probabilities.sum() > 0.0 else 0.0
 
 
-def leader_changes(facts: Sequence[StepFacts]) -> int:
-    """How often the most probable copy changed; updates with no copy tracked are passed over."""
-    leaders = [step.leader for step in facts if step.leader is not None]
+def leader_changes(updates: Sequence[Update]) -> int:
+    """Return how often the most probable copy changed, without updates with no copy tracked."""
+    leaders = [each.leader for each in updates if each.leader is not None]
     return sum(before != after for before, after in pairwise(leaders))

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from evaluation import paper_letter
-from evaluation.experiments.case import BASELINES, Case, SimulatedRobot
-from evaluation.experiments.task import Run, Task
+from benchmarks.experiments import baselines
+from benchmarks.experiments.baselines import SquaredPrior
+from benchmarks.experiments.case import BASELINES, Case, SimulatedRobot
+from benchmarks.experiments.task import Run, Task
 from evaluation.in_process import InProcess
-from evaluation.paper_letter import SquaredPrior
 from particle_filter.sensor_model import SensorModel
 from particle_filter.settings import FilterSettings, SensorSettings
 from process_runtime.settings import Settings
@@ -24,10 +24,10 @@ def test_every_experiment_has_a_row_for_it() -> None:
 
 def test_only_departures_from_the_paper_are_changed() -> None:
     plain = FilterSettings()
-    letter = paper_letter.to_the_letter(plain)
+    letter = baselines.to_the_letter(plain)
     assert (letter.motion, letter.search, letter.seed) == (plain.motion, plain.search, plain.seed)
     assert letter.belief.transition_probability == 0.0
-    assert letter.belief.max_clusters == paper_letter.CLUSTERS
+    assert letter.belief.max_clusters == baselines.CLUSTERS
     assert letter.belief.kidnapping_probability == 0.0
     assert letter.cluster.resample_below_ess == 1.0
 

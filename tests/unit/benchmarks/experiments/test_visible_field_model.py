@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from evaluation.visible_field_model import VisibleFieldModel
+from benchmarks.experiments.baselines import VisibleFieldModel
 from particle_filter.settings import SensorSettings
 from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
 

@@ -1,1 +1,0 @@
-"""Experiments: Cluster-MCL and baselines on worlds and recordings, by seed."""

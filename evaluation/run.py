@@ -1,0 +1,145 @@
+"""One run of an algorithm on a robot's steps, and the parallel execution of several."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from coordinator.belief.outcome import Outcome
+from evaluation import in_process, mcl
+from evaluation.course import Case, course_of
+from particle_filter.sensor_model import SensorModel
+from particle_filter.settings import FilterSettings
+from process_runtime.parent import die_with_parent
+from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
+from protocol.errors import ClusterMclError, MapFileError
+from protocol.message import PoseTuple
+from protocol.steps import Scan
+from worker.map_model import default_cache_folder, sensor_model
+
+Outcomes = Callable[[Iterable[Scan], SensorModel, FilterSettings], Iterator[tuple[Scan, Outcome]]]
+ALGORITHMS: dict[str, Outcomes] = {
+    "cluster-mcl": in_process.outcomes,
+    "mcl": mcl.outcomes,
+    "amcl": partial(mcl.outcomes, gains=mcl.AMCL_GAINS),
+}
+"""Cluster-MCL, and one particle set without and with random particles."""
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_POLL_S = 0.2
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Run:
+    """A prepared run, with map and robot.
+
+    Args:
+        case: the robot.
+        follow: the algorithm.
+        seed: of the filter and of a simulated robot.
+        settings: settings but for the seed.
+        start_step: first step of a recording, as if the robot had been switched on there.
+        cache_folder: folder for computed likelihood fields; None: the user's.
+
+    Raises:
+        ClusterMclError: an input cannot be used.
+    """
+
+    def __init__(
+        self,
+        case: Case,
+        follow: Outcomes,
+        seed: int,
+        settings: Settings,
+        *,
+        start_step: int = 0,
+        cache_folder: Path | None = None,
+    ) -> None:
+        self.course = course_of(case, seed, settings.bridge, start_step)
+        self._settings = msgspec.structs.replace(settings, seed=seed)
+        self._follow = follow
+        try:
+            self._model = sensor_model(
+                self.course.map, settings.sensor, cache_folder or default_cache_folder()
+            )
+        except ValueError as error:  # there is nothing in the map to measure against
+            raise MapFileError(self.course.map_name, str(error)) from error
+
+    def steps(self) -> Iterator[tuple[Scan, Outcome, PoseTuple | None]]:
+        """Yield each scan, the belief after it, and the true pose, lazily."""
+        truths: dict[int, PoseTuple | None] = {}
+
+        def scans() -> Iterator[Scan]:
+            for scan, truth in self.course.steps:
+                truths[scan.step] = truth
+                yield scan
+
+        for scan, outcome in self._follow(scans(), self._model, self._settings):
+            yield scan, outcome, truths.pop(scan.step)
+
+
+class RunError(ClusterMclError):
+    """A run failed, or its process ended."""
+
+
+def in_parallel(
+    work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag
+) -> Iterator[tuple[int, R]]:
+    """Call a function with each piece, each call in one of several spawned processes.
+
+    Args:
+        work: a function of a module.
+        pieces: its arguments, begun in this order.
+        jobs: number of processes; each uses one thread.
+        stop: ends all processes, and then the iterator.
+
+    Yields:
+        Index and result of each piece, as they end.
+
+    Raises:
+        RunError: a call has raised a `ClusterMclError`, or its process was killed; the other
+            calls are ended.
+    """
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # one process a core is enough
+    pool = ProcessPoolExecutor(
+        max(min(jobs, len(pieces)), 1),
+        multiprocessing.get_context("spawn"),
+        _prepare_process,
+        (os.getpid(),),
+    )
+    try:
+        running = {pool.submit(_attempt, work, each): run for run, each in enumerate(pieces)}
+        while running and not stop.is_set():
+            for future in wait(running, _POLL_S, FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BrokenProcessPool as error:
+        raise RunError("a process ended in the middle of a run: is memory short?") from error
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in multiprocessing.active_children():
+            child.kill()
+            child.join()
+
+
+def _attempt(work: Callable[[T], R], piece: T) -> R:
+    try:
+        return work(piece)
+    except ClusterMclError as error:  # pickle cannot restore errors with keyword arguments
+        raise RunError(f"a run failed: {error}") from None
+
+
+def _prepare_process(parent_pid: int) -> None:
+    """Ignore Ctrl-C, which reaches all processes of a terminal: the parent decides what to do."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    die_with_parent(parent_pid)
