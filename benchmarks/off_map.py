@@ -4,7 +4,7 @@ Robots that are nowhere on their map: mirror images of recordings, recordings in
 robots in parts of a building that were not mapped. Beside them, as controls, the same robots in
 their own maps, among people, and with short-sighted lasers.
 
-    python -m benchmarks.off_map [NAME...] [--cache FOLDER]
+    python -m benchmarks.off_map [NAME...] [--cache FOLDER] [--beside KEY=VALUE]
 
 A NAME is part of a condition's or a group's name. The folder of recordings is that of
 CLUSTERMCL_DATA. With a cache, the steps of every run are written there, so that models of
@@ -14,6 +14,7 @@ evidence can be fitted to them without running filters.
 import itertools
 import math
 import os
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -28,17 +29,20 @@ import typer
 
 from benchmarks.experiments.case import Case, RecordedRobot
 from benchmarks.experiments.catalogue import DATA_VARIABLE, recorded_cases
+from benchmarks.same_views import Told, told
 from coordinator.belief.outcome import Outcome
 from evaluation.course import TrueStep, course_of
 from evaluation.in_process import InProcess
-from evaluation.pose_error import CONFIDENT_PROBABILITY, pose_error
+from evaluation.pose_error import CONFIDENT_PROBABILITY
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE, OCCUPIED, UNKNOWN
 from particle_filter.kernels import to_cells
 from process_runtime.settings import BridgeSettings, Settings
+from process_runtime.settings_file import load_settings
 from protocol.arrays import ArrayBlob
 from protocol.message import PoseTuple
 from protocol.steps import Scan, mirrored
+from protocol.work import Report
 from recordings.map_file import load_map
 from robot_simulator.sensors import LidarModel
 from robot_simulator.simulation import Simulation
@@ -59,6 +63,12 @@ FOREIGN = (
 """A recording, and one whose map it is localized in."""
 ERASED_SHARE, SQUARE_M = 0.4, 3.0
 LIFTED_AT, LIFTED_STEPS = 40, 120
+MOST_SDS = 5.0
+WARM_UP_STEPS = 3
+"""Not counted in CPU times: compiled kernels are loaded in them."""
+_CPU = ("cpu_s", "decoy_cpu_s")
+_DECOY_KINDS = "dm"
+"""Jobs whose names begin so track or search the mirrored robot."""
 KEPT_PLACES = 6
 """Of each step, in the cache."""
 
@@ -93,6 +103,13 @@ class Row(msgspec.Struct, frozen=True):
     off_map: float
     """Of that, that it is not on the map."""
     moved: tuple[float, float]
+    error_m: float
+    """Of the most probable place; NaN: the truth is unknown."""
+    sds: float
+    """The same error in the place's own standard deviations."""
+    cpu_s: float
+    decoy_cpu_s: float
+    """CPU time of the step, and the part of it that a decoy's jobs have."""
     places: list[tuple[float, PoseTuple, float]]
     """Probability, pose and fit [nat/beam] of the most probable ones."""
     mount: PoseTuple
@@ -113,7 +130,8 @@ class Result(msgspec.Struct, frozen=True):
     name: str
     event_at: int | None
     rows: list[Row]
-    cpu_s: float
+    beside_cpu_s: float
+    """CPU time of the same steps with the settings that it was run beside, after the warm-up."""
 
 
 # --- conditions
@@ -131,6 +149,7 @@ def _of_recordings(cases: dict[str, Case]) -> Iterator[Condition]:
         kind = " (Wean)" if name in WEAN else ""
         yield Condition(f"mirrored{kind}", name, partial(_recorded, case, mirror=True))
         yield Condition(f"right map{kind}", name, partial(_recorded, case))
+        yield Condition("whole recording", name, partial(_recorded, case), sys.maxsize)
     for name in ("hall", "office"):
         for seed in (1, 2):
             made = partial(_simulated, name, seed, mirror=True)
@@ -169,7 +188,7 @@ def _of_squares() -> Iterator[Condition]:
 
 
 def _of_lifted() -> Iterator[Condition]:
-    for seed in range(1, 7):
+    for seed in range(1, 25):
         made = partial(_lifted, seed)
         yield Condition("lifted to a look-alike", str(seed), made, LIFTED_STEPS, LIFTED_AT)
 
@@ -178,10 +197,11 @@ def _of_disturbed() -> Iterator[Condition]:
     for seed in range(1, 9):
         made = partial(_simulated, "hall", seed, short=0.3)
         yield Condition("30 % short", str(seed), made, 100)
-        yield Condition("crowd", str(seed), partial(_simulated, "hall", seed, people=12), 100)
         lidar = LidarModel(beams=40, range_max_m=4.0)
         yield Condition("4 m, 40 beams", str(seed), partial(_simulated, "hall", seed, lidar), 100)
         yield Condition("hall", str(seed), partial(_simulated, "hall", seed), 100)
+    for seed in range(1, 17):
+        yield Condition("crowd", str(seed), partial(_simulated, "hall", seed, people=12), 100)
 
 
 def _of_starts(cases: dict[str, Case]) -> Iterator[Condition]:
@@ -338,15 +358,50 @@ def _is_free(grid_map: GridMap, pose: PoseTuple) -> bool:
 # --- runs
 
 
-def run(condition: Condition, settings: Settings) -> Result:
-    """Localize."""
+class _Timed(InProcess):
+    """Measures the CPU time of each step, and of a decoy's jobs in it."""
+
+    cpu_s = decoy_cpu_s = 0.0
+
+    def timed(self, scan: Scan) -> Outcome:
+        """Apply a step."""
+        self.decoy_cpu_s, before_s = 0.0, time.process_time()
+        outcome = self.advance(scan)
+        self.cpu_s = time.process_time() - before_s
+        return outcome
+
+    def _reports(self, scan: Scan) -> list[Report]:
+        reports = []
+        for job_id in sorted(self._jobs):
+            before_s = time.process_time()
+            reports.append(self._jobs[job_id].advance(scan))
+            if job_id[0] in _DECOY_KINDS:
+                self.decoy_cpu_s += time.process_time() - before_s
+        return reports
+
+
+def run(condition: Condition, settings: Settings, beside: Settings | None = None) -> Result:
+    """Localize.
+
+    Args:
+        condition: the robot and the map.
+        settings: of the filter.
+        beside: the settings of a second filter, which has the same steps in turn; None: none.
+    """
     grid_map, steps = condition.begin()
     model = sensor_model(grid_map, settings.sensor, default_cache_folder())
-    process = InProcess(model, settings)
+    process = _Timed(model, settings)
+    other = _Timed(model, beside) if beside else None
     rows: list[Row] = []
-    before, cpu_s = None, time.process_time()
+    before, beside_cpu_s = None, 0.0
     for scan, truth, on_map in itertools.islice(steps, condition.steps):
-        outcome = process.advance(scan)
+        if other is not None and len(rows) % 2:
+            other.timed(scan)
+        outcome = process.timed(scan)
+        if other is not None:
+            if not len(rows) % 2:
+                other.timed(scan)
+            beside_cpu_s += other.cpu_s if len(rows) >= WARM_UP_STEPS else 0.0
         beams = scan_beams(scan, model)
         moved = (0.0, 0.0)
         if before is not None:
@@ -359,14 +414,13 @@ def run(condition: Condition, settings: Settings) -> Result:
                 truth,
                 moved,
                 on_map=on_map,
+                process=process,
                 mount=scan.robot_from_laser,
                 beams=np.stack([beams.ranges, beams.angles], axis=-1),
                 max_range_m=beams.max_range_m,
             )
         )
-    return Result(
-        condition.group, condition.name, condition.event_at, rows, time.process_time() - cpu_s
-    )
+    return Result(condition.group, condition.name, condition.event_at, rows, beside_cpu_s)
 
 
 def _row(
@@ -375,22 +429,30 @@ def _row(
     moved: tuple[float, float],
     *,
     on_map: bool,
+    process: _Timed,
     mount: PoseTuple,
     beams: np.ndarray,
     max_range_m: float,
 ) -> Row:
-    told = outcome.hypotheses
-    is_right = [truth is not None and pose_error(place.mean, truth).right for place in told]
+    places = outcome.hypotheses
+    nowhere = Told(
+        0.0, places[0].probability if places else 0.0, False, math.nan, math.nan, outcome.state
+    )
+    answer = nowhere if truth is None else told(outcome, truth)
     return Row(
         state=outcome.state,
-        probability=told[0].probability if told else 0.0,
-        right=bool(told) and is_right[0],
+        probability=answer.best,
+        right=answer.is_right,
         on_map=on_map,
-        truth=math.fsum(p.probability for p, right in zip(told, is_right, strict=True) if right),
+        truth=answer.truth,
         none=outcome.elsewhere_probability,
         off_map=getattr(outcome, "off_map_probability", 0.0),
         moved=moved,
-        places=[(p.probability, p.mean, 0.0) for p in told[:KEPT_PLACES]],
+        error_m=answer.error_m,
+        sds=answer.sds,
+        cpu_s=process.cpu_s,
+        decoy_cpu_s=process.decoy_cpu_s,
+        places=[(p.probability, p.mean, 0.0) for p in places[:KEPT_PLACES]],
         mount=mount,
         max_range_m=max_range_m,
         beams=np.ascontiguousarray(beams, "<f8").tobytes(),
@@ -406,7 +468,7 @@ def _percent(flags: Sequence[bool]) -> str:
 
 HEADER = (
     f"{'':40}  called  lost  none   off  sure+wrong  sure at  score  steps off the map: "
-    "called  lost at"
+    "called  lost at  beyond 5 sd of the told error"
 )
 
 
@@ -436,7 +498,8 @@ def line(result: Result) -> str:
         f"{_percent([r.state == 'lost' for r in rows])} {np.mean([r.none for r in rows]):5.2f} "
         f"{np.mean([r.off_map for r in rows]):5.2f} {_percent(wrong):>10} "
         f"{sure[0] if sure else '-':>8} {score:7.2f} {'':18}{_percent([r.localized for r in off])}"
-        f"  {lost[0] if lost and off else '-':>6}{extra}  cpu {result.cpu_s:.0f}"
+        f"  {lost[0] if lost and off else '-':>6}  {_told_error([result])}{extra}"
+        f"  {_cost([result])}"
     )
 
 
@@ -447,20 +510,44 @@ def summary(group: str, results: Sequence[Result]) -> str:
     off = [np.mean(f) for one in results if (f := [r.localized for r in one.rows if not r.on_map])]
     on = [math.log(max(r.truth, 0.001)) for one in results for r in one.rows if r.on_map]
     score = f"{np.mean(on):6.2f}" if on else "     -"
-    cpu_s = sum(one.cpu_s for one in results) / sum(len(one.rows) for one in results)
     return (
         f"{group:28} {len(results):3} runs  localized {100 * np.mean(called):5.1f} "
         f"({100 * min(called):.0f} to {100 * max(called):.0f})  sure and wrong "
         f"{100 * np.mean(wrong):5.1f} ({100 * max(wrong):.0f})  off the map, localized "
         + (f"{100 * np.mean(off):5.1f} ({100 * max(off):.0f})" if off else "    -")
-        + f"  score {score}  {1000 * cpu_s:.0f} ms a step"
+        + f"  score {score}  {_told_error(results)}  {_cost(results)}"
     )
+
+
+def _told_error(results: Sequence[Result]) -> str:
+    """Return how many estimates of a right place are farther off than they say, and the RMSE."""
+    right = [row for one in results for row in one.rows if row.right]
+    if not right:
+        return "-"
+    rmse_m = math.sqrt(np.mean([row.error_m**2 for row in right]))
+    return f"{sum(row.sds > MOST_SDS for row in right)} of {len(right)} ({rmse_m:.3f} m)"
+
+
+def _cost(results: Sequence[Result]) -> str:
+    """Return the CPU time of a step; its ratio to that of steps beside it; that of decoys."""
+    rows = [row for one in results for row in one.rows[WARM_UP_STEPS:]]
+    text = f"{1000 * np.mean([row.cpu_s for row in rows]):.0f} ms a step"
+    if beside_s := math.fsum(one.beside_cpu_s for one in results):
+        text += f", {math.fsum(row.cpu_s for row in rows) / beside_s:.2f} of beside"
+    if decoys := [row for row in rows if row.decoy_cpu_s]:
+        whole, part = (math.fsum(getattr(r, name) for r in decoys) for name in _CPU)
+        text += f", {whole / (whole - part):.2f} with a decoy ({len(decoys)} steps)"
+    return text
 
 
 def main(
     names: Annotated[list[str] | None, typer.Argument()] = None,
     cache: Annotated[Path | None, typer.Option()] = None,
     jobs: int = 2,
+    beside: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Compare CPU time with that of these settings."),
+    ] = None,
 ) -> None:
     """Run and print."""
     named = os.environ.get(DATA_VARIABLE)
@@ -472,7 +559,7 @@ def main(
     results: list[Result] = []
     print(HEADER)
     with ProcessPoolExecutor(jobs) as pool:
-        waiting = [pool.submit(run_numbered, named, i.group, i.name) for i in chosen]
+        waiting = [pool.submit(run_numbered, named, i.group, i.name, beside or ()) for i in chosen]
         for future in waiting:
             result = future.result()
             print(line(result), flush=True)
@@ -486,11 +573,11 @@ def main(
         print(summary(group, [result for result in results if result.group == group]))
 
 
-def run_numbered(data: str | None, group: str, name: str) -> Result:
+def run_numbered(data: str | None, group: str, name: str, beside: Sequence[str]) -> Result:
     """One condition, in a process of its own."""
     known = conditions(Path(data) if data else None)
     condition = next(one for one in known if (one.group, one.name) == (group, name))
-    return run(condition, Settings())
+    return run(condition, Settings(), load_settings(None, beside) if beside else None)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draws docs/experiments.svg and docs/starts.svg from the tables in docs/experiments.
+"""Draws experiments.svg, starts.svg and reliability.svg from the tables in docs/experiments.
 
 python docs/draw_experiments.py    (needs the extras `dev` and `plots`)
 """
@@ -21,6 +21,7 @@ NAMES = {
     "mcl": "ordinary MCL", "paper-letter": "the paper's letter", "amcl": "augmented MCL",
 }  # fmt: skip
 NEVER = 68
+COLUMNS = 6
 STYLE = {
     "font.size": 9,
     "svg.hashsalt": "clustermcl",
@@ -31,10 +32,11 @@ STYLE = {
 
 
 def main() -> None:
-    """Draw both."""
+    """Draw all."""
     with plt.rc_context(STYLE):
         draw_scores()
         draw_starts()
+        draw_reliability()
 
 
 def draw_scores() -> None:
@@ -68,6 +70,32 @@ def draw_starts() -> None:
     axes.set_xticks([*range(0, 61, 10), NEVER + 1], [*map(str, range(0, 61, 10)), "not by 60"])
     axes.set_xlabel("sure and right at step; each dot is one of 20 starts")
     save(figure, "starts.svg")
+
+
+def draw_reliability() -> None:
+    """How often an estimate is right, by its probability, in each building."""
+    table = pd.read_csv(HERE / "experiments" / "reliability.csv")
+    buildings = list(table.groupby("building", sort=False))
+    rows = -(-len(buildings) // COLUMNS)
+    figure, grid = plt.subplots(
+        rows, COLUMNS, figsize=(7.5, 1.45 * rows), sharex=True, sharey=True, layout="constrained"
+    )
+    for axes, (building, tenths) in zip(grid.flat, buildings, strict=False):
+        told = tenths[tenths["estimates"] > 0]
+        axes.plot([0, 1], [0, 1], color="#999999", linewidth=0.8)
+        axes.scatter(
+            told["probability_sum"] / told["estimates"],
+            told["right"] / told["estimates"],
+            s=4 + 46 * told["estimates"] / told["estimates"].sum(),
+            color="#0072b2",
+        )
+        axes.set_title(f"{building}: {tenths['calibration_error'].iloc[0]:.3f}", fontsize=7)
+        axes.tick_params(labelsize=7)
+    for axes in grid.flat[len(buildings) :]:
+        axes.set_axis_off()
+    figure.supxlabel("probability of the estimate, mean of each tenth", fontsize=8)
+    figure.supylabel("share that is right", fontsize=8)
+    save(figure, "reliability.svg")
 
 
 def save(figure: "mpl.figure.Figure", name: str) -> None:

@@ -1,7 +1,7 @@
 """Run experiments into a table, and summarise the table.
 
 python -m benchmarks.experiments [NAME...] [--output FILE]
-python -m benchmarks.experiments --summary [--output FILE]
+python -m benchmarks.experiments --summary [--output FILE] [--tables FOLDER]
 """
 
 import os
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
+import pandas as pd
 import typer
 from rich.console import Console
 from rich.progress import track
@@ -16,7 +17,7 @@ from rich.progress import track
 from benchmarks.experiments.case import algorithm_named
 from benchmarks.experiments.catalogue import all_cases
 from benchmarks.experiments.run_table import RunTable, key_of, tasks_of
-from benchmarks.experiments.summary import over_all, read_table
+from benchmarks.experiments.summary import behind, over_all, read_table, reliability, starts
 from benchmarks.experiments.summary import summary as table_summary
 from benchmarks.experiments.task import run_task
 from clustermcl.commands.options import Assignments, SettingsFile
@@ -41,6 +42,12 @@ def experiments(
     summary: Annotated[
         bool, typer.Option("--summary", help="Summarise the table and run nothing.")
     ] = False,
+    tables: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="With --summary: write summary, reliability and starts there."
+        ),
+    ] = None,
     seeds: Annotated[
         int | None, typer.Option(min=1, max=MOST_RUNS, help="Runs of each experiment.")
     ] = None,
@@ -68,8 +75,15 @@ def experiments(
     """
     console = Console(emoji=False, markup=False, highlight=False, soft_wrap=True)
     if summary:
-        each = table_summary(read_table(output))
-        console.print(f"{each.to_csv(index=False)}\n{over_all(each).to_csv(index=False)}")
+        runs = read_table(output)
+        each = table_summary(runs)
+        for table in (each, over_all(each), behind(each)):
+            console.print(_csv(table))
+        if tables is not None:
+            for name, table in (
+                ("summary", each), ("reliability", reliability(runs)), ("starts", starts(runs))
+            ):  # fmt: skip
+                (tables / f"{name}.csv").write_text(_csv(table), encoding="utf-8")
         return
     known = {case.name: case for case in all_cases(data)}
     for name in names or ():
@@ -101,6 +115,10 @@ def experiments(
         table.append(tasks[index], finished)
     console.print(f"{len(table.done)} runs are in {output}; --summary summarises them")
     stop.check()
+
+
+def _csv(table: pd.DataFrame) -> str:
+    return table.to_csv(index=False, float_format="%.5g")
 
 
 if __name__ == "__main__":

@@ -18,11 +18,17 @@ from benchmarks.experiments.case import (
 DATA_VARIABLE = "CLUSTERMCL_DATA"
 """Environment variable with the folder of recordings."""
 MAP_FOLDERS = ("carmen-maps", "ros-maps")
+STARTS, STEPS_OF_A_START = 20, 60
 _TRAINING_RECORDINGS = ("intel", "fr101")
 """Recordings on which the evidence model was fitted, with those of Wean Hall."""
 _TRAINING_MAPS = ("thickwean", "wean5300")
 """Files that show Wean Hall."""
 _PACKED = ("", ".xz", ".gz")
+
+
+class StartsCase(Case, frozen=True, kw_only=True):
+    """Runs that start at steps spread evenly over a recording; the seed is the start's number."""
+
 
 _GATES = Case(
     name="gates",
@@ -156,7 +162,8 @@ def all_cases(folder: Path | None = None) -> tuple[Case, ...]:
     folder = folder or (Path(named) if named else None)
     if folder is None or not folder.is_dir():
         return _SIMULATED
-    return (*_SIMULATED, *recorded_cases(folder), *_map_cases(folder))
+    recorded = recorded_cases(folder)
+    return (*_SIMULATED, *recorded, *map(_starts_of, recorded), *_map_cases(folder))
 
 
 def recorded_cases(folder: Path | None) -> tuple[Case, ...]:
@@ -187,6 +194,18 @@ def _recorded(folder: Path) -> Iterator[Case]:
             robot = RecordedRobot(recording=log, map=each / "map.yaml", reference=reference)
             title = f"recording {each.name}"
             yield Case(name=each.name, title=title, robot=robot, role=role, seeds=3)
+
+
+def _starts_of(case: Case) -> StartsCase:
+    return StartsCase(
+        name=f"{case.name}-starts",
+        title=f"{case.title}, started at {STARTS} steps of it",
+        robot=case.robot,
+        updates=STEPS_OF_A_START,
+        role=case.role,
+        seeds=STARTS,
+        baselines=(),
+    )
 
 
 def _map_cases(folder: Path) -> Iterator[Case]:

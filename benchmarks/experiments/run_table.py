@@ -10,17 +10,20 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from msgspec.structs import asdict, fields
+from msgspec.structs import asdict, fields, replace
 
 from benchmarks.experiments.case import Algorithm, Case
+from benchmarks.experiments.catalogue import StartsCase
 from benchmarks.experiments.measures import BINS, RunMeasures
 from benchmarks.experiments.task import Finished, Task
+from evaluation.course import course_of
+from evaluation.evaluate import start_steps
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from process_runtime.settings_table import TABLE, value_of
 from protocol.errors import InputFileError
 
-_KEYS = ("experiment", "role", "algorithm", "seed")
+_KEYS = ("experiment", "role", "algorithm", "seed", "start_step")
 _ORIGIN = ("version", "settings")
 _CLAIMS = tuple(f"{what}_{part}" for what in ("claims", "right", "claimed") for part in range(BINS))
 """Of the estimates in each tenth of probability: how many, how many right, sum of probabilities."""
@@ -44,13 +47,26 @@ def tasks_of(
         settings_of: the settings, with an experiment's own assignments over them.
     """
     found = [
-        (index, Task(case=case, algorithm=algorithm, seed=seed, settings=settings))
+        (
+            index,
+            Task(case=case, algorithm=algorithm, seed=seed, settings=settings, start_step=start),
+        )
         for case in cases
         for settings in [settings_of(case.settings)]
+        for starts in [_starts_of(case, settings)]
         for algorithm in algorithms or case.algorithms
         for index, seed in enumerate(seeds or range(case.seeds))
+        for start in [starts[seed % len(starts)]]
     ]
     return [task for _, task in sorted(found, key=lambda each: each[0])]
+
+
+def _starts_of(case: Case, settings: Settings) -> Sequence[int]:
+    """Return the first step of each run of a case; its runs use them in turn."""
+    if not isinstance(case, StartsCase):
+        return (0,)
+    whole = course_of(replace(case, updates=None), 0, settings.bridge)
+    return start_steps(sum(1 for _ in whole.steps), case.seeds, case.updates or 1)
 
 
 def key_of(task: Task) -> Key:
@@ -101,6 +117,7 @@ class RunTable:
                 "role": task.case.role,
                 "algorithm": task.algorithm,
                 "seed": task.seed,
+                "start_step": task.start_step,
                 **{name: "" if value is None else value for name, value in measured.items()},
                 **dict(zip(_CLAIMS, finished.calibration.ravel().tolist(), strict=True)),
                 "version": version("clustermcl"),

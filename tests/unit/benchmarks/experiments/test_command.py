@@ -64,5 +64,9 @@ def test_runs_go_into_the_table_once_and_are_summarised(tmp_path: Path) -> None:
     assert {row["settings"] for row in rows} == {"cluster.particles=300"}
     told = CliRunner().invoke(app, ["--summary", "--output", out])
     assert told.exit_code == 0, told.exception
-    assert told.output.startswith("experiment,algorithm,runs,localized")
-    assert "hall,cluster-mcl,1,1" in told.output
+    assert told.output.startswith("experiment,role,algorithm,settings,runs,localized")
+    assert "hall,training,cluster-mcl,cluster.particles=300,1,1" in told.output
+    told = CliRunner().invoke(app, ["--summary", "--output", out, "--tables", str(tmp_path)])
+    assert told.exit_code == 0, told.exception
+    assert (tmp_path / "summary.csv").read_text().startswith("experiment,role,")
+    assert (tmp_path / "starts.csv").read_text().startswith("recording,start_step,")

@@ -5,7 +5,7 @@ from scipy.stats import wilcoxon
 
 from benchmarks.experiments.measures import BINS
 from benchmarks.experiments.run_table import COLUMNS
-from benchmarks.experiments.summary import over_all, summary
+from benchmarks.experiments.summary import behind, over_all, reliability, starts, summary
 
 
 def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFrame:
@@ -13,7 +13,7 @@ def runs(experiment: str, algorithm: str, **columns: list[float]) -> pd.DataFram
     count = len(next(iter(columns.values())))
     table = pd.DataFrame({name: np.zeros(count) for name in COLUMNS})
     table["experiment"], table["algorithm"], table["seed"] = experiment, algorithm, range(count)
-    table["updates"] = 10
+    table["updates"], table["role"], table["settings"] = 10, "training", ""
     for name, values in columns.items():
         table[name] = values
     return table
@@ -59,6 +59,55 @@ def test_scores_are_compared_over_equal_seeds() -> None:
     expected = wilcoxon(np.array(ours) - np.array(theirs)).pvalue
     assert row(table, "a", "mcl")["p_score"] == pytest.approx(expected)
     assert np.isnan(row(table, "a", "cluster-mcl")["p_score"])
+
+
+def test_equal_runs_have_no_interval_and_others_one_around_the_mean() -> None:
+    same = row(runs("a", "mcl", log_score=[-1.0, -1.0, -1.0]), "a", "mcl")
+    assert (same["log_score_low"], same["log_score_high"]) == (-1.0, -1.0)
+    apart = row(runs("a", "mcl", log_score=[-1.0, -2.0, -3.0, -4.0]), "a", "mcl")
+    assert -4.0 < apart["log_score_low"] < -2.5 < apart["log_score_high"] < -1.0
+
+
+def test_starts_and_the_whole_recording_are_one_building() -> None:
+    claims = {"claims_9": [4], "claimed_9": [3.8]}
+    whole = runs("b", "cluster-mcl", right_9=[4], **claims)
+    begun = runs("b-starts", "cluster-mcl", right_9=[2], start_step=[7], **claims)
+    other = runs("b", "mcl", right_9=[0], **claims)
+    last = reliability(pd.concat([whole, begun, other])).iloc[-1]
+    assert tuple(last[["building", "runs", "estimates", "right"]]) == ("b", 2, 8, 6)
+    assert last["calibration_error"] == pytest.approx((7.6 - 6) / 8)
+
+
+def test_steps_of_starts_count_from_0() -> None:
+    begun = {"start_step": [30, 7], "sure_and_right_at_update": [np.nan, 3]}
+    table = starts(runs("b-starts", "cluster-mcl", **begun))
+    assert table["start_step"].tolist() == [7, 30]
+    assert table["sure_and_right_at_step"].tolist() == [2, pd.NA]
+
+
+def test_an_experiment_is_behind_where_a_baseline_scores_better() -> None:
+    table = pd.concat(
+        [
+            runs(name, algorithm, log_score=[score])
+            for name, ours, theirs in (("a", -0.5, -0.1), ("b", -0.11, -0.1), ("c", -0.1, -0.5))
+            for algorithm, score in (("cluster-mcl", ours), ("mcl", theirs))
+        ]
+    )
+    (worse,) = behind(summary(table)).to_dict("records")
+    assert (worse["experiment"], worse["algorithm"]) == ("a", "mcl")
+    assert worse["lead"] == pytest.approx(0.4)
+
+
+def test_over_all_compares_the_same_experiments() -> None:
+    table = pd.concat(
+        [
+            runs("a", "cluster-mcl", log_score=[-1.0]),
+            runs("a", "mcl", log_score=[-2.0]),
+            runs("b", "cluster-mcl", log_score=[-5.0]),
+        ]
+    )
+    _, mcl = over_all(summary(table)).to_dict("records")
+    assert (mcl["experiments"], mcl["ours_log_score"], mcl["log_score"]) == (1, -1.0, -2.0)
 
 
 def test_over_all_each_experiment_counts_alike() -> None:
