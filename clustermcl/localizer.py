@@ -13,7 +13,7 @@ from clustermcl.readings import Reading
 from clustermcl.robot_commands import RobotCommands
 from coordinator.belief.outcome import Outcome, belief_after
 from coordinator.checkpoint import commands_problem
-from coordinator.commands import Commands, CommandsState
+from coordinator.commands import Commands
 from coordinator.free_ground import FreeGround
 from coordinator.pose_tracker import recent_odometry
 from evaluation.in_process import InProcess, InProcessState
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 _SENDER = "library"
 _BETWEEN_READINGS_NS = 1_000_000_000
-_STATE_VERSION = 1
+_STATE_VERSION = 2
 MAX_STATE_BYTES = 2**28
 """Limit for a saved state: 64 places of 100,000 particles each."""
 
@@ -53,7 +53,7 @@ class _SavedState(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     filter: InProcessState
     odometry: tuple[int, PoseTuple]
     """Stamp [ns] and pose of the newest."""
-    commands: CommandsState
+    commands: Commands
 
 
 class Belief(answers.Belief, frozen=True, kw_only=True, tag="belief/1"):
@@ -202,7 +202,7 @@ class ClusterMCL(RobotCommands):
             settings=_filter_settings(self._settings),
             filter=filter_state,
             odometry=self._maker.odometry or (scan.stamp_ns, scan.odom_from_robot),
-            commands=self._commands.state,
+            commands=self._commands,
         )
         write_output_file(Path(file), msgspec.msgpack.encode(state))
 
@@ -230,7 +230,7 @@ class ClusterMCL(RobotCommands):
         self._maker = StepMaker(self._settings.bridge, self.map.digest, _SENDER)
         self._maker.resume(scan, state.odometry)
         self._stamp_ns = state.odometry[0] + _BETWEEN_READINGS_NS
-        self._commands, self._odometry = Commands(state.commands), recent_odometry()
+        self._commands, self._odometry = state.commands, recent_odometry()
         self._odometry.add(*state.odometry)
         self._told(resumed.ensemble.again(scan.step, ()), scan)
 

@@ -1,6 +1,7 @@
 """What a person may command: where the robot is, or to search everywhere."""
 
 from collections.abc import Mapping
+from typing import Annotated
 
 import msgspec
 from msgspec.structs import replace
@@ -10,6 +11,7 @@ from coordinator.belief.given_places import candidate, diagonal
 from coordinator.belief.outcome import Outcome
 from coordinator.dead_reckoning import carried
 from coordinator.free_ground import FreeGround
+from coordinator.part import FEW, Count, Part, Text
 from particle_filter.random_streams import Purpose
 from particle_filter.regions import parsed_regions
 from particle_filter.settings import MotionSettings
@@ -34,39 +36,30 @@ class Commanded(msgspec.Struct, frozen=True):
     """The first search had begun already."""
 
 
-class CommandsState(msgspec.Struct, frozen=True):
-    """What people have commanded; a part of the coordinator's state."""
+class Commands(Part):
+    """Carries out each command once, however often it is repeated."""
 
-    problems: dict[str, str] = {}
-    """Ids of the last commands to the reason why each was refused; empty for one that was done."""
-    set_poses: int = 0
-    """How many poses have been given; it numbers their random streams."""
+    problems: Annotated[dict[Text, Text], FEW] = {}
+    """Why each of the last commands was refused, by its id; empty for a command that was done."""
+    set_poses: Count = 0
+    """Number of poses given so far; it selects their random streams."""
     waiting: Commanded | None = None
     """A command that arrived before the first step, or a pose that arrived before the map."""
 
-
-class Commands:
-    """Carries out each command once, however often it is repeated."""
-
-    def __init__(self, state: CommandsState = CommandsState()) -> None:  # noqa: B008 - frozen
-        self.state = state
-
-    def resume(self, state: CommandsState) -> None:
-        """Continue from another coordinator's state, and keep what only this one was commanded."""
-        self.state = replace(
-            state,
-            problems=self.state.problems | state.problems,
-            waiting=state.waiting or self.state.waiting,
-        )
+    def resume(self, handed_on: "Commands") -> None:
+        """Continue from another coordinator's commands, and keep those of this one."""
+        self.problems = self.problems | handed_on.problems
+        self.set_poses = handed_on.set_poses
+        self.waiting = handed_on.waiting or self.waiting
 
     def problem(self, command_id: str) -> str | None:
         """Return why a command was refused, empty if it was done; None for a new one."""
-        return self.state.problems.get(command_id)
+        return self.problems.get(command_id)
 
     @property
     def forgets(self) -> bool:
         """Whether the first search is to begin without anything that was known before."""
-        waiting = self.state.waiting
+        waiting = self.waiting
         return waiting is not None and isinstance(waiting.command, Relocalize)
 
     def carry_out(
@@ -98,8 +91,7 @@ class Commands:
         if problem:
             return None
         if applied is None or not _can_be_judged(command, ground):
-            waiting = replace(commanded, during_search=ensemble.searches > 0)
-            self.state = replace(self.state, waiting=waiting)
+            self.waiting = replace(commanded, during_search=ensemble.searches > 0)
             return None
         return self._outcome(commanded, ensemble, applied)
 
@@ -117,10 +109,10 @@ class Commands:
         Returns:
             Why it is refused, where it is; None: there is nothing to do.
         """
-        waiting = self.state.waiting
+        waiting = self.waiting
         if waiting is None or not _can_be_judged(waiting.command, ground):
             return None
-        self.state = replace(self.state, waiting=None)
+        self.waiting = None
         if problem := _ground_problem(waiting.command, ground):
             self._remember(waiting.command, problem)
             return problem
@@ -135,7 +127,7 @@ class Commands:
             asked = commanded.command
             corners = parsed_regions(ensemble.settings.search.regions).get(asked.region, ())
             return ensemble.relocalize(applied.step, near=asked.near, corners=corners)
-        self.state = replace(self.state, set_poses=self.state.set_poses + 1)
+        self.set_poses += 1
         settings = ensemble.settings
         mean, covariance = _at_step(commanded, commanded.command, applied, settings.motion)
         given = candidate(
@@ -144,16 +136,15 @@ class Commands:
             covariance,
             seed=settings.seed,
             purpose=Purpose.GIVEN_POSE,
-            entity=self.state.set_poses,
+            entity=self.set_poses,
             step=applied.step,
             odom_from_robot=applied.odom_from_robot,
         )
         return ensemble.set_pose(given)
 
     def _remember(self, command: SetPose | Relocalize, problem: str) -> None:
-        known = self.state.problems | {command.command_id: problem}
-        recent = dict(list(known.items())[-KEPT_COMMANDS:])
-        self.state = replace(self.state, problems=recent)
+        known = self.problems | {command.command_id: problem}
+        self.problems = dict(list(known.items())[-KEPT_COMMANDS:])
 
 
 def _held(

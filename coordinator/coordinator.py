@@ -118,7 +118,7 @@ class Answers:
             scan_age_s=pose.scan_age_s,
             step=pose.step,
             steps_applied=self._state.steps_applied,
-            steps_lost=self._state.collector.state.steps_lost,
+            steps_lost=self._state.collector.steps_lost,
             reports_missing=self._state.reports_missing,
             map_digest=self._state.map_digest,
             clusters=len(self._state.ensemble.clusters),
@@ -135,7 +135,7 @@ class Answers:
 
     def events(self) -> JobEvents:
         """Return the last events of clusters and searches."""
-        return self._told(self._state.event_log.all())
+        return self._told(tuple(self._state.event_log.kept))
 
     def publication(self, now_ns: int) -> list[PublishEvents | PublishBelief]:
         """Return what is published after a step or a command; nothing before the first step.

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from coordinator.part import Part
 from particle_filter.arrays import Pose
 from particle_filter.motion_noise import composed_covariance, motion_covariance
 from particle_filter.poses import between, compose, wrap_angle
@@ -14,6 +15,7 @@ from protocol.message import Covariance, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 
 NO_NOISE: Covariance = (0.0,) * 9
+ORIGIN: PoseTuple = (0.0, 0.0, 0.0)
 LEAST_GATE_M, LEAST_GATE_RAD = 0.05, 0.05
 """A bridge whose gate is always open makes a step of each scan; here a gate has a size."""
 
@@ -52,71 +54,64 @@ def carried(
     return pose_tuple(compose(place, moved)), covariance_tuple(grown)
 
 
-class DeadReckoning:
-    """Adds up the odometry since a step, in pieces as long as a step is.
+class DeadReckoning(Part):
+    """Adds up the odometry since a step, in pieces as long as a step.
 
-    So the uncertainty is what the particles would have come to without a scan to weigh them: they
-    get their noise once a step, and independently.
-
-    Args:
-        motion: how far odometry errs.
-        bridge: its gate is what makes a step.
+    Particles get independent noise once a step. So the uncertainty is that of particles which no
+    scan has weighed.
     """
 
-    def __init__(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
-        self._motion, self._bridge = motion, bridge
-        self._covariance: Covariance = NO_NOISE
-        """Of `_piece` in the frame of the step."""
-        self._step: PoseTuple = (0.0, 0.0, 0.0)
-        self._piece = self._now = self._step
-
-    def use(self, motion: MotionSettings, bridge: BridgeSettings) -> None:
-        """Go on with other numbers."""
-        self._motion, self._bridge = motion, bridge
+    motion: MotionSettings
+    """The noise of odometry."""
+    bridge: BridgeSettings
+    """Its gate defines a step."""
+    covariance: Covariance = NO_NOISE
+    """Of `piece` in the frame of the step."""
+    step: PoseTuple = ORIGIN
+    """Odometry at the step."""
+    piece: PoseTuple = ORIGIN
+    """Odometry at the end of the last whole piece."""
+    now: PoseTuple = ORIGIN
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """A step was taken there; what odometry said since is counted on as one piece."""
-        self._covariance = NO_NOISE
-        self._step = self._piece = odom_from_robot
+        """Begin at the odometry of a step; all motion since then counts as one piece."""
+        self.covariance = NO_NOISE
+        self.step = self.piece = odom_from_robot
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """The robot is there now."""
-        self._now = odom_from_robot
-        if gates_between(self._piece, self._now, self._bridge) >= 1.0:
-            self._covariance = covariance_tuple(self.motion()[1])
-            self._piece = self._now
+        """Take the robot's present odometry."""
+        self.now = odom_from_robot
+        if gates_between(self.piece, self.now, self.bridge) >= 1.0:
+            self.covariance = covariance_tuple(self.moved()[1])
+            self.piece = self.now
 
-    def motion(self) -> tuple[Pose, NDArray[np.float64]]:
-        """(3,) how the robot moved since the step, in its frame then, and (3, 3) covariance."""
-        step, piece, now = np.array(self._step), np.array(self._piece), np.array(self._now)
+    def moved(self) -> tuple[Pose, NDArray[np.float64]]:
+        """Return the motion since the step, (3,) in its frame, and its covariance, (3, 3)."""
+        step, piece, now = np.array(self.step), np.array(self.piece), np.array(self.now)
         last = between(piece, now)
-        if self._piece == self._step:  # most often: nothing to compose
-            return last, motion_covariance(last, self._motion)
-        before, noise = covariance_matrix(self._covariance), motion_covariance(last, self._motion)
+        if self.piece == self.step:  # most often: nothing to compose
+            return last, motion_covariance(last, self.motion)
+        before, noise = covariance_matrix(self.covariance), motion_covariance(last, self.motion)
         covariance = composed_covariance(between(step, piece), before, last, noise)
         return between(step, now), covariance
 
 
-class DrivenGates:
-    """How far the robot has driven since the last scan that counted, in the bridge's gates.
+class DrivenGates(Part):
+    """The distance driven since the last scan that counted, in multiples of the bridge's gate."""
 
-    Args:
-        bridge: has the gate.
-    """
-
-    def __init__(self, bridge: BridgeSettings) -> None:
-        self.bridge = bridge
-        self._counted: PoseTuple | None = None
-        self.gates = 0.0
+    bridge: BridgeSettings
+    counted: PoseTuple | None = None
+    """Odometry up to which the distance is counted."""
+    gates: float = 0.0
 
     def begin_at(self, odom_from_robot: PoseTuple) -> None:
-        """A scan that was taken there counted."""
-        self._counted, self.gates = odom_from_robot, 0.0
+        """Begin again at the odometry of a scan that counted."""
+        self.counted, self.gates = odom_from_robot, 0.0
 
     def on_odometry(self, odom_from_robot: PoseTuple) -> None:
-        """The robot is there now; less than a gate is not counted, or it would be noise."""
-        self._counted = self._counted or odom_from_robot
-        gates = gates_between(self._counted, odom_from_robot, self.bridge)
+        """Take the robot's present odometry; less than a gate is noise, and is not counted."""
+        self.counted = self.counted or odom_from_robot
+        gates = gates_between(self.counted, odom_from_robot, self.bridge)
         if gates >= 1.0:
-            self._counted = odom_from_robot
+            self.counted = odom_from_robot
             self.gates += gates

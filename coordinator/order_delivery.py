@@ -5,78 +5,76 @@ differs from the last one, and repeated until the worker has answered it.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 
 import msgspec
 
 from coordinator.jobs import PlacedJob
+from coordinator.part import Part
 from particle_filter.settings import FilterSettings
 from protocol.work import Assignment, OrderAnswer, TrackJob, WorkOrder
 
 RESEND_AFTER_NS = 500_000_000
 
 
-@dataclass
-class _Record:
-    """One live worker."""
+class LiveWorker(Part):
+    """A worker whose token is there, and the orders that it was sent."""
 
     order: int = 0
     sent_ns: int = -RESEND_AFTER_NS
-    told: Mapping[str, int] | None = None
+    told: dict[str, int] | None = None
     """Jobs and epochs of the last order; None: send an order in any case."""
-    known: dict[str, int] = field(default_factory=dict)
+    known: dict[str, int] = {}
     """Jobs and epochs that the worker has confirmed."""
     answered: bool = True
     silent_until_ns: int = 0
     """It is asked for its state first, and gets no order before."""
 
 
-class OrderDelivery:
+class OrderDelivery(Part):
     """Decides which orders to live workers are due."""
 
-    def __init__(self, sender: str, settings: FilterSettings, snapshot_every_steps: int) -> None:
-        self._sender = sender
-        self._settings: dict[str, object] = msgspec.to_builtins(settings)
-        self._snapshot_every_steps = snapshot_every_steps
-        self._workers: dict[str, _Record] = {}
-        self._orders = 0
+    sender: str
+    settings: FilterSettings
+    snapshot_every_steps: int
+    records: dict[str, LiveWorker] = {}
+    orders_sent: int = 0
 
     @property
     def workers(self) -> list[str]:
         """Live workers, by name."""
-        return sorted(self._workers)
+        return sorted(self.records)
 
     def __contains__(self, worker: object) -> bool:
-        return worker in self._workers
+        return worker in self.records
 
     def ready(self, now_ns: int) -> list[str]:
         """Workers that may get orders now, by name."""
         return [
             name
-            for name, record in sorted(self._workers.items())
+            for name, record in sorted(self.records.items())
             if record.silent_until_ns <= now_ns
         ]
 
     def joined(self, worker: str, silent_until_ns: int) -> None:
         """Add a worker without jobs, which gets no orders for a while."""
-        self._workers[worker] = _Record(silent_until_ns=silent_until_ns)
+        self.records[worker] = LiveWorker(silent_until_ns=silent_until_ns)
 
     def left(self, worker: str) -> None:
-        self._workers.pop(worker, None)
+        self.records.pop(worker, None)
 
     def repeat(self, worker: str) -> None:
         """Send a worker its order again: it was out of reach, or one of its jobs has changed."""
-        self._workers[worker].told = None
+        self.records[worker].told = None
 
     def held(self, worker: str, jobs: Iterable[Assignment]) -> None:
         """Take the jobs that a worker reports; it may get orders from now on."""
-        record = self._workers[worker]
+        record = self.records[worker]
         record.told, record.silent_until_ns = None, 0
         record.known |= {held.job_id: held.epoch for held in jobs}
 
     def forget(self) -> None:
         """Forget what was sent and confirmed: another coordinator's jobs replace this one's."""
-        for record in self._workers.values():
+        for record in self.records.values():
             record.told, record.known = None, {}
 
     def answered(self, worker: str, answer: OrderAnswer) -> None:
@@ -84,7 +82,7 @@ class OrderDelivery:
 
         A worker that was restarted unnoticed answers without the jobs that it should keep.
         """
-        record = self._workers.get(worker)
+        record = self.records.get(worker)
         if record is None:
             return
         record.known = {job_id: epoch for job_id, epoch, _ in answer.jobs}
@@ -94,17 +92,17 @@ class OrderDelivery:
 
     def has_answered(self, worker: str) -> bool:
         """Whether a live worker has taken its last order."""
-        return self._workers[worker].answered
+        return self.records[worker].answered
 
     def is_held(self, job_id: str, job: PlacedJob) -> bool:
         """Whether a job's worker has confirmed that it has it."""
-        record = self._workers.get(job.worker) if job.worker is not None else None
+        record = self.records.get(job.worker) if job.worker is not None else None
         return record is not None and record.known.get(job_id) == job.epoch
 
     def orders(
         self,
         workers: Iterable[str],
-        jobs: Mapping[str | None, Mapping[str, int]],
+        jobs: Mapping[str | None, dict[str, int]],
         assignment: Callable[[str], Assignment],
         *,
         term: int,
@@ -123,23 +121,23 @@ class OrderDelivery:
         """
         due = []
         for name in workers:
-            record, own = self._workers[name], jobs.get(name, {})
+            record, own = self.records[name], jobs.get(name, {})
             unanswered = not record.answered and now_ns - record.sent_ns >= RESEND_AFTER_NS
             if record.told == own and not unanswered:
                 continue
-            self._orders += 1
-            record.order, record.sent_ns = self._orders, now_ns
+            self.orders_sent += 1
+            record.order, record.sent_ns = self.orders_sent, now_ns
             record.told, record.answered = own, False
             keep = tuple(sorted(own.items() & record.known.items()))
             begin = sorted(own.items() - record.known.items())
             kept = ((job_id, assignment(job_id).job) for job_id, _ in keep)
             order = WorkOrder(
-                sender=self._sender,
+                sender=self.sender,
                 order=record.order,
                 term=term,
                 map_digest=map_digest,
-                filter_settings=self._settings,
-                snapshot_every_steps=self._snapshot_every_steps,
+                filter_settings=msgspec.to_builtins(self.settings),
+                snapshot_every_steps=self.snapshot_every_steps,
                 keep=keep,
                 begin=tuple(assignment(job_id) for job_id, _ in begin),
                 resize=tuple(

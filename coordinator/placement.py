@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from coordinator.jobs import HAND_OVER_NS, Jobs, JobState, Move, balanced
+from coordinator.jobs import HAND_OVER_NS, Jobs, Move, balanced
 from coordinator.order_delivery import OrderDelivery
 from coordinator.slow_workers import SilentShards, StragglerPolicy, origin
 from particle_filter.settings import FilterSettings
@@ -142,15 +142,15 @@ class Placement:
 
     # --- from one coordinator to the next
 
-    def state(self) -> tuple[JobState, ...]:
+    def jobs_to_hand_on(self) -> Jobs:
         """Return all jobs, without particles that a worker holds."""
-        return self.jobs.state(
+        return self.jobs.without_held(
             lambda job_id, job: isinstance(job.job, TrackJob) and self.delivery.is_held(job_id, job)
         )
 
-    def restore(
-        self, jobs: Iterable[JobState], rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
+    def resume(
+        self, jobs: Jobs, rebuilt: Callable[[str], TrackJob], now_ns: int, term: int
     ) -> None:
-        """Continue with another coordinator's jobs; see `Jobs.restore`."""
-        self.jobs.restore(jobs, rebuilt, self.delivery, now_ns, term=term)
+        """Continue with another coordinator's jobs; see `Jobs.resume`."""
+        self.jobs.resume(jobs, rebuilt, self.delivery, now_ns, term=term)
         self.delivery.forget()

@@ -134,7 +134,7 @@ class LastPlace:
             ValueError: as `state_in`.
         """
         state = state_in(checkpoint)
-        applied, clusters = state.collector.applied, state.ensemble.clusters
+        applied, clusters = state.collector.applied, state.ensemble.clusters.all()
         if applied is None or not clusters:
             return None
         best = max(clusters, key=lambda cluster: cluster.log_probability)

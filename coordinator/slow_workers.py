@@ -9,11 +9,10 @@ their number, count as one worker until each has reported. Otherwise sixty names
 and compute nothing would each delay a step.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass
 
 from coordinator.jobs import PlacedJob
+from coordinator.part import Part
 from protocol.work import SearchJob
 
 GIVEN_UP_AFTER = 3
@@ -26,8 +25,9 @@ FORGOTTEN_AFTER_NS = 120_000_000_000
 """After working for this time since its last pause, a worker's next pause is short again [ns]."""
 
 
-@dataclass
-class _Record:
+class Punctuality(Part):
+    """How a worker has reported lately."""
+
     missed: int = 0
     """Steps in a row."""
     silent: bool = False
@@ -44,19 +44,18 @@ def origin(worker: str) -> str:
     return prefix if prefix and number.isdecimal() else worker
 
 
-class StragglerPolicy:
+class StragglerPolicy(Part):
     """Decides which workers a step waits for, and which may have jobs."""
 
-    def __init__(self) -> None:
-        self._records: dict[str, _Record] = {}
-        """Of workers that have reported, by name; of the others by origin."""
-        self._proven: set[str] = set()
-        """Workers that have reported."""
+    records: dict[str, Punctuality] = {}
+    """Of workers that have reported, by name; of the others by origin."""
+    proven: set[str] = set()
+    """Workers that have reported."""
 
     def heard(self, worker: str, *, in_time: bool) -> None:
         """Take a worker's report; a late one only shows that the worker is alive."""
-        self._proven.add(worker)
-        record = self._records.get(worker)
+        self.proven.add(worker)
+        record = self.records.get(worker)
         if record is not None:
             record.silent = False
             record.missed = 0 if in_time else record.missed
@@ -79,7 +78,7 @@ class StragglerPolicy:
             late.setdefault(self._who(worker), []).append(worker)
         given_up = []
         for who, workers in late.items():
-            record = self._records.setdefault(who, _Record())
+            record = self.records.setdefault(who, Punctuality())
             record.missed += 1
             record.silent = True
             if record.missed >= (GIVEN_UP_LATER if patient else GIVEN_UP_AFTER):
@@ -89,34 +88,34 @@ class StragglerPolicy:
 
     def give_up(self, worker: str, now_ns: int) -> bool:
         """Give a worker no new jobs for a while; return whether it has never reported."""
-        self._pause(self._records.setdefault(self._who(worker), _Record()), now_ns)
-        return worker not in self._proven
+        self._pause(self.records.setdefault(self._who(worker), Punctuality()), now_ns)
+        return worker not in self.proven
 
     def is_proven(self, worker: str) -> bool:
-        return worker in self._proven
+        return worker in self.proven
 
     def trusted(self, workers: Sequence[str]) -> list[str]:
         """Return the workers that get a full share of the jobs: their origin has reported.
 
         Until one has, all workers are trusted, except those of an origin that was given up.
         """
-        known = {origin(worker) for worker in self._proven}
+        known = {origin(worker) for worker in self.proven}
         return [
             worker
             for worker in workers
-            if worker in self._proven
+            if worker in self.proven
             or ((not known or origin(worker) in known) and not self._was_given_up(origin(worker)))
         ]
 
     def _was_given_up(self, who: str) -> bool:
-        record = self._records.get(who)
+        record = self.records.get(who)
         return record is not None and record.pause_ends_ns > 0
 
     def _who(self, worker: str) -> str:
-        return worker if worker in self._proven else origin(worker)
+        return worker if worker in self.proven else origin(worker)
 
     def waits_for(self, worker: str) -> bool:
-        record = self._records.get(self._who(worker))
+        record = self.records.get(self._who(worker))
         return record is None or not record.silent
 
     def may_work(self, worker: str, now_ns: int, *, answers: bool) -> bool:
@@ -127,21 +126,21 @@ class StragglerPolicy:
             now_ns: by the clock of the process.
             answers: it has answered its last order, as a worker does that is no longer frozen.
         """
-        record = self._records.get(self._who(worker))
+        record = self.records.get(self._who(worker))
         if record is None or not record.paused:
             return True
         if answers and now_ns >= record.pause_ends_ns:
             record.paused = False
-            record.silent = worker not in self._proven  # a trial holds up no step
+            record.silent = worker not in self.proven  # a trial holds up no step
         return not record.paused
 
     def forget(self, worker: str) -> None:
         """Forget a worker that is gone; another one of this name has reported nothing."""
-        if worker in self._proven:
-            self._proven.discard(worker)
-            self._records.pop(worker, None)
+        if worker in self.proven:
+            self.proven.discard(worker)
+            self.records.pop(worker, None)
 
-    def _pause(self, record: _Record, now_ns: int) -> None:
+    def _pause(self, record: Punctuality, now_ns: int) -> None:
         if now_ns > record.pause_ends_ns + FORGOTTEN_AFTER_NS:
             record.pause_ns = FIRST_PAUSE_NS
         record.paused, record.missed = True, 0
@@ -161,8 +160,7 @@ PAUSE_NS = 1_000_000_000
 """If this process paused for longer, silence proves nothing [ns]."""
 
 
-@dataclass
-class _Watch:
+class Watch(Part):
     """One shard at its present worker, since its last report."""
 
     epoch: int
@@ -172,25 +170,25 @@ class _Watch:
     since_ns: int
 
 
-class SilentShards:
+class SilentShards(Part):
     """Decides which shards of a search another worker should have.
 
     A step of a search may take long, depending on the map. So a shard is compared with the others:
     it may take some times as long as they did. A shard on which all others wait is limited by time.
     """
 
-    def __init__(self) -> None:
-        self._reports: Counter[str] = Counter()
-        self._steps: dict[str, int] = {}
-        self._took_ns: dict[str, int] = {}
-        """For the first step, of those that have reported one."""
-        self._given_up: Counter[str] = Counter()
-        self._watches: dict[str, _Watch] = {}
-        self._looked_ns = 0
+    reports: dict[str, int] = {}
+    """Number of reports of each shard."""
+    steps: dict[str, int] = {}
+    took_ns: dict[str, int] = {}
+    """Duration of the first step of each shard that has reported one [ns]."""
+    times_given_up: dict[str, int] = {}
+    watches: dict[str, Watch] = {}
+    looked_ns: int = 0
 
     def reported(self, job_id: str, step: int) -> None:
-        self._reports[job_id] += 1
-        self._steps[job_id] = max(step, self._steps.get(job_id, step))
+        self.reports[job_id] = self.reports.get(job_id, 0) + 1
+        self.steps[job_id] = max(step, self.steps.get(job_id, step))
 
     def given_up(self, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int) -> list[str]:
         """Shards that have been silent for too long.
@@ -200,10 +198,10 @@ class SilentShards:
             newest_step: the newest whose scan has come; a robot that stands makes none.
             now_ns: by the clock of all events.
         """
-        if now_ns - self._looked_ns > PAUSE_NS:
-            self._watches.clear()
-        self._looked_ns = now_ns
-        for known in (self._reports, self._steps, self._took_ns, self._given_up, self._watches):
+        if now_ns - self.looked_ns > PAUSE_NS:
+            self.watches.clear()
+        self.looked_ns = now_ns
+        for known in (self.reports, self.steps, self.took_ns, self.times_given_up, self.watches):
             for job_id in known.keys() - shards.keys():
                 del known[job_id]
         return [job_id for job_id in shards if self._is_silent(job_id, shards, newest_step, now_ns)]
@@ -211,12 +209,12 @@ class SilentShards:
     def _is_silent(
         self, job_id: str, shards: Mapping[str, PlacedJob], newest_step: int, now_ns: int
     ) -> bool:
-        placed, reports = shards[job_id], self._reports[job_id]
+        placed, reports = shards[job_id], self.reports.get(job_id, 0)
         others = [other for other, job in shards.items() if job.worker != placed.worker]
-        heard = sum(self._reports[other] for other in others)
-        watch = self._watches.get(job_id)
+        heard = sum(self.reports.get(other, 0) for other in others)
+        watch = self.watches.get(job_id)
         first = placed.job.first_step if isinstance(placed.job, SearchJob) else 0
-        owes = newest_step >= max(first, self._steps.get(job_id, first - 1) + 1)
+        owes = newest_step >= max(first, self.steps.get(job_id, first - 1) + 1)
         if (
             watch is None
             or (watch.epoch, watch.reports) != (placed.epoch, reports)
@@ -224,14 +222,15 @@ class SilentShards:
             or placed.worker is None
         ):
             if watch is not None and watch.epoch == placed.epoch and reports:
-                self._took_ns.setdefault(job_id, now_ns - watch.since_ns)
-            self._watches[job_id] = _Watch(placed.epoch, reports, heard, now_ns)
+                self.took_ns.setdefault(job_id, now_ns - watch.since_ns)
+            self.watches[job_id] = Watch(placed.epoch, reports, heard, now_ns)
             return False
         silent_ns = now_ns - watch.since_ns
-        took_ns = max((self._took_ns.get(other, 0) for other in others), default=0)
+        times_given_up = self.times_given_up.get(job_id, 0)
+        took_ns = max((self.took_ns.get(other, 0) for other in others), default=0)
         is_overtaken = bool(others) and heard - watch.others >= STEPS * len(others)
-        is_silent = silent_ns >= LONGEST_NS << self._given_up[job_id] or (
+        is_silent = silent_ns >= LONGEST_NS << times_given_up or (
             is_overtaken and silent_ns >= max(SHORTEST_NS, TIMES_THE_OTHERS * took_ns)
         )
-        self._given_up[job_id] += is_silent
+        self.times_given_up[job_id] = times_given_up + is_silent
         return is_silent

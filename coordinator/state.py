@@ -3,7 +3,7 @@
 Everything here that decides can be handed on to another coordinator, and be taken over from one.
 """
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 from statistics import median
@@ -20,12 +20,12 @@ from coordinator.checkpoint import (
     MAX_AGE_S,
     STATE_VERSION,
     CheckpointState,
-    ImpossibleStateError,
     state_in,
 )
 from coordinator.commands import Commands
 from coordinator.dead_reckoning import carried
 from coordinator.free_ground import FreeGround
+from coordinator.part import Part
 from coordinator.placement import Placement
 from coordinator.pose_tracker import PoseTracker
 from coordinator.step_collector import ReadyStep, StepCollector
@@ -47,40 +47,36 @@ LATE_NS, IN_TIME_NS = 100_000_000, 50_000_000
 """From its scan to its decision half of the steps take longer; and again no longer than that."""
 
 
-class OverloadDetector:
+class OverloadDetector(Part):
     """Detects from the waiting times of steps that the machine is overloaded."""
 
-    def __init__(self) -> None:
-        self._waits_ns: deque[int] = deque(maxlen=STEPS)
-        self._overloaded = False
-
-    @property
-    def is_overloaded(self) -> bool:
-        """Whether work that can wait has to wait."""
-        return self._overloaded
+    waits_ns: list[int] = []
+    is_overloaded: bool = False
+    """Whether work that can wait has to wait."""
 
     def step_decided(self, waited_ns: int) -> None:
         """Take how long a step has waited from its scan to its decision [ns]."""
-        self._waits_ns.append(waited_ns)
-        if len(self._waits_ns) == STEPS:
-            bound_ns = IN_TIME_NS if self._overloaded else LATE_NS
-            self._overloaded = median(self._waits_ns) > bound_ns
+        self.waits_ns = [*self.waits_ns, waited_ns][-STEPS:]
+        if len(self.waits_ns) == STEPS:
+            bound_ns = IN_TIME_NS if self.is_overloaded else LATE_NS
+            self.is_overloaded = median(self.waits_ns) > bound_ns
 
 
 NEEDED = 3
 """So many scans of the other map in a row, and none of ours between: one alone may be anything."""
 
 
-class MapChangeDetector:
+class MapChangeDetector(Part):
     """Detects that the bridge was restarted with another map.
 
     A second bridge of the same robot, or a stray message, is not followed: scans of the present map
     come in between. A bridge that waits for a belief repeats its scan, which counts.
     """
 
-    def __init__(self) -> None:
-        self._digest, self._step = "", -1
-        self._in_a_row = 0
+    digest: str = ""
+    """Of the other map."""
+    step: int = -1
+    in_a_row: int = 0
 
     def is_another(self, scan: Scan, ours: str) -> bool:
         """Take a scan.
@@ -90,24 +86,23 @@ class MapChangeDetector:
             ours: digest of the map in which the robot is looked for.
         """
         if scan.map_digest == ours:
-            self._in_a_row = 0
+            self.in_a_row = 0
             return False
-        follows = scan.map_digest == self._digest and scan.step >= self._step
-        self._in_a_row = self._in_a_row + 1 if follows else 1
-        self._digest, self._step = scan.map_digest, scan.step
-        return self._in_a_row >= NEEDED
+        follows = scan.map_digest == self.digest and scan.step >= self.step
+        self.in_a_row = self.in_a_row + 1 if follows else 1
+        self.digest, self.step = scan.map_digest, scan.step
+        return self.in_a_row >= NEEDED
 
 
 KEPT_EVENTS = 200
 
 
-class EventLog:
-    """The last events of one coordinator; a coordinator after it begins with none."""
+class EventLog(Part):
+    """The last events of one coordinator; its successor begins with none."""
 
-    def __init__(self) -> None:
-        self._kept: deque[NumberedEvent] = deque(maxlen=KEPT_EVENTS)
-        self._count = 0
-        self._news: list[NumberedEvent] = []
+    kept: list[NumberedEvent] = []
+    count: int = 0
+    unpublished: list[NumberedEvent] = []
 
     def add(self, events: Iterable[JobEvent], step: int, stamp_ns: int) -> None:
         """Number and keep the events of a step or a command.
@@ -118,17 +113,15 @@ class EventLog:
             stamp_ns: robot's clock at the scan of the step.
         """
         for event in events:
-            numbered = NumberedEvent(number=self._count, step=step, stamp_ns=stamp_ns, event=event)
-            self._count += 1
-            self._kept.append(numbered)
-            self._news.append(numbered)
-
-    def all(self) -> tuple[NumberedEvent, ...]:
-        return tuple(self._kept)
+            numbered = NumberedEvent(number=self.count, step=step, stamp_ns=stamp_ns, event=event)
+            self.count += 1
+            self.kept.append(numbered)
+            self.unpublished.append(numbered)
+        del self.kept[:-KEPT_EVENTS]
 
     def news(self) -> tuple[NumberedEvent, ...]:
         """Return the events since the last call."""
-        news, self._news = tuple(self._news), []
+        news, self.unpublished = tuple(self.unpublished), []
         return news
 
 
@@ -147,10 +140,10 @@ class CoordinatorState:
     ) -> None:
         self._seed = filter_settings.seed
         self._filter_settings, self._bridge, self._live = filter_settings, bridge, AS_STARTED
-        self.ensemble = Ensemble(filter_settings)
+        self.ensemble = Ensemble.of(filter_settings)
         self.placement = Placement(sender, filter_settings, settings.snapshot_every_steps)
         self.collector = StepCollector(settings)
-        self.pose = PoseTracker(sender, settings, filter_settings.motion, bridge)
+        self.pose = PoseTracker.of(sender, settings, filter_settings.motion, bridge)
         self.event_log = EventLog()
         self._is_folder_named = bool(settings.state_folder)
         self._keeps_pose_on_new_map = settings.keep_pose_on_new_map
@@ -411,10 +404,10 @@ class CoordinatorState:
         return CheckpointState(
             version=STATE_VERSION,
             map_digest=self._map_digest,
-            ensemble=self.ensemble.state(),
-            jobs=self.placement.state(),
-            collector=self.collector.state,
-            commands=self.commands.state,
+            ensemble=self.ensemble,
+            jobs=self.placement.jobs_to_hand_on(),
+            collector=self.collector,
+            commands=self.commands,
             missing=self.outcome.missing if self.outcome else (),
             age_s=self._applied_age_s(now_ns),
             age_known=self.pose.age_known,
@@ -435,12 +428,10 @@ class CoordinatorState:
         """
         try:
             state = state_in(checkpoint)
-        except ValueError as error:
-            impossible = isinstance(error, ImpossibleStateError)
-            cause = "of an impossible state" if impossible else "that cannot be read"
-            self.counters[f"checkpoint {cause}"] += 1
+        except ValueError:
+            self.counters["checkpoint that cannot be read"] += 1
             return None
-        search, applied = state.ensemble.search, state.collector.applied
+        applied = state.collector.applied
         newest = self.collector.newest_scan
         if not state.ensemble.searches:
             self.commands.resume(state.commands)
@@ -455,15 +446,16 @@ class CoordinatorState:
         self._founded = checkpoint.founded or len(self.ensemble.clusters) > 0
         if applied is not None:
             return applied.step + 1
-        first = search.first_step if search else 0
+        first = state.ensemble.search.first_step
         self.collector.begin_after(first - 1)
         return first
 
     def _restore(self, state: CheckpointState, term: int, now_ns: int) -> None:
         self._map_digest = state.map_digest
-        self.ensemble.restore(state.ensemble)
+        settings, self.ensemble = self.ensemble.settings, state.ensemble
+        self.ensemble.use(settings)
         rebuilt = partial(self._rebuilt, state)
-        self.placement.restore(state.jobs, rebuilt, now_ns, term)
+        self.placement.resume(state.jobs, rebuilt, now_ns, term)
         self._begin_standing_jobs(state.collector.applied)
         self.collector.resume(state.collector)
         self.commands.resume(state.commands)
@@ -493,7 +485,7 @@ class CoordinatorState:
         """Draw a cluster from its Gaussian: its particles were lost with its worker."""
         applied = state.collector.applied
         assert applied is not None  # `state_checks` has looked
-        tracked = (*state.ensemble.clusters, *state.ensemble.decoy.places)
+        tracked = (*state.ensemble.clusters.all(), *state.ensemble.decoy.places)
         cluster = next(c for c in tracked if c.job_id == job_id)
         scan = mirrored(applied) if cluster.mirrored else applied
         again = self._drawn_anew(

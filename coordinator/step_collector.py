@@ -1,11 +1,13 @@
 """Steps in their order: when all reports are in, or none can be waited for any longer."""
 
 from collections.abc import Callable, Container, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import ClassVar
 
 import msgspec
 
 from coordinator.jobs import HAND_OVER_NS
+from coordinator.part import Count, Part
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import CoordinatorSettings
 from protocol.arrays import ArrayBlob
@@ -59,13 +61,12 @@ BULKY_REPORTS = 16
 """Waiting reports of one job that contain places: the number of steps that a search pools."""
 
 
-@dataclass
-class OpenStep:
+class OpenStep(Part):
     """A step that has not been applied yet."""
 
     scan: Scan | None = None
     arrived_ns: int = 0
-    reports: dict[str, Report] = field(default_factory=dict)
+    reports: dict[str, Report] = {}
 
 
 def is_bulky(report: Report) -> bool:
@@ -94,30 +95,26 @@ class ReadyStep:
     """When the scan came, by the clock of all events."""
 
 
-class StepCollectorState(msgspec.Struct, frozen=True):
-    """Which steps are over; a part of the coordinator's state."""
-
-    applied: Scan | None = None
-    """The scan of the last applied step, without its beams; None: no step of this count is over."""
-    steps_lost: int = 0
-    """Steps left out because their scans never came."""
-
-
-class StepCollector:
+class StepCollector(Part):
     """Collects scans and reports; gives out steps strictly in order."""
 
-    def __init__(self, settings: CoordinatorSettings) -> None:
-        self._settings = settings
-        self._open: dict[int, OpenStep] = {}
-        self._late: list[SearchReport] = []
-        self.state = StepCollectorState()
-        self._base: int | None = None
+    local: ClassVar = frozenset({"settings", "open_steps", "late", "base"})
+    settings: CoordinatorSettings = CoordinatorSettings()
+    open_steps: dict[int, OpenStep] = {}
+    late: list[SearchReport] = []
+    """Reports of searches on steps that are over, for the next step."""
+    base: int | None = None
+    """The step after which the first one should be; None: any may be the first."""
+    applied: Scan | None = None
+    """The scan of the last applied step, without its beams; None: no step of this count is over."""
+    steps_lost: Count = 0
+    """Steps left out because their scans never came."""
 
     def begin_after(self, step: int) -> None:
         """Start after `step`; discard earlier steps."""
-        if self.state.applied is None:
-            self._base = step
-            self._open = {one: opened for one, opened in self._open.items() if one > step}
+        if self.applied is None:
+            self.base = step
+            self.open_steps = {one: opened for one, opened in self.open_steps.items() if one > step}
 
     def restart(self, before: int, applied: Scan | None = None) -> None:
         """Follow a new count of steps, which goes on after `before`.
@@ -126,41 +123,33 @@ class StepCollector:
             before: its number.
             applied: takes the place of that step's scan, if places are known from it.
         """
-        self._open.clear()
-        self._late.clear()
-        self.state = msgspec.structs.replace(
-            self.state, applied=applied and _without_beams(applied)
-        )
-        self._base = before
-
-    @property
-    def applied(self) -> Scan | None:
-        """The scan of the last applied step; None: there was none in this count of steps."""
-        return self.state.applied
+        self.open_steps.clear()
+        self.late.clear()
+        self.applied, self.base = applied and _without_beams(applied), before
 
     @property
     def oldest_scan(self) -> Scan | None:
         """The oldest scan that waits to be applied."""
-        waiting = [opened.scan for opened in self._open.values() if opened.scan]
+        waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
         return min(waiting, key=lambda scan: scan.step, default=None)
 
     @property
     def oldest_reports(self) -> Mapping[str, Report] | None:
         """By job, those of the oldest step whose scan waits to be applied; None: none waits."""
-        step = min((step for step, opened in self._open.items() if opened.scan), default=None)
-        return None if step is None else self._open[step].reports
+        step = min((step for step, opened in self.open_steps.items() if opened.scan), default=None)
+        return None if step is None else self.open_steps[step].reports
 
     @property
     def newest_scan(self) -> Scan | None:
         """The newest scan that waits to be applied."""
-        waiting = [opened.scan for opened in self._open.values() if opened.scan]
+        waiting = [opened.scan for opened in self.open_steps.values() if opened.scan]
         return max(waiting, key=lambda scan: scan.step, default=None)
 
     def on_scan(self, scan: Scan, now_ns: int) -> bool:
         """Take a scan; return False if it is old or known."""
         if self.before is not None and scan.step <= self.before:
             return False
-        opened = self._open.setdefault(scan.step, OpenStep())
+        opened = self.open_steps.setdefault(scan.step, OpenStep())
         if opened.scan is not None:
             return False
         opened.scan, opened.arrived_ns = scan, now_ns
@@ -168,15 +157,15 @@ class StepCollector:
 
     def lost_before(self, scan: Scan) -> tuple[int, int] | None:
         """First and last of the steps just before `scan` whose scans have not come; else None."""
-        known = [step for step, opened in self._open.items() if opened.scan and step < scan.step]
-        newest = max(known, default=self.before)
+        arrived = (step for step, opened in self.open_steps.items() if opened.scan)
+        newest = max((step for step in arrived if step < scan.step), default=self.before)
         if newest is None or newest + 1 == scan.step:
             return None
         return newest + 1, scan.step - 1
 
     def wait_anew(self, now_ns: int) -> None:
         """Restart the deadlines: no report could arrive while the link was lost."""
-        for opened in self._open.values():
+        for opened in self.open_steps.values():
             opened.arrived_ns = now_ns
 
     def has_room_for(self, report: Report, *, is_told_late: bool = False) -> bool:
@@ -190,7 +179,7 @@ class StepCollector:
             return True
         newest = self._newest_scan_step
         is_far = newest is not None and report.step > newest + REPORTS_AHEAD
-        if report.step not in self._open and len(self._open) > KEPT_AHEAD:
+        if report.step not in self.open_steps and len(self.open_steps) > KEPT_AHEAD:
             return False
         if is_far and not is_told_late:
             return False
@@ -198,33 +187,33 @@ class StepCollector:
 
     @property
     def _newest_scan_step(self) -> int | None:
-        known = [step for step, opened in self._open.items() if opened.scan]
+        known = [step for step, opened in self.open_steps.items() if opened.scan]
         return max(known, default=self.before)
 
     def _bulky_of(self, report: Report) -> int:
         """How many reports of the same job on other steps wait with particles of places."""
         return sum(
             is_bulky(waiting)
-            for step, opened in self._open.items()
+            for step, opened in self.open_steps.items()
             if step != report.step and (waiting := opened.reports.get(report.job_id)) is not None
         )
 
     def on_report(self, report: Report) -> bool:
         """Take a report; return False if its step is over and it says nothing new."""
         if not self._is_over(report.step):
-            opened = self._open.setdefault(report.step, OpenStep())
+            opened = self.open_steps.setdefault(report.step, OpenStep())
             opened.reports[report.job_id] = without_snapshot(report)
             return True
         if not isinstance(report, SearchReport):
             return False
-        self._late.append(report)  # it may arrive a step later
-        of_job = [late for late in self._late if late.job_id == report.job_id]
+        self.late.append(report)  # it may arrive a step later
+        of_job = [late for late in self.late if late.job_id == report.job_id]
         if len(of_job) > BULKY_REPORTS:
-            self._late.remove(min(of_job, key=lambda late: late.step))
+            self.late.remove(min(of_job, key=lambda late: late.step))
         return True
 
     def _is_over(self, step: int) -> bool:
-        return self.state.applied is not None and step <= self.state.applied.step
+        return self.applied is not None and step <= self.applied.step
 
     def ready(
         self,
@@ -241,10 +230,10 @@ class StepCollector:
             now_ns: by the same clock as `on_scan`.
             unhurried: those of the jobs that may report a step later.
         """
-        step = min((s for s, opened in self._open.items() if opened.scan), default=None)
+        step = min((s for s, opened in self.open_steps.items() if opened.scan), default=None)
         if step is None:
             return None
-        opened = self._open[step]
+        opened = self.open_steps[step]
         follows = self.before is None or step == self.before + 1
         if not follows and now_ns < opened.arrived_ns + FETCH_NS:
             return None
@@ -261,19 +250,17 @@ class StepCollector:
     @property
     def before(self) -> int | None:
         """The step after which the next one should be; None: any may be the first."""
-        return self._base if self.state.applied is None else self.state.applied.step
+        return self.base if self.applied is None else self.applied.step
 
     @property
     def waits_for_no_search(self) -> bool:
         """Whether the next step is decided as soon as all but searches have reported."""
         oldest = self.oldest_scan
-        return (
-            oldest is not None and not oldest.lockstep and self._settings.search_deadline_s == 0.0
-        )
+        return oldest is not None and not oldest.lockstep and self.settings.search_deadline_s == 0.0
 
     def _is_late_for_searches(self, opened: OpenStep, now_ns: int) -> bool:
         """Whether the search deadline of a step has passed; a lockstep step has none."""
-        wait_ns = int(self._settings.search_deadline_s * 1e9)
+        wait_ns = int(self.settings.search_deadline_s * 1e9)
         lockstep = opened.scan is not None and opened.scan.lockstep
         return not lockstep and now_ns >= opened.arrived_ns + wait_ns
 
@@ -281,34 +268,34 @@ class StepCollector:
         self, opened: OpenStep, missing: list[str], placed_ns: Callable[[str], int]
     ) -> int:
         lockstep = opened.scan is not None and opened.scan.lockstep
-        settings = self._settings
+        settings = self.settings
         wait_s = settings.lockstep_deadline_s if lockstep else settings.step_deadline_s
         newest = max(placed_ns(job_id) for job_id in missing)
         return max(opened.arrived_ns + int(wait_s * 1e9), newest + HAND_OVER_NS if newest else 0)
 
     def _close(self, step: int) -> ReadyStep:
-        opened = self._open.pop(step)
+        opened = self.open_steps.pop(step)
         assert opened.scan is not None  # `ready` chose a step that has one
-        for older in [other for other in self._open if other < step]:
-            del self._open[older]
+        for older in [other for other in self.open_steps if other < step]:
+            del self.open_steps[older]
         lost = 0 if self.before is None else step - self.before - 1
-        before = self.state.applied
-        self.state = StepCollectorState(_without_beams(opened.scan), self.state.steps_lost + lost)
-        late, self._late = self._late, []
+        before, self.applied = self.applied, _without_beams(opened.scan)
+        self.steps_lost += lost
+        late, self.late = self.late, []
         reports = (*late, *opened.reports.values())
         return ReadyStep(opened.scan, before, reports, opened.arrived_ns)
 
-    def resume(self, state: StepCollectorState) -> None:
+    def resume(self, handed_on: "StepCollector") -> None:
         """Continue from another coordinator's state; waiting scans of later steps stay.
 
         Reports do not: they are of this coordinator's own jobs, which may have the same ids.
         """
-        self.state = state
-        self._late.clear()
-        over = -1 if state.applied is None else state.applied.step
-        self._open = {
+        self.applied, self.steps_lost = handed_on.applied, handed_on.steps_lost
+        self.late.clear()
+        over = -1 if self.applied is None else self.applied.step
+        self.open_steps = {
             step: OpenStep(opened.scan, opened.arrived_ns)
-            for step, opened in self._open.items()
+            for step, opened in self.open_steps.items()
             if step > over and opened.scan
         }
 

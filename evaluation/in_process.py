@@ -9,10 +9,11 @@ from collections.abc import Iterable, Iterator, Mapping
 import msgspec
 import numpy as np
 
-from coordinator.belief.ensemble import Ensemble, EnsembleState
+from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
 from coordinator.checkpoint import ensemble_problem, jobs_problem
-from coordinator.jobs import JobState
+from coordinator.jobs import Jobs, PlacedJob
+from coordinator.part import successor_of
 from particle_filter.poses import between
 from particle_filter.sensor_model import SensorModel
 from particle_filter.sensor_models import computed_model
@@ -41,7 +42,7 @@ def outcomes(
 class InProcessState(msgspec.Struct, frozen=True):
     """All that decides after a step, with particles."""
 
-    ensemble: EnsembleState
+    ensemble: Ensemble
     jobs: tuple[Assignment, ...]
     searched: tuple[Scan, ...]
     """The steps since the running search began: it goes on from its first scan."""
@@ -51,7 +52,7 @@ class InProcessState(msgspec.Struct, frozen=True):
     @property
     def problem(self) -> str | None:
         """Why no filter can have been in this state; None where one can."""
-        jobs = [JobState(job.job_id, job.epoch, None, job.job) for job in self.jobs]
+        jobs = Jobs({job.job_id: PlacedJob(job.job, job.epoch) for job in self.jobs})
         return (
             first_problem(map(problem_of, (*self.searched, self.applied)))
             or ensemble_problem(self.ensemble, self.applied)
@@ -65,7 +66,7 @@ class InProcess:
     def __init__(self, model: SensorModel, settings: FilterSettings) -> None:
         self._model, self._settings = model, settings
         self._started = settings
-        self.ensemble = Ensemble(settings)
+        self.ensemble = Ensemble.of(settings)
         self._jobs: dict[str, RunningJob] = {}
         self._searched: list[Scan] = []
         self.applied: Scan | None = None
@@ -131,7 +132,7 @@ class InProcess:
         if self.applied is None:
             raise ValueError("there is no state before the first step")
         return InProcessState(
-            ensemble=self.ensemble.state(),
+            ensemble=successor_of(self.ensemble),
             jobs=tuple(job.handed_on() for job in self._jobs.values()),
             searched=tuple(self._searched),
             applied=self.applied,
@@ -147,7 +148,8 @@ class InProcess:
             ValueError: no filter with these settings can have been in this state.
         """
         made = cls(model, settings)
-        made.ensemble.restore(state.ensemble)
+        made.ensemble = successor_of(state.ensemble)
+        made.ensemble.use(settings)
         problem = state.problem
         if not problem and {job.job_id for job in state.jobs} != set(made.ensemble.expected):
             problem = "its jobs are not those of its belief"

@@ -8,9 +8,12 @@ places count by how much of a new view the scan is, and less the worse even the 
 """
 
 import math
+import sys
+from typing import Annotated
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 from particle_filter.arrays import Pose
@@ -119,6 +122,9 @@ def _log_unexplained(settings: SensorSettings) -> float:
     return math.log(settings.random_weight / settings.max_range_m)
 
 
+Finite = Annotated[float, Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
+
+
 class UsualFit(msgspec.Struct, frozen=True):
     """How well scans have fitted where the robot is localized: a one-sided CUSUM test (Page 1954).
 
@@ -127,11 +133,11 @@ class UsualFit(msgspec.Struct, frozen=True):
     kidnapped; this test detects it within one or two scans.
     """
 
-    mean: float | None = None
+    mean: Finite | None = None
     """Of the scans' log-likelihoods [nat]; None: there was none."""
-    variance: float = _UNKNOWN_VARIANCE
+    variance: Annotated[float, Meta(gt=0.0, le=sys.float_info.max)] = _UNKNOWN_VARIANCE
     """Of the same [nat^2]."""
-    shortfall: float = 0.0
+    shortfall: Annotated[float, Meta(ge=0.0, le=sys.float_info.max)] = 0.0
     """By how much the last scans together fitted worse than chance explains [nat]."""
 
     @property

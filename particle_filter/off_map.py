@@ -8,10 +8,11 @@ of wrong place, and which of them this one is is learned on the way.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
 _BEAMS = 16.0
@@ -65,16 +66,19 @@ _ALIKE_SHARE = 0.5
 """Before the first view."""
 
 
+Share = Annotated[float, Meta(gt=0.0, lt=1.0)]
+
+
 class MapQuality(msgspec.Struct, frozen=True):
     """Properties of the map, learned while localizing."""
 
-    crude: float = _CRUDE_SHARE
+    crude: Share = _CRUDE_SHARE
     """Probability that right places look as in a crude map."""
-    resembling: float = _RESEMBLING_SHARE
+    resembling: Share = _RESEMBLING_SHARE
     """Probability that wrong places look as in a building much like this one."""
-    short: float = _SHORT_SHARE
+    short: Annotated[float, Meta(ge=0.0, le=1.0)] = _SHORT_SHARE
     """Share of the beams that are cut short."""
-    alike: float = _ALIKE_SHARE
+    alike: Share = _ALIKE_SHARE
     """Probability that the map is its own mirror image."""
 
 

@@ -5,6 +5,8 @@ from bisect import bisect_left, insort
 from operator import itemgetter
 from typing import TypeAlias
 
+import msgspec
+
 from particle_filter.poses import wrap_angle
 
 PoseTuple: TypeAlias = tuple[float, float, float]
@@ -21,53 +23,49 @@ _MAX_BLIND_M, _MAX_BLIND_RAD = 1.0, 1.0
 _stamp = itemgetter(0)
 
 
-class Trajectory:
-    """Poses by time.
+class Trajectory(msgspec.Struct):
+    """Poses by time."""
 
-    Args:
-        most: number of poses kept, the newest; None: all.
-        every_ns: poses closer in time than this are thinned; the newest is always kept [ns].
-        held_ns: time for which the first pose holds before it, and the last after it [ns]. None:
-            the motion is extrapolated instead, for `MAX_EXTRAPOLATION_NS`.
-    """
-
-    def __init__(
-        self, most: int | None = None, *, every_ns: int = 0, held_ns: int | None = None
-    ) -> None:
-        self._most, self._every_ns, self._held_ns = most, every_ns, held_ns
-        self._poses: list[tuple[int, PoseTuple]] = []
+    most: int | None = None
+    """Number of poses kept, the newest; None: all."""
+    every_ns: int = 0
+    """Poses closer in time than this are thinned; the newest is always kept [ns]."""
+    held_ns: int | None = None
+    """Time for which the first pose holds before it, and the last after it [ns]. None: the motion
+    is extrapolated instead, for `MAX_EXTRAPOLATION_NS`."""
+    poses: list[tuple[int, PoseTuple]] = []
 
     def __len__(self) -> int:
-        return len(self._poses)
+        return len(self.poses)
 
     def add(self, stamp_ns: int, pose: PoseTuple) -> None:
         """Add a pose, which may be a little late."""
-        poses = self._poses
+        poses = self.poses
         if poses and stamp_ns < poses[-1][0] - MAX_LATE_NS:
             poses.clear()
-        if len(poses) > 1 and 0 <= stamp_ns - poses[-2][0] < self._every_ns:
+        if len(poses) > 1 and 0 <= stamp_ns - poses[-2][0] < self.every_ns:
             del poses[-1]
         insort(poses, (stamp_ns, pose), key=_stamp)
-        if self._most is not None and len(poses) > self._most:
+        if self.most is not None and len(poses) > self.most:
             del poses[0]
 
     def clear(self) -> None:
         """Remove all poses."""
-        self._poses.clear()
+        self.poses.clear()
 
     @property
     def oldest_ns(self) -> int | None:
         """Stamp of the oldest pose; None: there is none."""
-        return self._poses[0][0] if self._poses else None
+        return self.poses[0][0] if self.poses else None
 
     def reaches(self, stamp_ns: int) -> bool:
         """Return whether there is a pose of this time or later."""
-        return bool(self._poses) and self._poses[-1][0] >= stamp_ns
+        return bool(self.poses) and self.poses[-1][0] >= stamp_ns
 
     @property
     def newest_ns(self) -> int | None:
         """Stamp of the newest pose; None: there is none."""
-        return self._poses[-1][0] if self._poses else None
+        return self.poses[-1][0] if self.poses else None
 
     def pose_at(self, stamp_ns: int) -> PoseTuple | None:
         """Return the pose at a time, interpolated; of several poses with this time the first.
@@ -76,16 +74,16 @@ class Trajectory:
             None if the time is too far outside, or in a gap of more than 2 s in which the robot
             moved by more than 1 m or 1 rad.
         """
-        poses = self._poses
+        poses = self.poses
         if not poses:
             return None
         after = bisect_left(poses, stamp_ns, key=_stamp)
         if after < len(poses) and poses[after][0] == stamp_ns:
             return poses[after][1]
         outside_ns = max(poses[0][0] - stamp_ns, stamp_ns - poses[-1][0])
-        if outside_ns > (MAX_EXTRAPOLATION_NS if self._held_ns is None else self._held_ns):
+        if outside_ns > (MAX_EXTRAPOLATION_NS if self.held_ns is None else self.held_ns):
             return None
-        if len(poses) == 1 or (outside_ns > 0 and self._held_ns is not None):
+        if len(poses) == 1 or (outside_ns > 0 and self.held_ns is not None):
             return poses[0 if after == 0 else -1][1]
         after = min(max(after, 1), len(poses) - 1)
         (before_ns, start), (after_ns, end) = poses[after - 1], poses[after]

@@ -1,14 +1,17 @@
 """The tracked places, their probabilities, and those of none of them; together always one."""
 
 import math
+import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TypeAlias
+from typing import Annotated, ClassVar, TypeAlias
 
 import msgspec
 import numpy as np
+from msgspec import Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from coordinator.part import FEW, Count, LogProbability, Part
 from particle_filter import belief
 from particle_filter.arrays import Pose
 from particle_filter.evidence_model import (
@@ -33,7 +36,7 @@ from particle_filter.overlaps import merge_overlapping
 from particle_filter.poses import compose
 from particle_filter.settings import BeliefSettings, MotionSettings, SensorSettings
 from protocol.job_events import Began, BeganCause, Ended, EndedCause, JobEvent
-from protocol.message import Covariance, NumberOrNone, PoseTuple
+from protocol.message import Covariance, NotNegative, Number, NumberOrNone, PoseTuple
 from protocol.pose_arrays import covariance_matrix, covariance_tuple, pose_tuple
 from protocol.work import ParticleCount, Place, TrackReport
 
@@ -60,14 +63,14 @@ def news_of(before_from_after: Pose) -> float:
 class Cluster(msgspec.Struct, frozen=True):
     """One tracked place."""
 
-    cluster: int
-    log_probability: float
-    born_step: int
+    cluster: Number
+    log_probability: Annotated[float, Meta(ge=-sys.float_info.max, le=1e-6)]
+    born_step: NumberOrNone
     mean: PoseTuple
     covariance: Covariance
     protected_until: int = -1
     """The step before which it may not be replaced."""
-    effective_sample_size: float = 0.0
+    effective_sample_size: NotNegative = 0.0
     particles: ParticleCount | None = None
     """Particles that track it from `particles_from` on; None: not decided."""
     particles_from: NumberOrNone = -1
@@ -93,28 +96,31 @@ Candidate: TypeAlias = tuple[Place, BeganCause]
 belief, which sums to one before it enters."""
 
 
-class ClusterSet:
+class ClusterSet(Part):
     """All clusters of one robot, in the order of their numbers."""
 
-    def __init__(self, rules: BeliefSettings, sensor: SensorSettings) -> None:
-        self._rules, self.sensor = rules, sensor
-        self._clusters: dict[int, Cluster] = {}
-        self._next_cluster = 0
-        self.quality = MapQuality()
-        """Quality of the map, learned during the run."""
-        self.fit = UsualFit()
-        """How well scans fit where the robot is."""
-        self.log_elsewhere = self.log_off_map = 0.0
-        """Logs of the probabilities that the robot is elsewhere on the map, and not on it."""
-        self._is_anywhere()
+    local: ClassVar = frozenset({"rules", "sensor"})
+    rules: BeliefSettings = BeliefSettings()
+    sensor: SensorSettings = SensorSettings()
+    clusters: Annotated[dict[Number, Cluster], FEW] = {}
+    """By number, in the order in which they are summed."""
+    next_cluster: Count = 0
+    """The number that the next candidate gets."""
+    quality: MapQuality = MapQuality()
+    """Quality of the map, learned during the run."""
+    fit: UsualFit = UsualFit()
+    """How well scans fit where the robot is."""
+    log_elsewhere: LogProbability = math.nan
+    """Log of the probability that the robot is elsewhere on the map."""
+    log_off_map: LogProbability = math.nan
+    """Log of the probability that the robot is not on the map."""
+
+    def __post_init__(self) -> None:
+        if math.isnan(self.log_elsewhere):  # a new set
+            self._is_anywhere()
 
     def __len__(self) -> int:
-        return len(self._clusters)
-
-    @property
-    def next_cluster(self) -> int:
-        """The number that the next candidate gets."""
-        return self._next_cluster
+        return len(self.clusters)
 
     @property
     def elsewhere(self) -> float:
@@ -133,37 +139,22 @@ class ClusterSet:
 
     def all(self) -> tuple[Cluster, ...]:
         """All of them, in the order in which they are summed."""
-        return tuple(self._clusters.values())
-
-    def restore(
-        self,
-        clusters: Iterable[Cluster],
-        next_cluster: int,
-        log_elsewhere: float,
-        log_off_map: float = -math.inf,
-        quality: MapQuality | None = None,
-        fit: UsualFit | None = None,
-    ) -> None:
-        """Be as another set was."""
-        self._clusters = {cluster.cluster: cluster for cluster in clusters}
-        self._next_cluster, self.log_elsewhere = next_cluster, log_elsewhere
-        self.log_off_map, self.quality = log_off_map, quality or MapQuality()
-        self.fit = fit or UsualFit()
+        return tuple(self.clusters.values())
 
     @property
     def job_ids(self) -> tuple[str, ...]:
         """The jobs that track the clusters."""
-        return tuple(cluster.job_id for cluster in self._clusters.values())
+        return tuple(cluster.job_id for cluster in self.clusters.values())
 
     def set_particles(self, cluster: int, particles: int, first_step: int = -1) -> None:
         """Note how many particles track a cluster, resampled to at `first_step` or later."""
-        self._clusters[cluster] = replace(
-            self._clusters[cluster], particles=particles, particles_from=first_step
+        self.clusters[cluster] = replace(
+            self.clusters[cluster], particles=particles, particles_from=first_step
         )
 
     def by_probability(self) -> list[Cluster]:
         """Most probable first."""
-        return sorted(self._clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
+        return sorted(self.clusters.values(), key=lambda c: (-c.log_probability, c.cluster))
 
     def weigh(
         self,
@@ -194,15 +185,15 @@ class ClusterSet:
             outside this belief is compared with.
         """
         elsewhere = log_likelihood_elsewhere
-        if not self._clusters:
+        if not self.clusters:
             return 0.0 if math.isnan(elsewhere) else elsewhere
         reports = {job: reports[job] for job in self.job_ids if job in reports}
-        evidence = np.full(len(self._clusters), np.nan)
-        for index, cluster in enumerate(self._clusters.values()):
+        evidence = np.full(len(self.clusters), np.nan)
+        for index, cluster in enumerate(self.clusters.values()):
             report = reports.get(cluster.job_id)
             if report is not None:
                 evidence[index] = report.log_weight_sum - math.log(report.particles)
-                self._clusters[cluster.cluster] = replace(
+                self.clusters[cluster.cluster] = replace(
                     cluster,
                     mean=report.mean,
                     covariance=report.covariance,
@@ -218,9 +209,9 @@ class ClusterSet:
         log_scan = float(np.logaddexp.reduce(among[reported] + evidence[reported]) - log_mass)
         contends = contenders(np.where(reported, among, -np.inf))
         share = self._evidence_weight(reports, contends, new_view)
-        told = tempered(evidence, contends, share, self._rules.evidence_noise)
+        told = tempered(evidence, contends, share, self.rules.evidence_noise)
         among = belief.updated(among, told)
-        among = belief.mixed(among, self._rules.transition_probability * news)
+        among = belief.mixed(among, self.rules.transition_probability * news)
         cut_short, through = self._explained(among, reports)
         log_scan += cut_short
         self._follow_fit(log_scan - through, float(among.max()) + log_here, news)
@@ -243,7 +234,7 @@ class ClusterSet:
         return log_scan + min(float(np.logaddexp.reduce(told) - np.logaddexp.reduce(here)), 0.0)
 
     def _is_confirmed(self, log_here: float, log_elsewhere: float) -> bool:
-        if self._rules.kidnapping_probability == 0.0:  # elsewhere is not weighed
+        if self.rules.kidnapping_probability == 0.0:  # elsewhere is not weighed
             return True
         return bool(log_here > log_elsewhere)
 
@@ -251,7 +242,7 @@ class ClusterSet:
         self, among: NDArray[np.float64], reports: Mapping[str, TrackReport], new_view: float
     ) -> float:
         """Return the evidence of the beams' classes for the clusters; update the map's quality."""
-        if 0.0 in (self._rules.kidnapping_probability, self._rules.off_map_probability):
+        if 0.0 in (self.rules.kidnapping_probability, self.rules.off_map_probability):
             return 0.0
         told = [reports.get(job_id) for job_id in self.job_ids]
         seeing = [i for i, report in enumerate(told) if report and any(report.beam_classes)]
@@ -290,7 +281,7 @@ class ClusterSet:
 
     def _follow_fit(self, log_scan: float, log_best: float, news: float) -> None:
         """Learn how well scans fit while the robot is localized."""
-        rules = self._rules
+        rules = self.rules
         if rules.kidnapping_probability == 0.0:
             return
         if self.fit.has_fallen or log_best >= math.log(rules.localized_probability):
@@ -309,7 +300,7 @@ class ClusterSet:
             What beams before obstacles gain, for people stand there; and what beams through
             obstacles would lose if ends near another one behind it did not explain them.
         """
-        if self._rules.off_map_probability == 0.0:
+        if self.rules.off_map_probability == 0.0:
             return 0.0, 0.0
         ordered = map(reports.get, self.job_ids)
         counts = np.array([report.beam_classes if report else (0, 0, 0, 0) for report in ordered])
@@ -327,11 +318,11 @@ class ClusterSet:
         The robot may have been lifted since the last scan, so far as this is another, or have been
         brought back to the map.
         """
-        hazard = self._rules.kidnapping_probability * news
+        hazard = self.rules.kidnapping_probability * news
         log_here = float(np.logaddexp.reduce(self._log_probabilities()[:-2]))
         if hazard == 0.0:
             return log_here, self.log_elsewhere, self.log_off_map
-        off, back = self._rules.off_map_probability, min(RETURNS * hazard, 1.0)
+        off, back = self.rules.off_map_probability, min(RETURNS * hazard, 1.0)
         lifted = log_here + _log(hazard)
         log_there = np.logaddexp.reduce(
             [self.log_elsewhere, lifted + _log(1.0 - off), self.log_off_map + _log(back)]
@@ -341,8 +332,8 @@ class ClusterSet:
 
     def _is_anywhere(self) -> None:
         """Nothing is known."""
-        is_ever_lost = self._rules.kidnapping_probability > 0.0
-        off = self._rules.off_map_probability if is_ever_lost else 0.0
+        is_ever_lost = self.rules.kidnapping_probability > 0.0
+        off = self.rules.off_map_probability if is_ever_lost else 0.0
         self.log_elsewhere, self.log_off_map = _log(1.0 - off), _log(off)
 
     def _evidence_weight(
@@ -357,15 +348,15 @@ class ClusterSet:
         fit = np.array([self._fit_beside_people(r) if r else math.nan for r in ordered])
         fit = np.fmax(fit, np.fmax.reduce(fit[contends]))
         residuals = [residual(best, self.sensor) for best in fit.tolist()]
-        if self._rules.off_map_probability > 0.0:
+        if self.rules.off_map_probability > 0.0:
             # Errors of a crude map favour a wrong place as often as the true one.
             new_view /= 1.0 + self.quality.crude
-        return np.array([evidence_weight(new_view, each, self._rules) for each in residuals])
+        return np.array([evidence_weight(new_view, each, self.rules) for each in residuals])
 
     def _fit_beside_people(self, report: TrackReport) -> float:
         """The best particle's fit per beam, forgiving the usual number of short beams."""
         beams = sum(report.beam_classes)
-        if self._rules.off_map_probability == 0.0 or beams == 0:
+        if self.rules.off_map_probability == 0.0 or beams == 0:
             return report.log_likelihood_per_beam
         classes = BeamClasses(*report.beam_classes)
         short = min(classes.other / beams, self.quality.short)
@@ -387,7 +378,7 @@ class ClusterSet:
             if cluster.job_id in job_ids:
                 mean, known = np.array(cluster.mean), covariance_matrix(cluster.covariance)
                 covariance = composed_covariance(mean, known, before_from_after, noise)
-                self._clusters[cluster.cluster] = replace(
+                self.clusters[cluster.cluster] = replace(
                     cluster,
                     mean=pose_tuple(compose(mean, before_from_after)),
                     covariance=covariance_tuple(covariance),
@@ -398,13 +389,13 @@ class ClusterSet:
         ordered = self.by_probability()
         if len(ordered) < 2:
             return []
-        rules, ended = self._rules, list[Ended]()
+        rules, ended = self.rules, list[Ended]()
         means = np.array([cluster.mean for cluster in ordered])
         into = merge_overlapping(means, rules.merge_distance_m, rules.merge_heading_rad)
         for index in np.unique(into):
             first, *rest = [ordered[member] for member in np.flatnonzero(into == index)]
             total = np.logaddexp.reduce([c.log_probability for c in (first, *rest)])
-            self._clusters[first.cluster] = replace(first, log_probability=float(total))
+            self.clusters[first.cluster] = replace(first, log_probability=float(total))
             ended += self._end(rest, "merged", first)
         return ended
 
@@ -428,10 +419,10 @@ class ClusterSet:
             The new clusters, in the order of the candidates, and who began and who ended.
         """
         leaving = self._make_room(len(candidates), step, first_step)
-        first = self._next_cluster
+        first = self.next_cluster
         for place, cause in candidates:
-            self._clusters[self._next_cluster] = Cluster(
-                self._next_cluster,
+            self.clusters[self.next_cluster] = Cluster(
+                self.next_cluster,
                 math.log(place.share) if place.share > 0.0 else LEAST_LOG,
                 step,
                 place.mean,
@@ -439,9 +430,9 @@ class ClusterSet:
                 protected_until,
                 confirmed=cause != "given",
             )
-            self._next_cluster += 1
+            self.next_cluster += 1
         self._normalise()
-        admitted = [self._clusters[number] for number in range(first, self._next_cluster)]
+        admitted = [self.clusters[number] for number in range(first, self.next_cluster)]
         events: list[JobEvent] = [*_pushed_out(leaving, admitted)]
         events += [
             Began(cluster.job_id, cause, cluster.probability)
@@ -468,7 +459,7 @@ class ClusterSet:
         kept = (held + explained) / (held + weight)
         for cluster in own:
             less = replace(cluster, log_probability=cluster.log_probability + math.log(kept))
-            self._clusters[cluster.cluster] = less
+            self.clusters[cluster.cluster] = less
         return [(replace(place, share=kept * place.share), cause) for place, cause in candidates]
 
     def room(self, step: int, first_step: float = math.inf) -> list[float]:
@@ -481,7 +472,7 @@ class ClusterSet:
             step: the last one.
             first_step: of the search that has found the candidates.
         """
-        free = self._rules.max_clusters - len(self._clusters)
+        free = self.rules.max_clusters - len(self.clusters)
         return [0.0] * free + [c.probability for c in self._leaving(step, first_step)]
 
     def protect_alternatives(self, until: int) -> None:
@@ -494,7 +485,7 @@ class ClusterSet:
         for cluster in ordered:
             if cluster.probability >= ALTERNATIVE * ordered[0].probability:
                 protected = replace(cluster, protected_until=max(cluster.protected_until, until))
-                self._clusters[cluster.cluster] = protected
+                self.clusters[cluster.cluster] = protected
 
     def apply_floor(self, step: int, first_step: int) -> None:
         """Keep a least probability for clusters that were probable before candidates; see above.
@@ -507,19 +498,19 @@ class ClusterSet:
             old = cluster.born_step < first_step and step < cluster.protected_until
             if old and cluster.probability < STILL_PROBABLE:
                 lifted = replace(cluster, log_probability=math.log(STILL_PROBABLE))
-                self._clusters[cluster.cluster] = lifted
+                self.clusters[cluster.cluster] = lifted
         self._normalise()
 
     def drop_improbable(self, step: int) -> list[Ended]:
         """Give up clusters under the threshold; the robot is elsewhere then, if it was there."""
-        least = self._rules.least_probability
+        least = self.rules.least_probability
         leaving = [
             cluster
             for cluster in self.by_probability()[1:]
             if cluster.probability < least and step >= cluster.protected_until
         ]
         ended = self._end(leaving, "improbable")
-        if leaving and self._rules.kidnapping_probability > 0.0:
+        if leaving and self.rules.kidnapping_probability > 0.0:
             logs = [cluster.log_probability for cluster in leaving]
             self.log_elsewhere = float(np.logaddexp.reduce([self.log_elsewhere, *logs]))
         self._normalise()
@@ -564,7 +555,7 @@ class ClusterSet:
         Returns:
             As `admit`.
         """
-        whole = self._clusters.pop(int(job_id.removeprefix("c")))
+        whole = self.clusters.pop(int(job_id.removeprefix("c")))
         total = math.fsum(part.share for part in parts)
         candidates: list[Candidate] = [
             (replace(part, share=whole.probability * part.share / total), "split") for part in parts
@@ -577,7 +568,7 @@ class ClusterSet:
                 protected_until=whole.protected_until,
                 confirmed=whole.confirmed,
             )
-            self._clusters[part.cluster] = aged
+            self.clusters[part.cluster] = aged
         return admitted, [_ended(whole, "split", *admitted), *events]
 
     def clear(self, cause: EndedCause) -> list[Ended]:
@@ -596,16 +587,16 @@ class ClusterSet:
 
     def _make_room(self, count: int, step: int, first_step: float) -> list[Cluster]:
         """Take out as many as are too many; returns them."""
-        surplus = len(self._clusters) + count - self._rules.max_clusters
+        surplus = len(self.clusters) + count - self.rules.max_clusters
         leaving = self._leaving(step, first_step)[: max(surplus, 0)]
         for cluster in leaving:
-            del self._clusters[cluster.cluster]
+            del self.clusters[cluster.cluster]
         return leaving
 
     def _end(self, leaving: Iterable[Cluster], cause: EndedCause, *by: Cluster) -> list[Ended]:
         """Take clusters out."""
         for cluster in leaving:
-            del self._clusters[cluster.cluster]
+            del self.clusters[cluster.cluster]
         return [_ended(cluster, cause, *by) for cluster in leaving]
 
     def _log_probabilities(self) -> belief.LogProbabilities:
@@ -614,7 +605,7 @@ class ClusterSet:
         return np.array([*clusters, self.log_elsewhere, self.log_off_map])
 
     def _normalise(self) -> None:
-        if self._clusters and self._rules.kidnapping_probability == 0.0:
+        if self.clusters and self.rules.kidnapping_probability == 0.0:
             self.log_elsewhere = self.log_off_map = -math.inf
         self._set(belief.normalised_logs(self._log_probabilities()))
 
@@ -622,7 +613,7 @@ class ClusterSet:
         *clusters, self.log_elsewhere, self.log_off_map = log_probabilities.tolist()
         for cluster, value in zip(self.all(), clusters, strict=True):
             finite = replace(cluster, log_probability=max(value, LEAST_LOG))
-            self._clusters[cluster.cluster] = finite
+            self.clusters[cluster.cluster] = finite
 
 
 def _log(probability: float) -> float:

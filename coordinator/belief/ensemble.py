@@ -7,8 +7,8 @@ decides takes effect at a step number, never on arrival.
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import ClassVar
 
-import msgspec
 import numpy as np
 from msgspec.structs import replace
 
@@ -16,17 +16,11 @@ from coordinator.belief.admission import admission, first_places, log_weight_of_
 from coordinator.belief.cluster_set import PERHAPS_LIFTED, Candidate, Cluster, ClusterSet, news_of
 from coordinator.belief.outcome import Outcome, hypothesis_of
 from coordinator.belief.prior_pose import PriorPose, with_prior_pose
-from coordinator.belief.search_course import (
-    LOST_SEARCHES,
-    Decoy,
-    DecoyState,
-    SearchCourse,
-    SearchCourseState,
-)
-from coordinator.belief.search_pool import Pool, SearchState
+from coordinator.belief.search_course import LOST_SEARCHES, Decoy, SearchCourse
+from coordinator.belief.search_pool import Pool
+from coordinator.part import Part
 from particle_filter.arrays import Pose
 from particle_filter.evidence_model import UsualFit
-from particle_filter.off_map import MapQuality
 from particle_filter.settings import FilterSettings
 from particle_filter.view_memory import ViewMemory
 from protocol.answers import Hypothesis, State
@@ -60,57 +54,56 @@ LEAST_REST = 1e-12
 """Least probability of all other places after a certain pose was given."""
 
 
-class EnsembleState(msgspec.Struct, frozen=True):
-    """The belief and the search for new places."""
-
-    clusters: tuple[Cluster, ...]
-    """In the order in which they are summed."""
-    log_elsewhere: float
-    next_cluster: int
-    search: SearchState | None
-    searches: int
-    next_search_step: int
-    prior_pose: PriorPose | None = None
-    seen: ViewMemory = ViewMemory()
-    log_off_map: float = -math.inf
-    quality: MapQuality = MapQuality()
-    fit: UsualFit = UsualFit()
-    found: bool = False
-    decoy: DecoyState = DecoyState(SearchCourseState(None, 0, 0), ())
-
-
-class Ensemble:
+class Ensemble(Part, kw_only=True):
     """All clusters of one robot and the search for new ones (section 4)."""
 
-    def __init__(self, settings: FilterSettings) -> None:
-        self.settings = settings
-        self.clusters = ClusterSet(settings.belief, settings.sensor)
-        self._search, self._decoy = SearchCourse(settings), Decoy(settings)
-        self._prior_pose: PriorPose | None = None
-        self._seen = ViewMemory()
-        self._found = False  # since it was last searched for from nothing
-        self._begin: dict[str, Job] = {}
-        self._events: list[JobEvent] = []
+    local: ClassVar = frozenset({"settings", "begin", "events"})
+    settings: FilterSettings = FilterSettings()
+    clusters: ClusterSet
+    search: SearchCourse
+    decoy: Decoy
+    prior_pose: PriorPose | None = None
+    """A place that is possible from earlier knowledge, until the first search has ended."""
+    seen: ViewMemory = ViewMemory()
+    found: bool = False
+    """Whether the robot was found since it was last searched for from nothing."""
+    begin: dict[str, Job] = {}
+    """Jobs that begin with the next outcome."""
+    events: list[JobEvent] = []
+    """Events of the next outcome."""
+
+    @classmethod
+    def of(cls, settings: FilterSettings) -> "Ensemble":
+        """Return an ensemble that knows nothing."""
+        return cls(
+            settings=settings,
+            clusters=ClusterSet(settings.belief, settings.sensor),
+            search=SearchCourse(settings),
+            decoy=Decoy(SearchCourse(settings, mirrored=True)),
+        )
 
     def use(self, settings: FilterSettings) -> None:
-        """Go on with other motion and sensor models."""
-        self.settings, self.clusters.sensor = settings, settings.sensor
+        """Continue with these settings."""
+        self.settings = settings
+        self.clusters.rules, self.clusters.sensor = settings.belief, settings.sensor
+        self.search.use(settings, mirrored=False)
+        self.decoy.search.use(settings, mirrored=True)
 
     @property
     def searches(self) -> int:
         """How many have begun."""
-        return self._search.begun
+        return self.search.begun
 
     @property
     def expected(self) -> tuple[str, ...]:
         """Jobs whose report on the next step is waited for."""
-        searches = (*self._search.job_ids, *self._decoy.search_ids)
-        return (*self.clusters.job_ids, *self._decoy.track_ids, *searches, *self._elsewhere)
+        searches = (*self.search.job_ids, *self.decoy.search_ids)
+        return (*self.clusters.job_ids, *self.decoy.track_ids, *searches, *self._elsewhere)
 
     @property
     def unhurried(self) -> tuple[str, ...]:
         """Those of them that may report later: searches while clusters are tracked."""
-        return (*self._search.job_ids, *self._decoy.search_ids) if len(self.clusters) else ()
+        return (*self.search.job_ids, *self.decoy.search_ids) if len(self.clusters) else ()
 
     def begin_at(self, step: int, prior_pose: PriorPose | None = None) -> dict[str, Job]:
         """Start the first search; call this once, before the first step.
@@ -122,10 +115,10 @@ class Ensemble:
         Returns:
             The jobs that must process the scan of `step` itself.
         """
-        self._prior_pose = prior_pose
-        self._begin |= self.standing_jobs(step)
+        self.prior_pose = prior_pose
+        self.begin |= self.standing_jobs(step)
         self._start_search(step)
-        begin, self._begin = self._begin, {}
+        begin, self.begin = self.begin, {}
         return begin
 
     def standing_jobs(self, first_step: int) -> dict[str, Job]:
@@ -161,33 +154,33 @@ class Ensemble:
             next(elsewhere, math.nan),
             new_view=new_view,
             news=news,
-            decoy=self._decoy.best_of(tracks),
-            awaits_decoy=self._decoy.is_awaited,
+            decoy=self.decoy.best_of(tracks),
+            awaits_decoy=self.decoy.is_awaited,
         )
-        self._search.evidence.gather(step, log_likelihood)
+        self.search.gather(step, log_likelihood)
         if missing and before_from_after is not None:
             self.clusters.carry(missing, before_from_after, self.settings.motion)
-        self._search.note_means(step, self.clusters.all())
+        self.search.note_means(step, self.clusters.all())
         if step % self.settings.belief.merge_every_steps == 0:
-            self._events += self.clusters.merge_overlaps()
+            self.events += self.clusters.merge_overlaps()
         self._split(tracks.values(), step)
-        self._events += self.clusters.drop_improbable(step)
+        self.events += self.clusters.drop_improbable(step)
         if step % SHARE_EVERY_STEPS == 0:
             self._share_particles(step)
         self._follow_search(step, reports)
         self._follow_decoy(step, reports)
         if self._lost and not was_lost:
-            self._seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
+            self.seen = ViewMemory.of_this_scan()  # where it may be now it has seen no more
         if self.clusters.fit.has_fallen and not had_fallen:
             self._stop_search(step, "search stopped")
             self._start_search(step + 1)
-        if not self._search.runs and self._search.is_due(step, self._patience):
+        if not self.search.runs and self.search.is_due(step, self._patience):
             self._start_search(step + 1)
         return self._outcome(step, missing)
 
     def postpone_search(self, step: int) -> None:
         """Delay the next periodic search; a search for a lost robot may still begin."""
-        self._search.postpone(step)
+        self.search.postpone(step)
 
     def set_pose(self, given: Place) -> Outcome:
         """Believe a person: a cluster at the given pose takes its share from the others."""
@@ -195,7 +188,7 @@ class Ensemble:
         self._stop_search(step, "search stopped")
         weight = given.share / max(1.0 - given.share, LEAST_REST)
         self._admit([(replace(given, share=weight), "given")], step)
-        self._prior_pose = None
+        self.prior_pose = None
         return self._outcome(step, ())
 
     def relocalize(
@@ -214,7 +207,7 @@ class Ensemble:
             corners: of a region to search first; empty: everywhere.
         """
         self._forget(step, cause)
-        self._seen, self._found = ViewMemory(), False
+        self.seen, self.found = ViewMemory(), False
         self._start_search(step + 1, near, corners)
         return self._outcome(step, ())
 
@@ -227,47 +220,10 @@ class Ensemble:
             cause: why the clusters end.
         """
         self._forget(step, cause)
-        self._seen = ViewMemory()
+        self.seen = ViewMemory()
         self.clusters.take_from_elsewhere(1.0)
         self._admit([(place, "prior pose") for place in places], step)
         return self._outcome(step, ())
-
-    # --- handed on
-
-    def state(self) -> EnsembleState:
-        """Return what a checkpoint keeps; valid between steps."""
-        search = self._search.state()
-        return EnsembleState(
-            clusters=self.clusters.all(),
-            next_cluster=self.clusters.next_cluster,
-            log_elsewhere=self.clusters.log_elsewhere,
-            search=search.search,
-            searches=search.searches,
-            next_search_step=search.next_search_step,
-            prior_pose=self._prior_pose,
-            seen=self._seen,
-            log_off_map=self.clusters.log_off_map,
-            quality=self.clusters.quality,
-            fit=self.clusters.fit,
-            found=self._found,
-            decoy=self._decoy.state(),
-        )
-
-    def restore(self, state: EnsembleState) -> None:
-        """Continue from a checkpoint; the last reports of a search have to arrive again."""
-        self.clusters.restore(
-            state.clusters,
-            state.next_cluster,
-            state.log_elsewhere,
-            state.log_off_map,
-            state.quality,
-            state.fit,
-        )
-        search = SearchCourseState(state.search, state.searches, state.next_search_step)
-        self._search.restore(search)
-        self._prior_pose, self._seen = state.prior_pose, state.seen
-        self._found = state.found
-        self._decoy.restore(state.decoy)
 
     def again(self, step: int, missing: tuple[str, ...]) -> Outcome:
         """Return the outcome of the last step again, without jobs and events."""
@@ -278,9 +234,9 @@ class Ensemble:
     def _new_view(self, before_from_after: Pose | None) -> float:
         """Share of a scan after such a motion that shows what none before has shown."""
         if before_from_after is None:
-            self._seen, before_from_after = ViewMemory(), np.zeros(3)
+            self.seen, before_from_after = ViewMemory(), np.zeros(3)
         rules = self.settings
-        new_view, self._seen = self._seen.after(before_from_after, rules.motion, rules.belief)
+        new_view, self.seen = self.seen.after(before_from_after, rules.motion, rules.belief)
         return new_view
 
     def _split(self, reports: Iterable[TrackReport], step: int) -> None:
@@ -300,30 +256,30 @@ class Ensemble:
     ) -> None:
         self.clusters.protect_alternatives(first_step + self.settings.belief.grace_steps)
         nowhere = (self.clusters.log_elsewhere, self.clusters.log_off_map)
-        self._begin |= self._search.begin(first_step, *nowhere, near, corners)
+        self.begin |= self.search.begin(first_step, *nowhere, near, corners)
 
     def _forget(self, step: int, cause: EndedCause) -> None:
         """End all clusters and the decoy: the robot may be anywhere."""
-        self._events += [*self.clusters.clear(cause), *self._decoy.stop(step)]
-        self._prior_pose = None
+        self.events += [*self.clusters.clear(cause), *self.decoy.stop(step)]
+        self.prior_pose = None
         self._stop_search(step, "search stopped")
-        self._begin |= self.standing_jobs(step + 1)
+        self.begin |= self.standing_jobs(step + 1)
 
     def _stop_search(self, step: int, cause: EndedCause) -> None:
-        self._events += self._search.stop(step, cause)
+        self.events += self.search.stop(step, cause)
 
     def _follow_search(self, step: int, reports: Sequence[Report]) -> None:
-        fresh = self._search.hear(reports, self.clusters.job_ids)
+        fresh = self.search.hear(reports, self.clusters.job_ids)
         if fresh is None:
             return
-        log_weight = self._search.evidence.log_weight(fresh.step, fresh.log_evidence)
+        log_weight = self.search.evidence.log_weight(fresh.step, fresh.log_evidence)
         weight = math.exp(min(log_weight, 0.0))
         if self._is_elsewhere and weight < self.settings.belief.least_probability:
             # It has seen scans from before the robot was lifted, and kept where that was.
             self._stop_search(step, "search stopped")
             return
         all_in = True
-        is_over = self._search.finished(fresh, patient=self._is_patient)
+        is_over = self.search.finished(fresh, patient=self._is_patient)
         if not len(self.clusters):
             self._admit_first(fresh, step)
         else:
@@ -336,9 +292,9 @@ class Ensemble:
         best = max((cluster.probability for cluster in self.clusters.all()), default=0.0)
         has_best = best > LEADS * (1.0 - self.clusters.nowhere)
         is_open = has_best and self.clusters.off_map > OPEN
-        begin, ended = self._decoy.follow(step, reports, is_open=is_open)
-        self._begin |= begin
-        self._events += ended
+        begin, ended = self.decoy.follow(step, reports, is_open=is_open)
+        self.begin |= begin
+        self.events += ended
 
     def _admit_first(self, pool: Pool, step: int) -> None:
         """The most probable places (section 4), beside one that was known before."""
@@ -346,13 +302,13 @@ class Ensemble:
         if not first:
             return
         entering: list[Candidate] = [(place, "first search") for place in first]
-        if self._prior_pose is not None:
+        if self.prior_pose is not None:
             odom_from_robot = first[0].sample.odom_from_robot
-            entering = with_prior_pose(first, self._prior_pose, odom_from_robot, self.settings)
-        self._prior_pose = None
+            entering = with_prior_pose(first, self.prior_pose, odom_from_robot, self.settings)
+        self.prior_pose = None
         explained = min(math.fsum(place.share for place, _ in entering), 1.0)
         before = self.clusters.elsewhere
-        self.clusters.take_from_elsewhere(self._search.evidence.newly_explained(explained))
+        self.clusters.take_from_elsewhere(self.search.evidence.newly_explained(explained))
         self._admit([(replace(p, share=before * p.share), cause) for p, cause in entering], step)
 
     def _admit_candidates(self, pool: Pool, step: int, *, is_over: bool) -> bool:
@@ -364,8 +320,8 @@ class Ensemble:
         Returns:
             False if some have to wait for the end of other clusters' grace.
         """
-        first_step, evidence = self._search.first_step, self._search.evidence
-        then, settings = self._search.means_at(pool.step), self.settings
+        first_step, evidence = self.search.first_step, self.search.evidence
+        then, settings = self.search.means_at(pool.step), self.settings
         clusters = self.clusters.all()
         own = [(then[c.job_id], c.probability) for c in clusters if c.born_step >= first_step]
         told = log_weight_of_held(pool, own, settings.search)
@@ -405,7 +361,7 @@ class Ensemble:
         protected_until: int = -1,
     ) -> None:
         if candidates and len(self.clusters):
-            self._seen = ViewMemory.of_this_scan()  # further scans separate others, not these
+            self.seen = ViewMemory.of_this_scan()  # further scans separate others, not these
         admitted = self.clusters.admit(
             candidates, step, first_step=first_step, protected_until=protected_until
         )
@@ -418,10 +374,10 @@ class Ensemble:
         for place, cluster in zip(places, clusters, strict=True):
             particles = self._particles(cluster)
             self.clusters.set_particles(cluster.cluster, particles)
-            self._begin[cluster.job_id] = TrackJob(
+            self.begin[cluster.job_id] = TrackJob(
                 cluster=cluster.cluster, start=place.sample, exact=False, particles=particles
             )
-        self._events += events
+        self.events += events
 
     # --- the number of particles
 
@@ -454,11 +410,11 @@ class Ensemble:
     # --- what it comes to
 
     def _outcome(self, step: int, missing: tuple[str, ...]) -> Outcome:
-        self._found |= len(self.clusters) > 0 and not self._lost
-        events, self._events = tuple(self._events), []
+        self.found |= len(self.clusters) > 0 and not self._lost
+        events, self.events = tuple(self.events), []
         ended = {event.job_id for event in events if isinstance(event, Ended)}
-        begin = {job_id: job for job_id, job in self._begin.items() if job_id not in ended}
-        self._begin = {}
+        begin = {job_id: job for job_id, job in self.begin.items() if job_id not in ended}
+        self.begin = {}
         resized = (c for c in self.clusters.all() if c.particles_from == step + SHARE_AFTER_STEPS)
         tracked = tuple(hypothesis_of(c, step) for c in self.clusters.by_probability())
         return Outcome(
@@ -467,7 +423,7 @@ class Ensemble:
             hypotheses=tracked,
             elsewhere_probability=self.clusters.nowhere,
             off_map_probability=self.clusters.off_map,
-            searching=self._search.runs,
+            searching=self.search.runs,
             missing=missing,
             begin=begin,
             resize={
@@ -476,13 +432,13 @@ class Ensemble:
                 if c.particles is not None
             },
             events=events,
-            search_progress=self._search.progress,
+            search_progress=self.search.progress,
         )
 
     def _state(self, hypotheses: tuple[Hypothesis, ...]) -> State:
         if not len(self.clusters):
             return "searching"
-        if self._is_elsewhere and (self._is_founding or not self._found):
+        if self._is_elsewhere and (self._is_founding or not self.found):
             return "searching"  # among more look-alikes than can be tracked, nothing was lost
         if self._lost:
             return "lost"
@@ -494,13 +450,13 @@ class Ensemble:
     @property
     def _is_founding(self) -> bool:
         """Whether the search that runs has found all the clusters that there are."""
-        first_step = self._search.first_step
-        return self._search.runs and all(c.born_step >= first_step for c in self.clusters.all())
+        first_step = self.search.first_step
+        return self.search.runs and all(c.born_step >= first_step for c in self.clusters.all())
 
     @property
     def _is_held_from_before(self) -> bool:
         """Whether the robot is believed to be where it was tracked before the search that runs."""
-        first_step = self._search.first_step
+        first_step = self.search.first_step
         before = [c.probability for c in self.clusters.all() if c.born_step < first_step]
         return math.fsum(before) > self.settings.belief.lost_probability
 

@@ -13,7 +13,7 @@ from particle_filter.overlaps import is_near
 from particle_filter.poses import between, compose
 from particle_filter.random_streams import Purpose
 from particle_filter.settings import FilterSettings
-from protocol.message import Covariance, PoseTuple
+from protocol.message import Covariance, NumberOrNone, PoseTuple, Probability
 from protocol.pose_arrays import pose_tuple
 from protocol.work import Place
 
@@ -21,11 +21,11 @@ from protocol.work import Place
 class PriorPose(msgspec.Struct, frozen=True):
     """A place that is possible from earlier knowledge, until the first search has ended."""
 
-    step: int
+    step: NumberOrNone
     odom_from_robot: PoseTuple
     map_from_robot: PoseTuple
     covariance: Covariance
-    probability: float
+    probability: Probability
 
 
 def with_prior_pose(

@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, ClassVar
 
-import msgspec
+from msgspec import field
 from msgspec.structs import replace
 
 from coordinator.belief.cluster_set import Cluster
 from coordinator.belief.search_evidence import KEPT_STEPS, SearchEvidence
-from coordinator.belief.search_pool import Pool, SearchPool, SearchState
+from coordinator.belief.search_pool import Pool, SearchPool
+from coordinator.part import FEW, Count, Part
 from particle_filter.settings import FilterSettings
 from protocol.job_events import Ended, EndedCause
 from protocol.message import Circle, Corners, PoseTuple
@@ -25,56 +27,58 @@ PATIENCE = 10
 """Steps from the end of a search for them to the next search."""
 
 
-class SearchCourseState(msgspec.Struct, frozen=True):
-    """What a checkpoint keeps of a `SearchCourse`."""
-
-    search: SearchState | None
-    searches: int
-    next_search_step: int
-
-
-class SearchCourse:
+class SearchCourse(Part):
     """The current search, if any, and the evidence of the clusters since it began."""
 
-    def __init__(self, settings: FilterSettings, *, mirrored: bool = False) -> None:
-        self._settings, self._mirrored = settings, mirrored
-        self._pool: SearchPool | None = None
-        self.evidence = SearchEvidence()
-        """Log-likelihoods of the clusters since the search began."""
-        self.begun = 0
-        """Number of searches begun."""
-        self._next_step = 0
-        self._means: dict[int, dict[str, PoseTuple]] = {}
-        """Mean of each cluster at the last steps; by odometry where a report is missing."""
+    local: ClassVar = frozenset({"settings", "mirrored", "means"})
+    settings: FilterSettings = FilterSettings()
+    mirrored: bool = False
+    """Whether it searches for a decoy."""
+    pool: SearchPool | None = None
+    """The places that the current search has found; None: no search is running."""
+    evidence: SearchEvidence = field(default_factory=SearchEvidence)
+    """Log-likelihoods of the clusters since the search began."""
+    begun: Count = 0
+    """Number of searches begun."""
+    next_step: int = 0
+    """The step after which the next search is due."""
+    means: dict[int, dict[str, PoseTuple]] = {}
+    """Mean of each cluster at the last steps; by odometry where a report is missing."""
+
+    def use(self, settings: FilterSettings, *, mirrored: bool) -> None:
+        """Continue with these settings."""
+        self.settings, self.mirrored = settings, mirrored
+        if self.pool is not None:
+            self.pool.settings, self.pool.mirrored = settings.search, mirrored
 
     @property
     def runs(self) -> bool:
         """Whether a search is running."""
-        return self._pool is not None
+        return self.pool is not None
 
     @property
     def job_ids(self) -> tuple[str, ...]:
         """The jobs of the current search, one for each shard."""
-        return self._pool.job_ids if self._pool else ()
+        return self.pool.job_ids if self.pool else ()
 
     @property
     def first_step(self) -> int:
         """The first step whose scan the search uses; 0: no search is running."""
-        return self._pool.first_step if self._pool else 0
+        return self.pool.first_step if self.pool else 0
 
     @property
     def progress(self) -> float:
         """Progress of the search, 0 to 1; 0: no search is running."""
-        return self._pool.progress if self._pool else 0.0
+        return self.pool.progress if self.pool else 0.0
 
     def is_due(self, step: int, patience: int) -> bool:
         """Return whether the next search may begin, `patience` steps after the last."""
-        sooner = self._settings.belief.search_every_steps - patience
-        return step >= self._next_step - sooner
+        sooner = self.settings.belief.search_every_steps - patience
+        return step >= self.next_step - sooner
 
     def postpone(self, step: int) -> None:
         """Make the next search wait until after this step."""
-        self._next_step = max(self._next_step, step + 1)
+        self.next_step = max(self.next_step, step + 1)
 
     def begin(
         self,
@@ -96,7 +100,7 @@ class SearchCourse:
         Returns:
             The jobs of the search.
         """
-        self._pool = self.new_pool(self.begun, first_step)
+        self.pool = SearchPool(self.begun, first_step, self.settings.search, self.mirrored)
         jobs: dict[str, Job] = {
             job_id: SearchJob(
                 search=self.begun,
@@ -104,9 +108,9 @@ class SearchCourse:
                 first_step=first_step,
                 near=near,
                 corners=corners,
-                mirrored=self._mirrored,
+                mirrored=self.mirrored,
             )
-            for shard, job_id in enumerate(self._pool.job_ids)
+            for shard, job_id in enumerate(self.pool.job_ids)
         }
         self.begun += 1
         self.evidence = SearchEvidence(log_elsewhere, log_off_map)
@@ -115,19 +119,19 @@ class SearchCourse:
     def stop(self, step: int, cause: EndedCause) -> list[Ended]:
         """End the search, if one is running; the next is due `search_every_steps` later."""
         ended = [Ended(job_id, cause) for job_id in self.job_ids]
-        self._pool = None
-        self._next_step = step + self._settings.belief.search_every_steps
+        self.pool, self.evidence = None, SearchEvidence()
+        self.next_step = step + self.settings.belief.search_every_steps
         return ended
 
     def note_means(self, step: int, clusters: Iterable[Cluster]) -> None:
         """Record the means of the clusters after this step."""
-        self._means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
-        while len(self._means) > KEPT_STEPS:
-            del self._means[next(iter(self._means))]
+        self.means[step] = {cluster.job_id: cluster.mean for cluster in clusters}
+        while len(self.means) > KEPT_STEPS:
+            del self.means[next(iter(self.means))]
 
     def means_at(self, step: int) -> Mapping[str, PoseTuple]:
         """Return the means of the clusters after a step, by job; empty for old steps."""
-        return self._means.get(step, {})
+        return self.means.get(step, {})
 
     def hear(self, reports: Sequence[Report], clusters: Sequence[str]) -> Pool | None:
         """Return the places that the search has found, if all shards have reported a new step.
@@ -139,12 +143,12 @@ class SearchCourse:
         Returns:
             None also where the mean of one of the clusters at that step is unknown.
         """
-        if self._pool is None:
+        if self.pool is None:
             return None
         for report in reports:
             if isinstance(report, SearchReport) and report.job_id in self.job_ids:
-                self._pool.add(report)
-        fresh = self._pool.pooled()
+                self.pool.add(report)
+        fresh = self.pool.pooled()
         if fresh is None:
             return None
         then = self.means_at(fresh.step)
@@ -152,64 +156,35 @@ class SearchCourse:
 
     def finished(self, pool: Pool, *, patient: bool) -> bool:
         """Return `SearchPool.finished` for the maximum number of clusters."""
-        most = self._settings.belief.max_clusters
-        return self._pool is None or self._pool.finished(pool, most, patient=patient)
+        most = self.settings.belief.max_clusters
+        return self.pool is None or self.pool.finished(pool, most, patient=patient)
 
-    def new_pool(self, search: int, first_step: int) -> SearchPool:
-        """Make the pool of a search of this course."""
-        return SearchPool(search, first_step, self._settings.search, mirrored=self._mirrored)
-
-    # --- checkpoint
-
-    def state(self) -> SearchCourseState:
-        """Return what a checkpoint keeps."""
-        search = self._pool.state(_copied(self.evidence)) if self._pool else None
-        return SearchCourseState(search, self.begun, self._next_step)
-
-    def restore(self, state: SearchCourseState) -> None:
-        """Continue from a checkpoint; the last reports have to arrive again."""
-        self._pool = None
-        self._means.clear()
-        if (search := state.search) is not None:
-            self._pool = self.new_pool(search.search, search.first_step)
-            self._pool.progress = search.progress
-            self.evidence = _copied(search.evidence)
-        self.begun, self._next_step = state.searches, state.next_search_step
+    def gather(self, step: int, log_likelihood: float) -> None:
+        """Take the log-likelihood of a scan, averaged over the whole belief."""
+        if self.runs:
+            self.evidence.gather(step, log_likelihood)
 
 
-def _copied(evidence: SearchEvidence) -> SearchEvidence:
-    return replace(evidence, gathered=dict(evidence.gathered))
-
-
-class DecoyState(msgspec.Struct, frozen=True):
-    """What a checkpoint keeps of a `Decoy`."""
-
-    search: SearchCourseState
-    places: tuple[Cluster, ...]
-
-
-class Decoy:
+class Decoy(Part):
     """Searches for a mirrored robot and tracks it (docs/unknown.md).
 
     A mirrored robot is not on the map, so its fit is the fit of a wrong place. The ensemble needs
     it only while it is uncertain whether the robot is on the map.
     """
 
-    def __init__(self, settings: FilterSettings) -> None:
-        self._settings = settings
-        self._search = SearchCourse(settings, mirrored=True)
-        self.places: tuple[Cluster, ...] = ()
-        """The tracked places of the decoy."""
+    search: SearchCourse
+    places: Annotated[tuple[Cluster, ...], FEW] = ()
+    """The tracked places of the decoy."""
 
     @property
     def search_ids(self) -> tuple[str, ...]:
         """The jobs of the current search for it."""
-        return self._search.job_ids
+        return self.search.job_ids
 
     @property
     def is_awaited(self) -> bool:
         """Whether the first search for it is running."""
-        return self._search.runs and not self.places
+        return self.search.runs and not self.places
 
     @property
     def track_ids(self) -> tuple[str, ...]:
@@ -241,10 +216,10 @@ class Decoy:
         """
         begin: dict[str, Job] = {}
         ended: list[Ended] = []
-        pool = self._search.hear(reports, ())
-        if pool is not None and pool.step - self._search.first_step + 1 >= SCANS:
-            ended += self._end_tracking() + self._search.stop(step, "search over")
-            first = (self._search.begun - 1) * DECOYS
+        pool = self.search.hear(reports, ())
+        if pool is not None and pool.step - self.search.first_step + 1 >= SCANS:
+            ended += self._end_tracking() + self.search.stop(step, "search over")
+            first = (self.search.begun - 1) * DECOYS
             for index in range(min(len(pool.share), DECOYS)):
                 found, number = pool.place(index, 1.0), first + index
                 place = Cluster(number, 0.0, step, found.mean, found.covariance, mirrored=True)
@@ -252,27 +227,18 @@ class Decoy:
                 begin[place.job_id] = TrackJob(
                     cluster=number, start=found.sample, exact=False, mirrored=True
                 )
-        if not self._search.runs and self._search.is_due(step, PATIENCE):
+        if not self.search.runs and self.search.is_due(step, PATIENCE):
             if is_open:
-                begin |= self._search.begin(step + 1)
+                begin |= self.search.begin(step + 1)
             else:
                 ended += self._end_tracking()
         return begin, ended
 
     def stop(self, step: int) -> list[Ended]:
         """End all its jobs."""
-        return self._end_tracking() + self._search.stop(step, "search stopped")
+        return self._end_tracking() + self.search.stop(step, "search stopped")
 
     def _end_tracking(self) -> list[Ended]:
         ended = [Ended(job_id, "search stopped") for job_id in self.track_ids]
         self.places = ()
         return ended
-
-    def state(self) -> DecoyState:
-        """Return what a checkpoint keeps."""
-        return DecoyState(self._search.state(), self.places)
-
-    def restore(self, state: DecoyState) -> None:
-        """Continue from a checkpoint."""
-        self._search.restore(state.search)
-        self.places = state.places

@@ -1,23 +1,27 @@
 """The evidence of the clusters during a search, for comparison with the places it finds."""
 
 import math
+from typing import Annotated
 
-import msgspec
+from msgspec import Meta
+
+from coordinator.part import FEW, LogProbability, Part
+from protocol.message import Finite, Number
 
 KEPT_STEPS = 100
 """Largest number of steps by which a search may lag behind the clusters."""
 
 
-class SearchEvidence(msgspec.Struct):
-    """Follows the belief since a search began; encoded, it is a part of the coordinator's state."""
+class SearchEvidence(Part):
+    """What the scans since a search began say about the belief, and how much is explained."""
 
-    log_elsewhere: float = 0.0
+    log_elsewhere: LogProbability = 0.0
     """Log of the probability, when the search began, that the robot was elsewhere."""
-    log_off_map: float = -math.inf
+    log_off_map: LogProbability = -math.inf
     """Log of the probability, when the search began, that the robot was not on the map."""
-    gathered: dict[int, float] = {}
+    gathered: Annotated[dict[Number, Finite], FEW] = {}
     """Log-likelihood of all scans since the search began, up to each of the last steps."""
-    explained: float = 0.0
+    explained: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
     """Share of the search's places that clusters hold or that were admitted."""
 
     def gather(self, step: int, log_likelihood: float) -> None:

@@ -4,18 +4,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, ClassVar
 
-import msgspec
 import numpy as np
+from msgspec import Meta
 from numpy.typing import NDArray
 
-from coordinator.belief.search_evidence import SearchEvidence
+from coordinator.part import Count, Part
 from particle_filter.arrays import Poses
 from particle_filter.overlaps import merge_overlapping
 from particle_filter.settings import SearchSettings
 from protocol.arrays import ArrayBlob
 from protocol.found_places import FoundPlaces
-from protocol.message import PoseTuple
+from protocol.message import NumberOrNone, PoseTuple
 from protocol.pose_arrays import covariance_tuple, pose_tuple
 from protocol.work import Particles, Place, SearchReport
 
@@ -25,16 +26,6 @@ _PATIENCE = 4
 """Times as long as usual a search may take while more is possible than can be tracked."""
 _NO_WEIGHT = 0.01
 """What a shard with less of the evidence left out does not count."""
-
-
-class SearchState(msgspec.Struct, frozen=True):
-    """A search under way."""
-
-    search: int
-    first_step: int
-    evidence: SearchEvidence
-    progress: float = 0.0
-    """How near it is to its end, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -94,34 +85,35 @@ class Pool:
         return Place(share=share, mean=mean, covariance=covariance, sample=sample)
 
 
-class SearchPool:
+class SearchPool(Part):
     """Collects the shards' reports and pools the newest step that all shards have reached."""
 
-    def __init__(
-        self, search: int, first_step: int, settings: SearchSettings, *, mirrored: bool = False
-    ) -> None:
-        self.search, self.first_step, self._kind = search, first_step, "m" if mirrored else "s"
-        self.progress = 0.0
-        """How near the search is to its end, 0 to 1, when `finished` was asked last."""
-        self._settings = settings
-        self._reports: dict[int, dict[str, SearchReport]] = {}
+    local: ClassVar = frozenset({"settings", "mirrored", "reports"})
+    search: Count
+    """Number of the search."""
+    first_step: NumberOrNone
+    """The first step whose scan it uses."""
+    settings: SearchSettings = SearchSettings()
+    mirrored: bool = False
+    """Whether it searches for a decoy."""
+    progress: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    """Progress of the search at the last call of `finished`."""
+    reports: dict[int, dict[str, SearchReport]] = {}
+    """By step and job."""
 
     @property
     def job_ids(self) -> tuple[str, ...]:
         """The jobs of this search, one per shard."""
-        return tuple(f"{self._kind}{self.search}.{shard}" for shard in range(self._settings.shards))
-
-    def state(self, evidence: SearchEvidence) -> SearchState:
-        """The search as it is handed on, with what it is compared with."""
-        return SearchState(self.search, self.first_step, evidence, self.progress)
+        kind = "m" if self.mirrored else "s"
+        return tuple(f"{kind}{self.search}.{shard}" for shard in range(self.settings.shards))
 
     def add(self, report: SearchReport) -> None:
         """Keep the report of a shard, unless its step is before the search."""
         if report.step < self.first_step:
             return
-        self._reports.setdefault(report.step, {})[report.job_id] = report
-        while len(self._reports) > KEPT_STEPS:
-            del self._reports[min(self._reports)]
+        self.reports.setdefault(report.step, {})[report.job_id] = report
+        while len(self.reports) > KEPT_STEPS:
+            del self.reports[min(self.reports)]
 
     def pooled(self) -> Pool | None:
         """The newest step that every shard has reported; None if it was pooled before, or none is.
@@ -129,15 +121,15 @@ class SearchPool:
         A search that lags behind the clusters reports less often than they take steps, and to
         pool thousands of places takes longer than such a step.
         """
-        shards = self._settings.shards
-        complete = [step for step, reports in self._reports.items() if len(reports) == shards]
+        shards = self.settings.shards
+        complete = [step for step, reports in self.reports.items() if len(reports) == shards]
         if not complete:
             return None
         step = max(complete)
-        reports = self._reports[step]
-        for known in [kept for kept in self._reports if kept <= step]:
-            del self._reports[known]
-        return _pool(step, [reports[job] for job in self.job_ids], self._settings)
+        reports = self.reports[step]
+        for known in [kept for kept in self.reports if kept <= step]:
+            del self.reports[known]
+        return _pool(step, [reports[job] for job in self.job_ids], self.settings)
 
     def finished(self, pool: Pool, clusters: int, *, patient: bool = True) -> bool:
         """Whether the search need not go on: its best places hold enough, or it took too long.
@@ -151,10 +143,10 @@ class SearchPool:
             patient: let it take longer while more is possible than can be tracked: the robot may
                 be at any of the places that would be dropped.
         """
-        mass = self._settings.converged_mass
+        mass = self.settings.converged_mass
         held = sum(pool.share[:clusters])
         too_many = held < mass and len(pool.share) > clusters
-        most_steps = self._settings.max_steps * (_PATIENCE if patient and too_many else 1)
+        most_steps = self.settings.max_steps * (_PATIENCE if patient and too_many else 1)
         steps = pool.step - self.first_step + 1
         near = max(min(held, 1.0 - math.exp(-pool.left_out_gap)) / mass, steps / most_steps)
         self.progress = min(near, 1.0)

@@ -27,7 +27,6 @@ from coordinator.events import (
     WorkerReturned,
 )
 from coordinator.instructions import AnswerCommand, FetchScans, Instruction, PublishEvents
-from coordinator.jobs import JobState
 from particle_filter.settings import FilterSettings
 from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from protocol.arrays import ArrayBlob
@@ -184,10 +183,5 @@ def _checkpoint(checkpoint: Checkpoint) -> Checkpoint:
         state = from_bytes(checkpoint.state)
     except ValueError:
         return checkpoint
-    jobs = tuple(map(_job_state, state.jobs))
+    jobs = state.jobs.without_held(lambda _, placed: isinstance(placed.job, TrackJob))
     return replace(checkpoint, state=to_bytes(replace(state, jobs=jobs)))
-
-
-def _job_state(state: JobState) -> JobState:
-    """Of a cluster as if its worker held the particles."""
-    return replace(state, job=None) if isinstance(state.job, TrackJob) else state

@@ -58,7 +58,9 @@ def _values(info: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: PLR0911 - on
             inspect.StructType(cls=cls, fields=fields)
             | inspect.DataclassType(cls=cls, fields=fields)
         ):
-            return st.builds(cls, **{field.name: _values(field.type) for field in fields})
+            local = getattr(cls, "local", ())  # never sent, see `coordinator.part`
+            drawn = {one.name: _values(one.type) for one in fields if one.name not in local}
+            return st.builds(cls, **drawn)
         case inspect.UnionType(types=types):
             return st.one_of(map(_values, types))
         case inspect.LiteralType(values=values):

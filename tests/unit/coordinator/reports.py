@@ -6,8 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
+from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.search_pool import Pool, Views
 from coordinator.free_ground import FreeGround
+from coordinator.part import successor_of
 from grid_maps.grid_map import GridMap
 from particle_filter.arrays import FREE
 from particle_filter.settings import BeliefSettings
@@ -16,6 +18,13 @@ from protocol.found_places import FoundPlaces
 from protocol.message import PoseTuple
 from protocol.steps import Scan
 from protocol.work import ElsewhereReport, Particles, Place, SearchReport, TrackReport
+
+
+def resumed(ensemble: Ensemble) -> Ensemble:
+    """Return the ensemble of a coordinator that continues from this one."""
+    other = successor_of(ensemble)
+    other.use(ensemble.settings)
+    return other
 
 
 def literal_bayes(**more: object) -> BeliefSettings:

@@ -76,7 +76,7 @@ def test_a_scan_that_never_came_is_counted_as_lost() -> None:
     for step in (0, 3):
         made.on_scan(scan(step), 0)
         made.ready([], never_placed, FETCH_NS)
-    assert made.state.steps_lost == 2
+    assert made.steps_lost == 2
 
 
 def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
@@ -90,7 +90,7 @@ def test_a_lost_scan_is_named_and_waited_for_a_moment() -> None:
     made.on_scan(scan(2), 0)
     applied = [made.ready([], never_placed, 1) for _ in range(3)]
     assert [ready.scan.step for ready in applied if ready] == [1, 2, 3]
-    assert made.state.steps_lost == 0
+    assert made.steps_lost == 0
 
 
 def test_nothing_is_lost_before_the_first_scan_or_one_that_follows() -> None:
@@ -149,7 +149,7 @@ def test_who_carries_on_from_another_keeps_scans_that_wait_and_no_reports() -> N
     made.on_report(searched("s0.0", 5, {HERE: 1.0}))
     other.on_scan(scan(3), 0)
     other.ready([], never_placed, 1)
-    made.resume(other.state)
+    made.resume(other)
     assert made.ready(["e0"], never_placed, 1) is None, "it waits for the other's job"
     ready = made.ready([], never_placed, 1)
     assert ready is not None

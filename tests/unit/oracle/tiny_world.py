@@ -145,7 +145,7 @@ def ensemble_steps(
     """
     model = computed_model(Grid(cells, CELL_M, np.zeros(3)), given.sensor)
     rng = np.random.default_rng(given.seed + 1000)
-    ensemble = Ensemble(given)
+    ensemble = Ensemble.of(given)
     begin = ensemble.begin_at(0)
     found = _places(places, rng)
     shards = range(given.search.shards)

@@ -402,7 +402,6 @@ def test_parts_of_a_cluster_are_as_old_as_it_was() -> None:
 
 def test_two_clusters_at_one_place_become_one_with_what_both_had() -> None:
     made = first(0.3, 0.5)
-    north, south = made.all()
-    made.restore((north, replace(south, mean=(0.1, 5.0, 0.0))), 2, made.log_elsewhere)
+    made.clusters[1] = replace(made.clusters[1], mean=(0.1, 5.0, 0.0))
     assert made.merge_overlaps() == [Ended("c0", "merged", ("c1",), pytest.approx(0.3))]
     assert probabilities(made) == pytest.approx([0.8, 0.2])

@@ -29,7 +29,7 @@ def found(decoy: Decoy, first_step: int) -> int:
 
 
 def test_it_is_searched_for_and_tracked_with_the_mirrored_scans() -> None:
-    decoy = Decoy(SETTINGS)
+    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     begin, _ = decoy.follow(3, [], is_open=True)
     (search,) = begin.values()
     assert isinstance(search, SearchJob)
@@ -42,7 +42,7 @@ def test_it_is_searched_for_and_tracked_with_the_mirrored_scans() -> None:
 
 
 def test_its_jobs_track_the_mirrored_scans() -> None:
-    decoy = Decoy(SETTINGS)
+    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     for step in range(1, 1 + SCANS):
         begin, _ = decoy.follow(step, reports(step), is_open=True)
@@ -50,7 +50,7 @@ def test_its_jobs_track_the_mirrored_scans() -> None:
 
 
 def test_a_robot_that_is_surely_on_the_map_has_none() -> None:
-    decoy = Decoy(SETTINGS)
+    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     assert decoy.follow(0, [], is_open=False) == ({}, [])
     decoy.follow(1, [], is_open=True)
     step = found(decoy, 2)
@@ -62,7 +62,7 @@ def test_a_robot_that_is_surely_on_the_map_has_none() -> None:
 
 
 def test_while_it_is_open_others_are_searched_for_and_have_jobs_of_their_own() -> None:
-    decoy = Decoy(SETTINGS)
+    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + PATIENCE
     begin, ended = decoy.follow(step, [], is_open=True)
@@ -74,7 +74,7 @@ def test_while_it_is_open_others_are_searched_for_and_have_jobs_of_their_own() -
 
 
 def test_the_best_of_them_counts() -> None:
-    decoy = Decoy(SETTINGS)
+    decoy = Decoy(SearchCourse(SETTINGS, mirrored=True))
     decoy.follow(0, [], is_open=True)
     step = found(decoy, 1) + 1
     fits = {"d0": -1.0, "d1": 0.3, "d2": math.nan}
@@ -86,19 +86,11 @@ def test_the_best_of_them_counts() -> None:
     assert decoy.best_of({}) is None
 
 
-def test_it_is_handed_on_with_its_places_and_its_search() -> None:
-    decoy, other = Decoy(SETTINGS), Decoy(SETTINGS)
-    decoy.follow(0, [], is_open=True)
-    other.restore(decoy.state())
-    assert found(other, 1) == found(decoy, 1)
-    other.restore(decoy.state())
-    assert other.state() == decoy.state()
-
-
 def clusters(off_map: float) -> ClusterSet:
     made = ClusterSet(BeliefSettings(), SensorSettings())
     here = Cluster(0, math.log(1.0 - off_map), 0, (0.0, 0.0, 0.0), NO_SPREAD)
-    made.restore([here], 1, -math.inf, math.log(off_map))
+    made.clusters, made.next_cluster = {0: here}, 1
+    made.log_elsewhere, made.log_off_map = -math.inf, math.log(off_map)
     return made
 
 

@@ -8,10 +8,18 @@ import pytest
 from coordinator.belief.cluster_set import PERHAPS_LIFTED, STILL_PROBABLE
 from coordinator.belief.ensemble import Ensemble
 from coordinator.belief.outcome import Outcome
+from coordinator.part import successor_of
 from particle_filter.settings import FilterSettings, SearchSettings
 from protocol.message import PoseTuple
 from protocol.work import ElsewhereJob, Report
-from tests.unit.coordinator.reports import elsewhere, literal_bayes, place, searched, tracked
+from tests.unit.coordinator.reports import (
+    elsewhere,
+    literal_bayes,
+    place,
+    resumed,
+    searched,
+    tracked,
+)
 
 NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 HAZARD = 0.01
@@ -26,7 +34,9 @@ def ensemble(**belief: object) -> Ensemble:
         "localized_probability": 0.9,
         **belief,
     }
-    return Ensemble(FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(**rules)))
+    return Ensemble.of(
+        FilterSettings(search=SearchSettings(shards=1), belief=literal_bayes(**rules))
+    )
 
 
 def bootstrapped(places: dict[PoseTuple, float], **belief: object) -> Ensemble:
@@ -214,9 +224,8 @@ def test_it_is_handed_on_with_all_that_was_gathered() -> None:
     made = bootstrapped({NORTH: 0.95}, search_every_steps=1)
     made.advance(1, at_north(1, -2.0, -2.0))
     made.advance(2, at_north(2, -3.0, -4.0))
-    again = ensemble(search_every_steps=1)
-    again.restore(made.state())
-    assert again.state() == made.state()
+    again = resumed(made)
+    assert successor_of(again) == successor_of(made)
     found = searched("s1.0", 3, {SOUTH: 0.25, NORTH: 0.75}, log_evidence=-6.0)
     reports = [*at_north(3, -5.0, -5.0), found]
     assert again.advance(3, reports) == made.advance(3, reports)
@@ -226,7 +235,7 @@ def test_a_robot_among_more_look_alikes_than_can_be_tracked_was_never_lost() -> 
     """It stands: its first search ends with most of it elsewhere, and the next one begins."""
     rules = literal_bayes(kidnapping_probability=HAZARD, max_clusters=2, view_distance_m=0.8)
     search = SearchSettings(shards=1, max_steps=1)
-    made = Ensemble(FilterSettings(search=search, belief=rules))
+    made = Ensemble.of(FilterSettings(search=search, belief=rules))
     made.begin_at(0)
     states, jobs = set[str](), set[str]()
     for step in range(12):

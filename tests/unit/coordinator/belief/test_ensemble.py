@@ -17,7 +17,7 @@ NORTH, SOUTH, EAST = (0.0, 5.0, 0.0), (0.0, -5.0, 0.0), (5.0, 0.0, 0.0)
 
 def ensemble(**belief: object) -> Ensemble:
     rules = literal_bayes(**{"max_clusters": 3, **belief})
-    return Ensemble(FilterSettings(search=SearchSettings(shards=2), belief=rules))
+    return Ensemble.of(FilterSettings(search=SearchSettings(shards=2), belief=rules))
 
 
 def bootstrapped(places: dict[PoseTuple, float], **belief: object) -> Ensemble:

@@ -18,7 +18,7 @@ from tests.unit.coordinator.belief.test_ensemble import (
     bootstrapped,
     probabilities,
 )
-from tests.unit.coordinator.reports import found_places, place, searched, tracked
+from tests.unit.coordinator.reports import found_places, place, resumed, searched, tracked
 
 
 def test_the_number_of_particles_is_no_evidence() -> None:
@@ -158,11 +158,11 @@ def test_what_has_been_seen_is_told_once_however_often_the_robot_turns() -> None
 
 
 def test_what_has_been_seen_is_handed_on_with_the_belief() -> None:
-    made, other = two_places(), two_places()
+    made = two_places()
     turned(made, 1, 1)
-    other.restore(made.state())
+    other = resumed(made)
     assert turned(other, 32, 1) == turned(made, 32, 1)
-    other.restore(replace(made.state(), seen=ViewMemory()))
+    other.seen = ViewMemory()
     assert turned(other, 63, 1)[0] < 0.5 * turned(made, 63, 1)[0]
 
 

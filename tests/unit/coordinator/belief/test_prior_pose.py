@@ -63,7 +63,7 @@ def test_odometry_carries_it_to_where_it_would_be_by_now() -> None:
 
 
 def test_it_enters_once_when_the_first_search_ends_and_is_no_truth_before() -> None:
-    ensemble = Ensemble(RULES)
+    ensemble = Ensemble.of(RULES)
     ensemble.begin_at(4, OFFER)
     assert ensemble.advance(4, []).hypotheses == ()
     outcome = ensemble.advance(5, [searched("s0.0", 5, {(1.0, 1.0, 0.0): 1.0})])
@@ -75,4 +75,4 @@ def test_it_enters_once_when_the_first_search_ends_and_is_no_truth_before() -> N
     job = outcome.begin["c1"]
     assert isinstance(job, TrackJob)
     assert job.start.step == 4
-    assert ensemble.state().prior_pose is None
+    assert ensemble.prior_pose is None

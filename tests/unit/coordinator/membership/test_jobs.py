@@ -18,7 +18,7 @@ def jobs_of(worker: str, *job_ids: str, term: int = 0) -> Jobs:
 def handed_on(jobs: Jobs, *present: str) -> Jobs:
     """The jobs as the next coordinator has them."""
     made = Jobs()
-    made.restore(jobs.state(lambda *_: False), lambda _: TRACK, present, now_ns=0, term=TERM)
+    made.resume(jobs, lambda _: TRACK, present, now_ns=0, term=TERM)
     return made
 
 

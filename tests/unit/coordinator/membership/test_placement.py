@@ -2,7 +2,7 @@ from coordinator.order_delivery import RESEND_AFTER_NS
 from coordinator.placement import Placement
 from coordinator.slow_workers import GIVEN_UP_AFTER
 from particle_filter.settings import FilterSettings
-from protocol.work import Assignment, OrderAnswer, SearchJob, TrackJob, WorkOrder
+from protocol.work import Assignment, Job, OrderAnswer, SearchJob, TrackJob, WorkOrder
 from tests.unit.coordinator.reports import cloud_at, searched, tracked
 
 SECOND = 1_000_000_000
@@ -187,7 +187,7 @@ def test_one_that_was_given_up_before_it_ever_came_harms_nobody() -> None:
     before.jobs.begin({"c0": track(0)})
     follow(before, due(before, 0))
     made = placement("b")
-    made.restore(before.state(), track_again, 0, term=0)
+    made.resume(before.jobs_to_hand_on(), track_again, 0, term=0)
     made.jobs.begin({"c1": track(1)})
     follow(made, due(made, 0))
     for step in range(GIVEN_UP_AFTER):
@@ -202,12 +202,16 @@ def track_again(_job_id: str) -> TrackJob:
 def test_particles_are_handed_on_until_their_worker_has_them() -> None:
     made = placement("a")
     made.jobs.begin({"c0": track(0)})
+
+    def handed_on() -> list[Job | None]:
+        return [placed.job for placed in made.jobs_to_hand_on().placed.values()]
+
     orders = due(made, 0)
-    assert [job.job for job in made.state()] == [track(0)]
+    assert handed_on() == [track(0)]
     follow(made, orders)
-    assert [job.job for job in made.state()] == [None]
+    assert handed_on() == [None]
     made.left("a")
-    assert [job.job for job in made.state()] == [track(0)], "no worker holds them any more"
+    assert handed_on() == [track(0)], "no worker holds them any more"
 
 
 def test_silent_shards_go_to_others_and_their_worker_that_never_reported_gets_nothing() -> None:

@@ -28,7 +28,7 @@ SURE = MotionSettings(
 
 def new_tracker(motion: MotionSettings = SURE) -> PoseTracker:
     settings = CoordinatorSettings(stale_after_s=1.0, dead_reckoning_after_gates=5.0)
-    return PoseTracker("coordinator", settings, motion, BRIDGE)
+    return PoseTracker.of("coordinator", settings, motion, BRIDGE)
 
 
 def believed_at(
