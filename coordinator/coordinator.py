@@ -298,7 +298,7 @@ class Coordinator:
         if not state.collector.on_scan(scan, now_ns):
             state.counters["scan repeated or late"] += 1
             return self._on_stray_scan(scan, state.collector.applied, now_ns, fetched=fetched)
-        self._step_resets.goes_on()
+        self._step_resets.reset()
         pose, stamp_ns = state.pose, scan.stamp_ns
         pose.scan(stamp_ns, scan.odom_from_robot, now_ns, live=scan.live, fetched=fetched)
         if not self.begun:
@@ -311,8 +311,8 @@ class Coordinator:
         self, scan: Scan, newest: Scan | None, now_ns: int, *, fetched: bool
     ) -> list[Instruction]:
         """Handle a scan that does not continue the count of steps, which ends with `newest`."""
-        if self.begun and not fetched and self._step_resets.starts_anew(scan, newest):
-            self._step_resets.goes_on()
+        if self.begun and not fetched and self._step_resets.on_other_scan(scan, newest):
+            self._step_resets.reset()
             self._state.count_anew(scan)
             return self._on_scan(scan, now_ns)
         return self._say_again(scan, now_ns)

@@ -91,6 +91,10 @@ class Run:
 class RunError(ClusterMclError):
     """A run failed, or its process ended."""
 
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(problem)
+
 
 def in_parallel(
     work: Callable[[T], R], pieces: Sequence[T], jobs: int, stop: StopFlag

@@ -8,7 +8,7 @@ _log = logging.getLogger(__name__)
 
 
 def default_state_folder() -> Path:
-    """The user's folder for state, by the XDG rule.
+    """Return the user's folder for state, by the XDG rule.
 
     Raises:
         RuntimeError: the account has no home.

@@ -51,7 +51,7 @@ class Hypothesis(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     @property
     def pose(self) -> PoseTuple:
-        """As `mean`: the word that beliefs and answers have for it."""
+        """The same as `mean`, by the name that it has in `Belief`."""
         return self.mean
 
 
@@ -136,7 +136,7 @@ class PoseAnswer(Message, frozen=True, kw_only=True, tag="pose/1"):
 
     @property
     def pose(self) -> PoseTuple | None:
-        """As `map_from_robot`: the word that beliefs and hypotheses have for it."""
+        """The same as `map_from_robot`, by the name that it has in `Belief`."""
         return self.map_from_robot
 
 
@@ -189,9 +189,9 @@ class Status(Message, frozen=True, kw_only=True, tag="status/1"):
     scan_age_s: float = -1.0
     """As in `PoseAnswer`."""
     overloaded: bool = False
-    """Steps arrive faster than they are decided: scans are dropped and searches postponed."""
+    """Steps arrive faster than they are applied: scans are dropped and searches postponed."""
     newest_step: int = -1
-    """Newest step whose scan has arrived, applied or not. A restarted bridge continues after it."""
+    """Newest step whose scan arrived; a restarted bridge continues after it."""
     search_progress: float = 0.0
     """As in `Belief`."""
     settings: LiveSettings = AS_STARTED
@@ -231,7 +231,7 @@ class Relocalize(Message, frozen=True, kw_only=True, tag="relocalize/1"):
 
 
 class Update(Message, frozen=True, kw_only=True, tag="update/1"):
-    """Make a step of the next scan although the robot stands. A query on ``command/update``.
+    """Turn the next scan into a step even if the robot stands. A query on ``command/update``.
 
     The bridge answers before that step is made.
     """

@@ -33,7 +33,7 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         return cls(dtype=dtype, shape=little.shape, data=little.tobytes())
 
     def array(self) -> NDArray[Any]:
-        """The array, read-only and without a copy.
+        """Return the array, read-only and without a copy.
 
         Raises:
             MalformedMessageError: the shape does not match the bytes, or exceeds the limits.
@@ -49,4 +49,4 @@ class ArrayBlob(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def _malformed(problem: str) -> MalformedMessageError:
-    return MalformedMessageError(expected="array", problem=problem, kind="array that lies")
+    return MalformedMessageError(expected="array", problem=problem, kind="wrong array")

@@ -73,7 +73,7 @@ def decode(data: bytes, expected: type[M]) -> M:
 
 
 def refusal_of(message: Message) -> str | None:
-    """Why a receiver would refuse this message, or None."""
+    """Return why a receiver would refuse this message; None if it would not."""
     try:
         decode(encode(message), type(message))
     except MalformedMessageError as error:

@@ -62,7 +62,7 @@ class MalformedMessageError(ProtocolError):
         problem: what is wrong; may quote the bytes, so it is truncated and made printable.
         kind: the category: ``too large``, ``not MessagePack``, ``schema`` (another message, or
             another version of it), ``field``, ``impossible`` (implausible numbers), or
-            ``array that lies`` (shape and bytes disagree).
+            ``wrong array`` (shape and bytes disagree).
     """
 
     def __init__(self, *, expected: str, problem: str, kind: str = "impossible") -> None:

@@ -66,7 +66,7 @@ class FoundPlaces(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
 
 def found_places_problem(found: FoundPlaces) -> str | None:
-    """Why these places are invalid, or None. The caller checks the step and the odometry."""
+    """Return why these places are invalid, or None; step and odometry are not checked."""
     try:
         share, mean = _column(found.share, "float64"), _column(found.mean, "float64", 3)
         covariance = _column(found.covariance, "float64", 9)
@@ -90,7 +90,7 @@ def found_places_problem(found: FoundPlaces) -> str | None:
 
 
 def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArray[Any]:
-    """The array, of shape (P, width), or (P,) without a width.
+    """Return the array, of shape (P, width), or (P,) without a width.
 
     Raises:
         MalformedMessageError: its type or shape differs.
@@ -99,5 +99,5 @@ def _column(blob: ArrayBlob, dtype: WireType, width: int | None = None) -> NDArr
     shape = (len(array) if array.ndim else 0, *([] if width is None else [width]))
     if blob.dtype != dtype or array.shape != shape:
         problem = f"a column of {blob.dtype} {array.shape}, expected {dtype} {shape}"
-        raise MalformedMessageError(expected="places", problem=problem, kind="array that lies")
+        raise MalformedMessageError(expected="places", problem=problem, kind="wrong array")
     return array

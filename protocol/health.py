@@ -16,7 +16,7 @@ _Values: TypeAlias = Annotated[dict[_Word, Finite], Meta(max_length=MAX_WORDS)]
 
 
 class Health(Message, frozen=True, kw_only=True, tag="health/1"):
-    """The health of one process, once a second. Losing one makes ``status`` a second older.
+    """The health of one process, published once a second; losing one ages ``status`` by a second.
 
     Published by the bridge on ``bridge/health`` and by a worker on ``worker/{name}/health``; read
     by the coordinator, which adds its own and answers with all of them in its status.

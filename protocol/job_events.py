@@ -94,7 +94,7 @@ class JobEvents(Message, frozen=True, kw_only=True, tag="events/1"):
 
 
 def event_text(event: JobEvent) -> str:
-    """An event as text: ``c3 merged into c1 (0.02)``."""
+    """Return an event as text: ``c3 merged into c1 (0.02)``."""
     match event:
         case Began(job_id, cause, probability):
             return f"{job_id} {_BEGAN[cause]} ({probability:.2g})"

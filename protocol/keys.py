@@ -37,24 +37,11 @@ RELOCALIZE = "command/relocalize"
 COORDINATOR_ALIVE = "coordinator/alive"
 CHECKPOINT = "checkpoint"
 
-_CONSTANT = frozenset(
-    (
-        *(ODOMETRY_READING, LASER_READING, MAP_READING),
-        *(SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH, BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE),
-        *(UPDATE, CONFIGURE),
-        *(
-            BELIEF,
-            POSE,
-            HYPOTHESES,
-            EVENTS,
-            STATUS,
-            SET_POSE,
-            RELOCALIZE,
-            COORDINATOR_ALIVE,
-            CHECKPOINT,
-        ),
-    )
-)
+_CONSTANT = frozenset((
+    ODOMETRY_READING, LASER_READING, MAP_READING, SCAN, ODOMETRY, SCAN_HISTORY, MAP, TRUTH,
+    BRIDGE_ALIVE, BRIDGE_HEALTH, KIDNAP, DRIVE, UPDATE, CONFIGURE, BELIEF, POSE, HYPOTHESES,
+    EVENTS, STATUS, SET_POSE, RELOCALIZE, COORDINATOR_ALIVE, CHECKPOINT,
+))  # fmt: skip
 
 ALL_REPORTS = "worker/*/report"
 ALL_WORKERS_ALIVE = "worker/*/alive"
@@ -62,7 +49,7 @@ ALL_WORKERS_HEALTH = "worker/*/health"
 
 
 def scan_history(first: int, last: int | None) -> str:
-    """Selector of the steps `first` to `last`, inclusive; None: to the newest."""
+    """Return the selector of the steps `first` to `last`, inclusive; None: to the newest."""
     end = f";last={last}" if last is not None else ""
     return f"{SCAN_HISTORY}?first={first}{end}"
 
@@ -72,12 +59,12 @@ def worker_alive(name: str) -> str:
 
 
 def worker_order(name: str) -> str:
-    """Key of the queries that give a worker its work order."""
+    """Return the key of queries that carry a work order."""
     return f"worker/{name}/{WorkerTopic.ORDER}"
 
 
 def worker_state(name: str) -> str:
-    """Key of the queries for a worker's jobs, and for a `TakeOver`."""
+    """Return the key of queries for a worker's jobs, and of a `TakeOver`."""
     return f"worker/{name}/{WorkerTopic.STATE}"
 
 
@@ -129,7 +116,7 @@ def parsed(key: str) -> str | WorkerKey:
 
 
 def worker_name(key: str) -> str:
-    """The worker's name in one of its keys.
+    """Return the name of the worker that a key belongs to.
 
     Raises:
         MalformedMessageError: it is not the key of a worker.

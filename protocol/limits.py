@@ -31,14 +31,14 @@ _ON_KEY: Mapping[str, Any] = MappingProxyType(
 
 @cache
 def max_bytes(expected: Any) -> int:
-    """Size limit of a message class, or of a union of them [bytes]."""
+    """Return the size limit of a message class, or of a union of them [bytes]."""
     kinds: tuple[type[Message], ...] = get_args(expected) or (expected,)
     return max(kind.max_bytes for kind in kinds)
 
 
 @lru_cache(maxsize=1024)
 def max_bytes_on(key: str) -> int:
-    """Size limit of a message on a key, or of the payload of a query there [bytes]."""
+    """Return the size limit of a message, or of a query's payload, on a key [bytes]."""
     try:
         parsed = keys.parsed(key)
     except MalformedMessageError:

@@ -13,7 +13,7 @@ _NAME = re.compile(NAME_PATTERN)
 
 
 def is_name(text: str, longest: int = LONGEST_NAME) -> bool:
-    """Whether it is a valid name of a robot or a process."""
+    """Return whether a text is a valid name of a robot or a process."""
     return len(text) <= longest and _NAME.search(text) is not None
 
 

@@ -10,17 +10,17 @@ from protocol.message import Covariance, PoseTuple
 
 
 def pose_tuple(pose: NDArray[np.float64]) -> PoseTuple:
-    """A (3,) pose as a wire tuple."""
+    """Convert a (3,) pose to a wire tuple."""
     x, y, heading = pose.tolist()
     return (x, y, heading)
 
 
 def covariance_tuple(covariance: NDArray[np.float64]) -> Covariance:
-    """A (3, 3) covariance as a wire tuple."""
+    """Convert a (3, 3) covariance to a wire tuple."""
     a, b, c, d, e, f, g, h, i = covariance.ravel().tolist()
     return (a, b, c, d, e, f, g, h, i)
 
 
 def covariance_matrix(covariance: Covariance) -> NDArray[np.float64]:
-    """A wire tuple as a (3, 3) covariance."""
+    """Convert a wire tuple to a (3, 3) covariance."""
     return np.reshape(covariance, (3, 3))

@@ -30,12 +30,12 @@ _LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
 
 
 def odometry_problem(reading: OdometryReading) -> str | None:
-    """Why an odometry reading is unusable, or None."""
+    """Return the defect that makes an odometry reading unusable, or None."""
     return pose_problem(reading.odom_from_robot) or stamp_problem(reading.stamp_ns)
 
 
 def laser_problem(reading: LaserReading | Scan) -> str | None:
-    """Why a scan is unusable, or None."""
+    """Return the defect that makes a scan unusable, or None."""
     odom_from_robot = reading.odom_from_robot or reading.robot_from_laser
     if problem := stamp_problem(reading.stamp_ns) or pose_problem(odom_from_robot):
         return problem
@@ -52,7 +52,7 @@ def laser_problem(reading: LaserReading | Scan) -> str | None:
 
 
 def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 0.0) -> str | None:
-    """Why the measurement of one laser is unusable, or None."""
+    """Return the defect that makes one laser's measurement unusable, or None."""
     if problem := pose_problem(laser.robot_from_laser):
         return problem
     try:
@@ -65,12 +65,12 @@ def beams_problem(laser: LaserReading | Scan | LaserBeams, range_min_m: float = 
 
 
 def stamp_problem(stamp_ns: int) -> str | None:
-    """Why this cannot be a time of a robot's clock, or None."""
+    """Return `NOT_FINITE` for a stamp outside the range of a robot's clock, else None."""
     return None if abs(stamp_ns) < _MAX_STAMP_NS else NOT_FINITE
 
 
 def pose_problem(pose: PoseTuple) -> str | None:
-    """Why this cannot be a pose (not finite, or not on Earth), or None."""
+    """Return `NOT_FINITE` for a pose that is not finite or not on Earth, else None."""
     usable = max(abs(pose[0]), abs(pose[1])) < MAX_POSE_M and math.isfinite(sum(pose))
     return None if usable else NOT_FINITE
 

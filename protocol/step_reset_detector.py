@@ -19,7 +19,7 @@ HUGE_JUMP = 10_000
 
 
 def is_huge_jump(scan: Scan, newest: Scan | None) -> bool:
-    """Whether a scan's step is too far above the newest one to follow it."""
+    """Return whether a scan's step is too far above the newest one to follow it."""
     return newest is not None and scan.step > newest.step + HUGE_JUMP
 
 
@@ -30,19 +30,19 @@ class StepResetDetector:
         self._last: tuple[int, int] | None = None
         self._in_a_row = self._newer_in_a_row = 0
 
-    def goes_on(self) -> None:
-        """Reset: a scan continued the current count."""
+    def reset(self) -> None:
+        """Begin again, because a scan continued the current count."""
         self._last, self._in_a_row, self._newer_in_a_row = None, 0, 0
 
-    def starts_anew(self, scan: Scan, newest: Scan | None) -> bool:
-        """Whether a new count has begun, after a scan that does not continue the current one.
+    def on_other_scan(self, scan: Scan, newest: Scan | None) -> bool:
+        """Handle a scan that does not continue the count; return whether a new one has begun.
 
         Args:
             scan: such a scan.
             newest: the last scan of the current count.
         """
         if newest is None or newest.step <= scan.step <= newest.step + HUGE_JUMP:
-            self.goes_on()
+            self.reset()
             return False
         last, self._last = self._last, (scan.step, scan.stamp_ns)
         follows = last is not None and last[0] < scan.step and last[1] < scan.stamp_ns

@@ -13,8 +13,8 @@ can always choose a valid term above any accepted one.
 
 
 MAX_RELAYED_AHEAD_US = 3 * MAX_AHEAD_US // 4
-"""The same for a term that a worker relays. Coordinators rise above it, and stay below the limit:
-else a worker that lies once could make a robot's coordinators impossible to succeed."""
+"""The same for a term that a worker relays. A new coordinator can then still choose a higher term
+below `MAX_AHEAD_US`, even if a worker relays a false one."""
 
 
 def check_term(

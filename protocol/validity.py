@@ -25,7 +25,7 @@ FLATNESS = 1e-6
 
 @singledispatch
 def problem_of(message: object) -> str | None:  # noqa: ARG001 - what most messages need
-    """Why a message is implausible, or None."""
+    """Return why a message is implausible, or None."""
     return None
 
 
@@ -72,12 +72,12 @@ def _fit_problem(report: TrackReport | SearchReport) -> str | None:
 
 
 def assignment_problem(given: Assignment) -> str | None:
-    """Why the particles of an assignment are invalid, or None."""
+    """Return why the particles of an assignment are invalid, or None."""
     return _particles_problem(given.job.start) if isinstance(given.job, TrackJob) else None
 
 
 def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """Why a pose with a covariance is invalid, or None; checks only what is cheap to check."""
+    """Return why a pose or its covariance is invalid, or None; makes only the cheap checks."""
     variances = (covariance[0], covariance[4], covariance[8])
     if not math.isfinite(sum(covariance)) or min(variances) < 0.0:
         return "a covariance with a negative variance, or an entry that is not finite"
@@ -85,7 +85,7 @@ def gaussian_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 
 
 def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
-    """Why particles cannot be drawn from this Gaussian, or None."""
+    """Return why no particles can be drawn from this Gaussian, or None."""
     if problem := gaussian_problem(mean, covariance):
         return problem
     matrix = covariance_matrix(covariance)
@@ -100,7 +100,7 @@ def drawable_problem(mean: PoseTuple, covariance: Covariance) -> str | None:
 
 
 def _particles_problem(particles: Particles) -> str | None:
-    """Why the arrays of a particle set are invalid, or None."""
+    """Return why the arrays of a particle set are invalid, or None."""
     try:
         poses, log_weights = particles.map_from_robot.array(), particles.log_weights.array()
     except MalformedMessageError as error:

@@ -225,9 +225,9 @@ Report: TypeAlias = TrackReport | SearchReport | ElsewhereReport
 class Checkpoint(Message, frozen=True, kw_only=True, tag="checkpoint/1"):
     """The coordinator's state, except for the particles, which the workers have.
 
-    From the coordinator on ``checkpoint``, after each step before its belief, and at least twice
-    a second, as a sign of life. Standby coordinators keep the newest, workers its term;
-    losing one costs nothing, for the steps since are applied again from the workers' reports.
+    Published by the coordinator on ``checkpoint`` after each step, before its belief, and at
+    least twice a second as a sign of life. Standby coordinators keep the newest, workers its
+    term. Losing one costs nothing: later steps are applied again from the workers' reports.
     """
 
     max_bytes: ClassVar[int] = LARGEST_BYTES
@@ -256,7 +256,7 @@ class TakeOver(Message, frozen=True, kw_only=True, tag="take_over/1"):
 
     term: Number
     since: NumberOrNone = -1
-    """The step from which the coordinator may carry on: it needs the reports on later ones."""
+    """The coordinator may continue from this step, and needs the reports of later steps."""
 
 
 class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
@@ -266,10 +266,10 @@ class WorkerState(Message, frozen=True, kw_only=True, tag="worker_state/1"):
     term: Number
     """The highest term that the worker knows, including that of the `TakeOver`."""
     holds: tuple[Assignment, ...]
-    """Its jobs, each from where another worker could carry on."""
+    """Its jobs, each with the state from which another worker could continue."""
     reports: tuple[bytes, ...]
-    """Its reports since the step asked for, as they went out; of searches, some before."""
+    """Encoded reports after `TakeOver.since`; those of searches may be older."""
     terms: tuple[Number, ...] = ()
-    """Those that it has heard of, also from coordinators that have not begun."""
+    """All terms that the worker has received, including those of coordinators still recovering."""
     founded: Number = 0
-    """The highest term of a checkpoint that was founded; 0: it has heard none."""
+    """The highest term of a received checkpoint with clusters; 0: none."""

@@ -126,7 +126,7 @@ class RestartFile:
             self._path.unlink(missing_ok=True)
 
     def read(self) -> Doing | None:
-        """The state of a bridge that was killed just now; None: there is none."""
+        """Return the state of a bridge killed within `TIMEOUT_S`; None: there is none."""
         path = self._path
         try:
             if path is None or not path.is_file():
@@ -155,7 +155,7 @@ class RestartFile:
 
 
 def restart_file(settings: Settings, node: str) -> RestartFile:
-    """The file of a node, in the coordinator's folder for its state.
+    """Return the file of a node, in the folder of the coordinator's state.
 
     Args:
         settings: of all processes.

@@ -7,7 +7,7 @@ LAST_NS = 2**31 * 1_000_000_000 - 1
 
 
 def stamp_of(header: Any) -> int:
-    """The time in a message's header [ns].
+    """Return the time in a message's header [ns].
 
     Raises:
         ValueError: it is not a valid ROS time.
@@ -19,17 +19,17 @@ def stamp_of(header: Any) -> int:
 
 
 def nanoseconds(time: Any) -> int:
-    """A `builtin_interfaces/Time` [ns]."""
+    """Convert a `builtin_interfaces/Time` to nanoseconds."""
     return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
 def time_problem(time_ns: int) -> str:
-    """Why this is not a valid ROS time; empty: it is valid."""
+    """Return why this is not a valid ROS time; empty: it is valid."""
     if 0 <= time_ns <= LAST_NS:
         return ""
     return f"a time of {time_ns / 1e9:.9g} s is not between 0 and {LAST_NS // 10**9} s"
 
 
 def frame_name(name: str) -> str:
-    """A frame's name without ROS 1's leading slash."""
+    """Return a frame's name without ROS 1's leading slash."""
     return name.removeprefix("/")

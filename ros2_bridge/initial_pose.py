@@ -54,7 +54,7 @@ def given_pose(message: Any, settings: Ros2Settings, frames: TransformTree) -> S
 
 
 def initial_pose(settings: Ros2Settings) -> SetPose:
-    """The pose in the settings."""
+    """Return the command for the initial pose in the settings."""
     pose = (settings.initial_x_m, settings.initial_y_m, settings.initial_heading_rad)
     spread = np.diag([_SIGMA_M**2, _SIGMA_M**2, _SIGMA_RAD**2])
     return _command(settings, pose, covariance_tuple(spread), None)
@@ -73,7 +73,7 @@ def _command(
 
 
 def _usable(covariance: Any) -> Covariance:
-    """The symmetric covariance over x, y and heading, with the least standard deviations."""
+    """Return a (3, 3) covariance made symmetric, with at least the least standard deviations."""
     spread = (covariance + covariance.T) / 2.0
     for axis, least in enumerate((_LEAST_M, _LEAST_M, _LEAST_RAD)):
         if spread[axis, axis] >= 0.0:  # the caller refuses a negative one

@@ -56,7 +56,7 @@ class LaserScans:
         self._waiting.clear()
 
     def add(self, scan: Any, now_ns: int) -> list[Refused]:
-        """Queue a scan; if ten of its laser are waiting, the oldest one is refused.
+        """Queue a scan; refuse the oldest of its laser if more than `MAX_WAITING` wait.
 
         Args:
             scan: a `sensor_msgs/LaserScan` or `PointCloud2`.
@@ -213,7 +213,7 @@ def cloud_reading(
 
 
 def _axes(cloud: Any) -> list[NDArray[np.floating]]:
-    """Three (N,) arrays: x, y and z of all points in the sensor's frame.
+    """Return x, y and z of all points in the sensor's frame, as three (N,) arrays [m].
 
     Raises:
         ValueError: as in `cloud_reading`.

@@ -84,7 +84,7 @@ class Lifecycle:
         return self.state is State.ACTIVE
 
     def available(self) -> list[Transition]:
-        """The transitions that can be requested in this state."""
+        """Return the transitions that can be requested in this state."""
         return [way.asked for way in _WAYS if way.asked.start is self.state]
 
     def change(self, number: int, label: str = "") -> tuple[Transition, ...]:

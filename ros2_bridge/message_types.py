@@ -133,7 +133,7 @@ CDR_HEADER = b"\x00\x01\x00\x00"
 
 @cache
 def typestore() -> Typestore:
-    """The library's store with all types used here."""
+    """Return the library's store with all types used here."""
     store = get_typestore(Stores.ROS2_JAZZY)
     for name, text in _MESSAGES.items():
         store.register(get_types_from_msg(text, name))
@@ -144,7 +144,7 @@ def typestore() -> Typestore:
 
 
 def type_hash(ros_type: str, *, humble: bool) -> str:
-    """The hash of a message's or a service's type, as used in keys.
+    """Return the hash of a message's or a service's type, as in keys.
 
     Args:
         ros_type: such as ``sensor_msgs/msg/LaserScan``.
@@ -170,7 +170,7 @@ def _as_message(service: str) -> str:
 
 
 def new(ros_type: str, **fields: Any) -> Any:
-    """A message with these fields; the others are zero, empty or false, as in ROS.
+    """Create a message with these fields; the others are zero, empty or false, as in ROS.
 
     Messages share the objects of the other fields: do not change them afterwards.
 

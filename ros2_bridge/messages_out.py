@@ -24,14 +24,14 @@ _HEALTHY = ("localized", "ambiguous")
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """A `std_msgs/Header`; the time is clipped to ROS's range."""
+    """Return a `std_msgs/Header`; the time is clipped to ROS's range."""
     seconds, nanoseconds = divmod(min(max(stamp_ns, 0), LAST_NS), 1_000_000_000)
     stamp = new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
     return new("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
 def pose(map_from_robot: PoseTuple) -> Any:
-    """A `geometry_msgs/Pose`."""
+    """Return a `geometry_msgs/Pose`."""
     x, y, _, *turn = flat(map_from_robot)
     return new(
         "geometry_msgs/msg/Pose",
@@ -41,7 +41,7 @@ def pose(map_from_robot: PoseTuple) -> Any:
 
 
 def pose_with_covariance(map_from_robot: PoseTuple, covariance: Covariance) -> Any:
-    """A `geometry_msgs/PoseWithCovariance`."""
+    """Return a `geometry_msgs/PoseWithCovariance`."""
     wide = np.zeros((6, 6))
     wide[np.ix_(_PLANAR, _PLANAR)] = np.reshape(covariance, (3, 3))
     return new(
@@ -54,13 +54,13 @@ def pose_with_covariance(map_from_robot: PoseTuple, covariance: Covariance) -> A
 def pose_stamped(
     map_from_robot: PoseTuple, covariance: Covariance, stamp_ns: int, frame: str
 ) -> Any:
-    """A `geometry_msgs/PoseWithCovarianceStamped`."""
+    """Return a `geometry_msgs/PoseWithCovarianceStamped`."""
     given = pose_with_covariance(map_from_robot, covariance)
     return new(types.POSE_STAMPED, header=header(stamp_ns, frame), pose=given)
 
 
 def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: str) -> Any:
-    """A `tf2_msgs/TFMessage` of one transform."""
+    """Return a `tf2_msgs/TFMessage` of one transform."""
     x, y, _, *turn = flat(parent_from_child)
     one = new(
         "geometry_msgs/msg/TransformStamped",
@@ -76,13 +76,13 @@ def transform(parent_from_child: PoseTuple, stamp_ns: int, parent: str, child: s
 
 
 def pose_array(belief: Belief, frame: str) -> Any:
-    """All places as a `geometry_msgs/PoseArray`, most probable first."""
+    """Return all places as a `geometry_msgs/PoseArray`, most probable first."""
     poses = [pose(one.mean) for one in belief.hypotheses]
     return new(types.POSE_ARRAY, header=header(belief.stamp_ns, frame), poses=poses)
 
 
 def detection(belief: Belief, frame: str, node_name: str) -> Any:
-    """All places with probabilities and covariances: a `vision_msgs/Detection3D` of the robot.
+    """Return places, probabilities and covariances as a `vision_msgs/Detection3D` of the robot.
 
     Each place is a result: `class_id` is the cluster's number, `score` its probability.
     """
@@ -105,7 +105,7 @@ def detection(belief: Belief, frame: str, node_name: str) -> Any:
 def particle_cloud(
     map_from_robot: NDArray[np.float64], weights: NDArray[np.float64], stamp_ns: int, frame: str
 ) -> bytes:
-    """A `nav2_msgs/ParticleCloud` as CDR, a hundred times faster than the general encoder.
+    """Encode a `nav2_msgs/ParticleCloud`, a hundred times faster than the general encoder.
 
     Args:
         map_from_robot: (N, 3) poses.
@@ -129,7 +129,7 @@ def particle_cloud(
 def diagnostics(
     belief_state: str, freshness: str, values: Mapping[str, object], node_name: str, stamp_ns: int
 ) -> Any:
-    """The state of the localization, as a `diagnostic_msgs/DiagnosticArray` of one status."""
+    """Return a `diagnostic_msgs/DiagnosticArray` with the state of the localization."""
     level = _OK if freshness == "fresh" and belief_state in _HEALTHY else _WARNING
     if freshness in ("unreachable", "stale"):
         level = _ERROR
@@ -148,12 +148,12 @@ def diagnostics(
 
 
 def text(words: str) -> Any:
-    """A `std_msgs/String`."""
+    """Return a `std_msgs/String`."""
     return new(types.STRING, data=words)
 
 
 def number(value: float) -> Any:
-    """A `std_msgs/Float64`."""
+    """Return a `std_msgs/Float64`."""
     return new(types.FLOAT64, data=value)
 
 
@@ -180,7 +180,7 @@ _GOLDEN_RATIO = 0.618034
 
 
 def markers(belief: Belief, frame: str) -> Any:
-    """A `visualization_msgs/MarkerArray`: arrow, ellipse and percentage of each place."""
+    """Return a `visualization_msgs/MarkerArray`: arrow, ellipse and percentage of each place."""
     shared = header(belief.stamp_ns, frame)
     clean = new("visualization_msgs/msg/Marker", header=shared, action=_DELETE_ALL)
     drawn = [
@@ -209,7 +209,7 @@ def _place(place: Hypothesis, shared: Any) -> tuple[Any, Any, Any]:
 
 
 def _ellipse(place: Hypothesis) -> tuple[float, float, float]:
-    """Long and short axis [m], and the direction of the long one [rad]."""
+    """Return the long and the short axis [m], and the direction of the long one [rad]."""
     values, vectors = np.linalg.eigh(covariance_matrix(place.covariance)[:2, :2])
     short, long = (max(2.0 * _SIGMAS * math.sqrt(max(v, 0.0)), _LEAST_M) for v in values.tolist())
     return long, short, math.atan2(vectors[1, 1], vectors[0, 1])

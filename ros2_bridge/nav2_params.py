@@ -83,7 +83,7 @@ def _tree(path: Path) -> dict[Any, Any]:
 
 
 def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dict[Any, Any]]:
-    """Namespace and parameters of a node; its own override those for all nodes."""
+    """Return a node's namespace and parameters; its own override those for all nodes."""
     found: dict[Any, Any] = {}
     namespaces = set()
     for where, parameters in sorted(_nodes(tree), key=lambda one: one[0][-1] not in _ANY_NODE):
@@ -105,7 +105,7 @@ def _of_node(tree: dict[Any, Any], node_name: str, path: Path) -> tuple[str, dic
 def _nodes(
     tree: dict[Any, Any], above: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], dict[Any, Any]]]:
-    """The path of each set of parameters, and the set."""
+    """Yield the path of each set of parameters, and the set."""
     for name, value in tree.items():
         if not isinstance(value, dict):
             continue
@@ -116,7 +116,7 @@ def _nodes(
 
 
 def _flat(parameters: dict[Any, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Nested parameters by dotted names."""
+    """Yield nested parameters by dotted names."""
     for name, value in parameters.items():
         if isinstance(value, dict):
             yield from _flat(value, f"{above}{name}{_SEPARATOR}")

@@ -193,7 +193,7 @@ class RosNode:
         self._announce(token)
 
     def _endpoint(self, kind: EndpointKind, topic: str, ros_type: str, qos: Qos) -> tuple[str, str]:
-        """Key and token of a new endpoint of this node."""
+        """Return key and token of a new endpoint of this node."""
         name = self._name.topic(topic)
         type_name, hashed = dds_type(ros_type), type_hash(ros_type, humble=self._humble)
         endpoint = Endpoint(kind, name, type_name, hashed, qos)

@@ -45,7 +45,7 @@ class Parameter:
     many: bool = False
 
     def converted(self, value: object) -> Value | None:
-        """The setting's value; None: leave our setting unchanged.
+        """Return the setting's value; None: leave our setting unchanged.
 
         Raises:
             ValueError: nav2 does not accept the value.
@@ -73,7 +73,7 @@ class Parameter:
         return key if is_live else None
 
     def value(self, settings: Settings) -> Value:
-        """Its value in these settings."""
+        """Return the parameter's value in these settings."""
         if not self.setting:
             return self.default
         section, _, key = self.setting.rpartition(".")
@@ -142,7 +142,7 @@ def _seed(value: int) -> int | None:
 
 
 def _alpha(number: int, default: float, ours: str) -> Parameter:
-    """nav2's parameter is a variance, our setting its square root."""
+    """Return the parameter `alphaN` of nav2: a variance, our setting its square root."""
     setting = f"motion.{ours}"
     return Parameter(
         f"alpha{number}", default, setting, _root, lambda value: round(value * value, 12)

@@ -136,7 +136,7 @@ class Parameters:
             self.live = msgspec.structs.replace(self.live, **{parameter.live_name: setting})
 
     def _value(self, name: str) -> Any:
-        """A parameter as a `ParameterValue`."""
+        """Return a parameter as a `ParameterValue`."""
         parameter = PARAMETERS.get(name)
         if parameter is None:
             return new("rcl_interfaces/msg/ParameterValue", type=_NOT_SET)

@@ -28,7 +28,7 @@ class _Cloud:
     summed: NDArray[np.float64]
 
     def drawn(self, count: int) -> NDArray[np.float64]:
-        """Systematic resampling of `count` particles."""
+        """Return the (count, 3) poses of a systematic resampling."""
         marks = (np.arange(count) + 0.5) / count * self.summed[-1]
         chosen: NDArray[np.float64] = self.map_from_robot[np.searchsorted(self.summed, marks)]
         return chosen

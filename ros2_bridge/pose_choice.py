@@ -72,7 +72,7 @@ class PoseChoice:
                 assert_never(choice)
 
     def _kept(self, belief: Belief, expected: PoseTuple | None) -> Hypothesis | None:
-        """The held cluster, or the one it was merged into, or the most probable one."""
+        """Return the held cluster, or the one it was merged into, or the most probable one."""
         if self.held is None:
             return None
         for hypothesis in belief.hypotheses:
@@ -83,7 +83,7 @@ class PoseChoice:
 
 
 def mixture_covariance(hypotheses: tuple[Hypothesis, ...], about: PoseTuple) -> Covariance:
-    """Second moment of the robot's pose about `about`, over all places: 3 x 3, row by row."""
+    """Return the second moment of the robot's pose about `about`, over all places, row by row."""
     total = np.zeros((3, 3))
     for one in hypotheses:
         off = np.subtract(one.mean, about)
@@ -126,7 +126,7 @@ class MapFromOdom:
         self._scans.clear()
 
     def expected(self, stamp_ns: int) -> PoseTuple | None:
-        """The last pose, predicted by odometry to a scan; None: unknown."""
+        """Return the last pose, predicted by odometry to the time of a scan; None: unknown."""
         ours = self._scans.get(stamp_ns)
         if ours is None or self._map_from_ours is None:
             return None
@@ -141,11 +141,11 @@ class MapFromOdom:
         return True
 
     def forget_place(self) -> None:
-        """The robot's pose is unknown from now on."""
+        """Forget the robot's pose."""
         self._map_from_ours = None
 
     def place(self, odom_from_robot: PoseTuple) -> PoseTuple | None:
-        """The current pose of the odom frame in the map; None: unknown.
+        """Return the current pose of the odom frame in the map; None: unknown.
 
         Args:
             odom_from_robot: the robot's newest odometry.

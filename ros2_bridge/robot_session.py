@@ -34,7 +34,7 @@ _log = logging.getLogger(__name__)
 
 
 def node_name(settings: Ros2Settings) -> NodeName:
-    """The node that the settings describe.
+    """Return the name of the node that the settings describe.
 
     Raises:
         SettingsError: a name is not valid in ROS.
@@ -102,12 +102,12 @@ def _robot_settings(settings: Settings) -> ZenohSettings:
 
 
 def is_of_this_machine(router: str) -> bool:
-    """Whether an endpoint is a Unix socket, or plain TCP on the loopback interface."""
+    """Return whether an endpoint is a Unix socket, or plain TCP on the loopback interface."""
     return router.startswith(("unixsock-stream/", "tcp/localhost:", "tcp/127.", "tcp/[::1]:"))
 
 
 def _is_humble(session: zenoh.Session, settings: Ros2Settings, stop: StopFlag) -> bool:
-    """Whether the robot's release is ROS 2 Humble; waits for one of its nodes if necessary.
+    """Return whether the robot runs ROS 2 Humble; wait for one of its nodes if necessary.
 
     With the wrong form of keys, publishers appear in ROS's graph, but no message arrives.
 

@@ -36,7 +36,7 @@ class _RosLog(logging.Handler):
 
 @contextmanager
 def log_to_ros(publisher: RosPublisher, node: str) -> Iterator[None]:
-    """Also publish the log within the ``with`` block.
+    """Publish the log on `/rosout` too, within the ``with`` block.
 
     Args:
         publisher: of `/rosout`.

@@ -62,7 +62,7 @@ class Services:
         }
 
     def types(self) -> dict[str, str]:
-        """Maps each service's name, by ROS's rules, to its type."""
+        """Return the type of each service by its name, which follows ROS's rules."""
         return {name: ros_type for name, (ros_type, _) in self._served.items()}
 
     def call(self, service: str, request: Any) -> Answer:

@@ -42,7 +42,7 @@ CLOCK = Topic("/clock", types.CLOCK, Qos(depth=1, best_effort=True))
 
 
 def service_qos(ros_type: str) -> Qos:
-    """QoS of a service; as in `rclpy`, the parameter services have a longer queue."""
+    """Return a service's QoS; as in `rclpy`, parameter services have a longer queue."""
     return Qos(depth=1000) if ros_type.startswith("rcl_interfaces/") else Qos()
 
 
@@ -78,12 +78,12 @@ class Topics:
         return Topic(self.settings.map_topic, types.OCCUPANCY_GRID, _LAST)
 
     def read(self) -> tuple[Topic, ...]:
-        """Topics that the node subscribes to."""
+        """Return the topics that the node subscribes to."""
         clock = (CLOCK,) if self.settings.use_sim_time else ()
         return (*self.scans, self.tf, self.tf_static, self.map, INITIAL_POSE, *clock)
 
     def sent(self) -> tuple[Topic, ...]:
-        """Topics that the node publishes."""
+        """Return the topics that the node publishes."""
         return (
             *(AMCL_POSE, PARTICLE_CLOUD, self.tf, DIAGNOSTICS, TRANSITION_EVENT, BOND),
             *(PARAMETER_EVENTS, ROSOUT),

@@ -45,7 +45,7 @@ def get_type_description(request: Any) -> Any:
 
 
 def _with_nested(name: str) -> list[str]:
-    """A type and all types nested in it."""
+    """Return the names of a type and of all types nested in it."""
     found = [name]
     for one in found:  # which grows
         for _, kind in typestore().fielddefs[one][1]:
@@ -56,7 +56,7 @@ def _with_nested(name: str) -> list[str]:
 
 
 def _parts(kind: Any) -> tuple[Any, int, int]:
-    """Type of a field's items, the offset for its number, and the capacity."""
+    """Return the type of a field's items, the offset of its number, and the capacity."""
     node, about = kind
     if node == Nodetype.ARRAY:
         return about[0], _ARRAY, about[1]

@@ -47,7 +47,7 @@ class Qos:
     latched: bool = False
 
     def __str__(self) -> str:
-        """The form in tokens, which omit ROS's defaults."""
+        """Return the form in tokens, which omit ROS's defaults."""
         reliability = "2" if self.best_effort else ""
         durability = "1" if self.latched else ""
         return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
@@ -68,9 +68,7 @@ class NodeName:
     name: str
 
     def topic(self, name: str) -> str:
-        """The full name of a topic or service, by ROS's rules for ``/absolute``, ``relative``
-        and ``~/private`` names.
-        """
+        """Return a topic's or service's full name; ``/absolute`` and ``~/private`` follow ROS."""
         if name.startswith("/"):
             return name
         if name.startswith("~/"):
@@ -78,14 +76,14 @@ class NodeName:
         return f"{self.namespace}/{name}"
 
     def token(self, session_id: str, node_number: int) -> str:
-        """The node's liveliness token."""
+        """Return the node's liveliness token."""
         start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{node_number}/NN"
         return f"{start}/{self._owner()}"
 
     def endpoint_token(
         self, session_id: str, node_number: int, number: int, endpoint: "Endpoint"
     ) -> str:
-        """The liveliness token of one of the node's endpoints; numbers are unique in a session."""
+        """Return the token of one of the node's endpoints; numbers are unique in a session."""
         start = f"{GRAPH}/{self.domain_id}/{session_id}/{node_number}/{number}/{endpoint.kind}"
         about = f"{_chunk(endpoint.topic)}/{endpoint.type_name}/{endpoint.type_hash}"
         return f"{start}/{self._owner()}/{about}/{endpoint.qos}"
@@ -114,13 +112,13 @@ class Endpoint:
 
 
 def dds_type(ros_type: str) -> str:
-    """A type such as `sensor_msgs/msg/LaserScan` in keys: `sensor_msgs::msg::dds_::LaserScan_`."""
+    """Return the form in keys, `std_msgs::msg::dds_::String_`, of `std_msgs/msg/String`."""
     package, kind, name = ros_type.split("/")
     return f"{package}::{kind}::dds_::{name}_"
 
 
 def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
-    """Key of the messages of a topic, or of the calls of a service.
+    """Return the key of a topic's messages, or of a service's calls.
 
     Args:
         domain_id: ROS_DOMAIN_ID.
@@ -132,7 +130,7 @@ def data_key(domain_id: int, topic: str, type_name: str, type_hash: str) -> str:
 
 
 def hash_in_token(token: str) -> str | None:
-    """The type's hash in the token of an endpoint; None: it is another kind of token.
+    """Return the type's hash in an endpoint's token; None for another kind of token.
 
     Newer releases append more parts to the common thirteen.
     """
@@ -143,7 +141,7 @@ def hash_in_token(token: str) -> str | None:
 
 
 def node_in_token(token: str) -> str | None:
-    """Full name of the node in a node's token; None: it is another kind of token."""
+    """Return the full name in a node's token; None for another kind of token."""
     chunks = token.split("/")
     if chunks[0] != GRAPH or len(chunks) != _NODE_CHUNKS or chunks[5] != "NN":
         return None
@@ -152,12 +150,12 @@ def node_in_token(token: str) -> str | None:
 
 
 def endpoint_id(token: str) -> bytes:
-    """The 16-byte id of an endpoint in attachments: XXH3-128 of its token."""
+    """Return the 16-byte id of an endpoint in attachments: XXH3-128 of its token."""
     return xxhash.xxh3_128_digest(token.encode())[::-1]  # little-endian
 
 
 def attachment(sequence: int, time_ns: int, endpoint: bytes) -> bytes:
-    """The attachment of a message; ROS drops messages without one.
+    """Return the attachment of a message; ROS drops messages without one.
 
     Args:
         sequence: counts the sender's messages from 1.
@@ -168,7 +166,7 @@ def attachment(sequence: int, time_ns: int, endpoint: bytes) -> bytes:
 
 
 def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
-    """Sequence, time [ns] and sender's id.
+    """Return an attachment's sequence number, time [ns] and sender's id.
 
     Raises:
         ValueError: it is not the attachment of a ROS message.
@@ -182,12 +180,12 @@ def parsed_attachment(data: bytes) -> tuple[int, int, bytes]:
 
 
 def is_name(text: str) -> bool:
-    """Whether it is a valid name of a ROS node."""
+    """Return whether a text is a valid name of a ROS node."""
     return _NAME.fullmatch(text) is not None
 
 
 def is_namespace(text: str) -> bool:
-    """Whether it is empty, or one or more times ``/name``."""
+    """Return whether a text is empty, or one or more times ``/name``."""
     return not text or (text[0] == "/" and all(map(is_name, text[1:].split("/"))))
 
 

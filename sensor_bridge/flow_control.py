@@ -59,7 +59,7 @@ class FlowControl:
         self._new_map_step = self._step + 1
 
     def is_full(self, now_ns: int) -> bool:
-        """Whether steps are decided, but more slowly than they are made."""
+        """Return whether steps are decided, but more slowly than they are made."""
         return (
             not self.lockstep
             and len(self._undecided) >= MAX_UNDECIDED
@@ -68,7 +68,7 @@ class FlowControl:
         )
 
     def wants_standing_step(self, now_ns: int) -> bool:
-        """Whether a scan of a standing robot should become a step.
+        """Return whether a scan of a standing robot should become a step.
 
         A robot that is switched on, is to search, or gets another map should not have to drive
         before it is localized. A new map needs several steps: the coordinator follows none
@@ -84,7 +84,7 @@ class FlowControl:
         return self.lockstep and bool(self._undecided)
 
     def is_resend_due(self, now_ns: int) -> bool:
-        """Whether to repeat the last step, because it or its belief may be lost."""
+        """Return whether to repeat the last step, because it or its belief may be lost."""
         if not self.waits or now_ns - self._sent_ns < RESEND_AFTER_NS:
             return False
         self._sent_ns = now_ns

@@ -198,11 +198,11 @@ class JobTable:
         """
         newest = self._recent[-1] if self._recent else None
         if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
-            if not self._step_resets.starts_anew(scan, newest):
+            if not self._step_resets.on_other_scan(scan, newest):
                 return []
             self._recent.clear()
             newest = None
-        self._step_resets.goes_on()
+        self._step_resets.reset()
         if newest is None or scan.step > newest.step:
             self._keep(scan)
             return self._advance(scan)

@@ -138,11 +138,6 @@ def patient(endpoint: str) -> str:
     return f"{endpoint}{separator}{_HANDSHAKE_TIMEOUT}={_HANDSHAKE_TIMEOUT_MS}"
 
 
-def as_json5(configuration: Configuration) -> str:
-    """Return the text of a file for ``zenohd --config``; JSON is valid JSON5."""
-    return json.dumps(configuration, indent=2) + "\n"
-
-
 def as_zenoh(configuration: Configuration) -> zenoh.Config:
     """Convert a configuration to the Zenoh library's type.
 

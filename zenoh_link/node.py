@@ -172,7 +172,7 @@ class Node:
 
     def poll(self, key: str, kind: str, kept: int) -> Unread:
         """Keep the newest messages on `key` without waking the loop."""
-        unread = Unread(None, key, self.inbox, kind, kept)
+        unread = Unread(key, self.inbox, kind, kept)
         self.declare(unread.declare)
         return unread
 

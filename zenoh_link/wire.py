@@ -135,23 +135,18 @@ def subscribe(
 
 
 class Unread:
-    """The newest messages on a key, polled: waking a thread costs more than reading most of them.
+    """The newest messages on a key, which wake no thread; they are read when the loop asks.
 
     Args:
-        session: the process's session; None: `declare` follows.
         key: key expression.
         inbox: counts messages that are too large.
         kind: name of that count.
         count: most messages kept; the oldest is dropped.
     """
 
-    def __init__(
-        self, session: zenoh.Session | None, key: str, inbox: Inbox[Any], kind: str, count: int
-    ) -> None:
+    def __init__(self, key: str, inbox: Inbox[Any], kind: str, count: int) -> None:
         self._key, self._inbox, self._kind, self._count = key, inbox, kind, count
         self._subscriber: zenoh.Subscriber[handlers.Handler[zenoh.Sample]] | None = None
-        if session is not None:
-            self.declare(session)
 
     def declare(self, session: zenoh.Session) -> None:
         """Receive through this session from now on."""

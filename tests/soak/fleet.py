@@ -1,5 +1,6 @@
 """All processes of a soak: one router, and for each robot all that `clustermcl up` starts."""
 
+import json
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
 from robot_simulator.source import simulated_world
 from tests.soak.cables import set_cables
-from zenoh_link.configuration import as_json5, router_configuration
+from zenoh_link.configuration import router_configuration
 
 ROUTER, WORKERS, COORDINATOR, BRIDGE, ROBOT = "router", "workers", "coordinator", "bridge", "robot"
 CABLES = "cables"
@@ -135,7 +136,7 @@ class Fleet:
             "enabled": True, "permissions": {"read": True, "write": False},
         }  # fmt: skip
         file = self._folder / "router.json5"
-        file.write_text(as_json5(configuration), "utf-8")
+        file.write_text(json.dumps(configuration), "utf-8")
         command = python_module("zenoh_link.router", "--config", str(file))
         return ChildSpec(ROUTER, command, self._folder / f"{ROUTER}.log")
 

@@ -1,5 +1,6 @@
 """A router that accepts no client any more exits, to be restarted."""
 
+import json
 import socket
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
@@ -13,7 +14,7 @@ from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.waiting import wait_until
-from zenoh_link.configuration import as_json5, as_zenoh, router_configuration
+from zenoh_link.configuration import as_zenoh, router_configuration
 from zenoh_link.router import MIN_PROBES, RouterProbe, client_of
 
 EVERY_S = 0.5
@@ -27,7 +28,7 @@ def narrow_router(
     configuration = router_configuration(zenoh_settings)
     configuration["transport"]["unicast"] = {"accept_pending": 1, "accept_timeout": 600_000}
     file = tmp_path / "router.json5"
-    file.write_text(as_json5(configuration))
+    file.write_text(json.dumps(configuration))
     words = ("--config", str(file), "--look-every", str(EVERY_S), "--set", "log.level=debug")
     process = start_process(python_module("zenoh_link.router", *words))
     process.wait_for("router listens at")

@@ -166,7 +166,8 @@ def test_unread_messages_are_kept_up_to_the_limit_and_wake_no_thread(
     open_client: OpenClient,
 ) -> None:
     inbox: Events = Inbox({"state": 1})
-    unread = Unread(open_client(), keys.SCAN, inbox, "state", count=3)
+    unread = Unread(keys.SCAN, inbox, "state", count=3)
+    unread.declare(open_client())
     speaker, heard = open_client(), list[bytes]()
 
     def reads_the_last() -> bool:

@@ -51,7 +51,7 @@ ERRORS = errors()
 
 
 def test_the_error_classes_are_found() -> None:
-    assert {"SettingsError", "MapFileError", "StalledError", "NotReadyError"} <= ERRORS.keys()
+    assert {"SettingsError", "MapFileError", "StalledError", "NoRoomError"} <= ERRORS.keys()
 
 
 @pytest.mark.parametrize("name", sorted(ERRORS.keys() - ABSTRACT))

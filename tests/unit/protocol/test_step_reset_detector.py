@@ -19,7 +19,7 @@ NEWEST = scan(100)  # stamped with its step in seconds
 def taken(stamped: Iterable[tuple[int, int]]) -> list[bool]:
     numbering = StepResetDetector()
     scans = [msgspec.structs.replace(scan(step), stamp_ns=s * 10**9) for step, s in stamped]
-    return [numbering.starts_anew(one, NEWEST) for one in scans]
+    return [numbering.on_other_scan(one, NEWEST) for one in scans]
 
 
 def test_several_newer_scans_of_low_steps_indicate_a_new_count() -> None:
@@ -59,6 +59,6 @@ def test_a_scan_that_continues_the_count_resets_the_detector() -> None:
     detector = StepResetDetector()
     for n in range(3 * NEEDED):
         stray = msgspec.structs.replace(scan(10**6 + n), stamp_ns=(101 + n) * 10**9)
-        assert not detector.starts_anew(stray, NEWEST)
+        assert not detector.on_other_scan(stray, NEWEST)
         if n % (NEEDED - 1) == 1:
-            detector.goes_on()
+            detector.reset()

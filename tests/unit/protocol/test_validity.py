@@ -228,7 +228,7 @@ def test_an_array_whose_shape_disagrees_with_its_bytes_is_malformed(shape: tuple
     data = b"\0\0\0\0" if shape[0] == 1 or shape[0] == -1 else b""
     with pytest.raises(MalformedMessageError) as refused:
         ArrayBlob(dtype="float32", shape=shape, data=data).array()
-    assert refused.value.cause == "malformed array: array that lies"
+    assert refused.value.cause == "malformed array: wrong array"
 
 
 @pytest.mark.parametrize("returned", [0, 3, 200, None])

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from process_runtime.settings import RobotSettings, ZenohSettings
 from protocol.errors import SettingsError
 from zenoh_link.configuration import (
-    as_json5,
     as_zenoh,
     check_endpoint,
     client_configuration,
@@ -119,5 +118,5 @@ def test_a_tls_listener_is_patient_by_default(endpoint: str, listened_at: str) -
 def test_a_configuration_survives_being_a_file(tmp_path: Path) -> None:
     configuration = router_configuration(ZenohSettings())
     file = tmp_path / "router.json5"
-    file.write_text(as_json5(configuration))
+    file.write_text(json.dumps(configuration))
     assert str(zenoh.Config.from_file(str(file))) == str(as_zenoh(configuration))
