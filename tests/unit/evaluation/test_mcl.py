@@ -1,10 +1,18 @@
 """Ordinary MCL: its start, how it shrinks, and its random particles."""
 
+import math
+
 import numpy as np
 import pytest
 
 from evaluation import mcl
-from evaluation.mcl import OrdinaryMCL, start_particles, uniform_over_free_space
+from evaluation.mcl import (
+    OrdinaryMCL,
+    Recovery,
+    RecoveryGains,
+    start_particles,
+    uniform_over_free_space,
+)
 from particle_filter.arrays import UNKNOWN
 from particle_filter.poses import between
 from particle_filter.sensor_model import Grid
@@ -71,3 +79,38 @@ def test_particles_shrink_evenly_in_the_logarithm_to_those_of_all_clusters(
     )
     counts = counts_of(settings, 8, monkeypatch)
     assert counts == [6_400, 3_200, 1_600, 800, 400, 200, 100, 100]
+
+
+GAINS = RecoveryGains(slow=0.1, fast=0.5)
+
+
+def after(*likelihoods: float) -> float:
+    recovery = Recovery(GAINS)
+    for likelihood in likelihoods:
+        recovery.on_likelihood(math.log(likelihood))
+    return recovery.random_share
+
+
+def test_nothing_is_random_before_the_first_scan_nor_after_it() -> None:
+    assert Recovery(GAINS).random_share == 0.0
+    assert after(0.3) == 0.0
+
+
+def test_while_scans_fit_as_ever_or_better_nothing_is_random() -> None:
+    assert after(*[0.3] * 20) == pytest.approx(0.0, abs=1e-12)
+    assert after(0.1, 0.2, 0.4, 0.8) == 0.0
+
+
+def test_the_random_share_is_what_the_fast_average_lacks_of_the_slow_one() -> None:
+    assert after(1.0, 0.2) == pytest.approx(1.0 - 0.6 / 0.92)
+    assert after(1.0, 0.2, 0.2) == pytest.approx(1.0 - 0.4 / 0.848)
+
+
+def test_a_scan_that_fits_nowhere_is_no_error() -> None:
+    recovery = Recovery(GAINS)
+    for log_likelihood in (-1.0, -math.inf, -1e9):
+        recovery.on_likelihood(log_likelihood)
+    assert recovery.random_share == pytest.approx(1.0 - 0.25 / 0.81)
+    never = Recovery(GAINS)
+    never.on_likelihood(-math.inf)
+    assert 0.0 <= never.random_share <= 1.0

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -44,17 +43,6 @@ def test_a_robot_that_leans_has_the_heading_seen_from_above(tmp_path: Path) -> N
     assert reference.pose_at(S) == pytest.approx((0, 0, 0.5))
 
 
-def test_at_a_stamp_the_pose_is_exact_and_in_between_interpolated(tmp_path: Path) -> None:
-    reference = load_reference(write(tmp_path, line(1, 0, 0, 3.0), line(2, 1, 2, -3.0)))
-    assert len(reference) == 2
-    assert reference.pose_at(2 * S) == (1.0, 2.0, pytest.approx(-3.0))
-    turned = math.tau - 6.0
-    middle = [0.5, 1.0, math.remainder(3.0 + turned / 2, math.tau)]
-    assert np.abs(math.remainder(middle[2], math.tau)) == pytest.approx(math.pi)
-    quarter = reference.pose_at(S + S // 4)
-    assert quarter == pytest.approx((0.25, 0.5, 3.0 + turned / 4))
-
-
 def test_stamps_that_step_back_still_find_their_poses(tmp_path: Path) -> None:
     stamps = [1.0, 3.0, 2.1, 4.0]
     reference = load_reference(write(tmp_path, *(line(t, i) for i, t in enumerate(stamps))))
@@ -74,14 +62,6 @@ def test_outside_the_end_poses_hold_for_a_second(tmp_path: Path) -> None:
     assert reference.pose_at(12 * S) == (2.0, 0.0, 0.0)
     assert reference.pose_at(9 * S - 1) is None
     assert reference.pose_at(12 * S + 1) is None
-
-
-def test_across_a_gap_the_pose_is_known_only_where_the_robot_stood(tmp_path: Path) -> None:
-    stood = load_reference(write(tmp_path, line(0, 0), line(229, 0.4)))
-    assert stood.pose_at(100 * S) == pytest.approx((0.4 * 100 / 229, 0, 0))
-    for far in (line(229, 5.0), line(229, 0.0, 0.0, 2.0)):
-        moved = load_reference(write(tmp_path, line(0), far))
-        assert moved.pose_at(100 * S) is None
 
 
 @pytest.mark.parametrize("pack", [gzip.compress, lzma.compress])

@@ -17,7 +17,7 @@ from particle_filter.branch_and_bound import (
 )
 from particle_filter.likelihood_field import scan_log_likelihood
 from particle_filter.settings import SearchSettings
-from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from, symmetric_room
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
 
 HERE = np.array([1.0, 3.2, -0.4])
 ROOM = model_of(plain_room())
@@ -96,21 +96,6 @@ def test_the_shards_share_the_headings() -> None:
     assert not headings[1] & headings[2]
 
 
-def test_a_scan_is_found_in_every_place_that_looks_alike() -> None:
-    cells, room = symmetric_room(), model_of(symmetric_room())
-    turned = np.array([6.0 - HERE[0], 4.0 - HERE[1], HERE[2] + np.pi])
-    hits = seen_from(HERE, cells).hits_in_robot
-    rules = SearchSettings(shards=1)
-    space = SearchSpace(room.grid, room.pyramid.leaf_cells, 0.035, 1)
-    grid = BranchAndBoundSearch(room, space, hits, 0, rules, np.random.default_rng(0))
-    for _ in grid.slices():
-        pass
-    found = grid.leaves()
-    for truth in (HERE, turned):
-        near = np.hypot(*(found.map_from_robot[:, :2] - truth[:2]).T) < 0.2
-        assert found.scores[near].max() > found.scores.max() - 2.0
-
-
 def test_a_hint_narrows_it_and_one_without_a_free_place_is_left_out() -> None:
     model, everywhere = ROOM, space_of()
     near = SearchSpace(model.grid, model.pyramid.leaf_cells, STEP_RAD, 1, near=(1.0, 3.0, 0.7))
@@ -161,11 +146,3 @@ def test_good_tiles_with_small_gaps_between_them_are_one_run() -> None:
         [8, 19, 1],
     ]
     assert _joined_runs(runs, good).tolist() == expected
-
-
-def test_a_circle_is_as_wide_as_it_says() -> None:
-    near = SearchSpace(ROOM.grid, ROOM.pyramid.leaf_cells, STEP_RAD, 1, near=(4.0, 2.0, 1.5))
-    leaves = np.flatnonzero(near.free[-1])
-    poses = near.poses(leaves, np.zeros(len(leaves), np.int64))
-    far = np.hypot(poses[:, 0] - 4.0, poses[:, 1] - 2.0)
-    assert 1.3 < far.max() <= 1.5

@@ -1,9 +1,12 @@
+"""One step of a cluster: weights, noise, evidence and visibility."""
+
 import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
-from particle_filter.arrays import OCCUPIED
+from particle_filter.arrays import OCCUPIED, Pose
 from particle_filter.cluster_filter import (
     ParticleSet,
     mcl_step,
@@ -12,17 +15,163 @@ from particle_filter.cluster_filter import (
     resampled,
 )
 from particle_filter.likelihood_field_model import LikelihoodFieldModel
-from particle_filter.poses import between
+from particle_filter.poses import between, compose
 from particle_filter.sensor_model import Beams
 from particle_filter.settings import ClusterSettings, MotionSettings, SensorSettings
-from tests.unit.particle_filter.rooms import (
-    model_of,
-    plain_room,
-    seen_from,
-    symmetric_room,
+from tests.unit.particle_filter.rooms import model_of, plain_room, seen_from
+
+HERE, NO_WAY = np.array([1.0, 3.0, 0.3]), np.zeros(3)
+STILL = MotionSettings(
+    turn_noise_per_turn=0.0,
+    turn_noise_per_metre=0.0,
+    drive_noise_per_metre=0.0,
+    drive_noise_per_turn=0.0,
+    strafe_noise_per_metre=0.0,
 )
 
-HERE = np.array([1.0, 3.0, 0.3])
+
+def uneven(count: int) -> ParticleSet:
+    rng = np.random.default_rng(3)
+    poses = HERE + rng.normal(0.0, 0.05, (count, 3))
+    weights = rng.exponential(size=count) ** 2
+    return ParticleSet(poses, np.log(weights / weights.sum() * count))
+
+
+def test_redrawn_particles_count_alike() -> None:
+    """Each has had its weight already, in how often it was drawn."""
+    cloud = uneven(400)
+    redrawn = resampled(cloud, 400, ClusterSettings(), np.random.default_rng(0))
+    assert redrawn is not cloud
+    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(400))
+    expected = cloud.weights @ cloud.map_from_robot
+    # Even multinomial draws would move the mean by 0.05 / sqrt(400); three times that.
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.0075)
+
+
+def test_weights_that_are_not_redrawn_are_carried_into_the_next_step() -> None:
+    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    kept = ClusterSettings(resample_below_ess=0.01)
+    beams = seen_from(HERE, plain_room())
+    rng = np.random.default_rng(0)
+    result = mcl_step(cloud, NO_WAY, beams, model, STILL, kept, rng, is_first=True)
+    by_hand = measurement_update(cloud, beams, model, model.settings.scan_likelihood_exponent)
+    assert result.log_weight_sum == pytest.approx(by_hand.log_weight_sum)
+    np.testing.assert_allclose(result.particles.log_weights, by_hand.particles.log_weights)
+
+
+@pytest.mark.parametrize(
+    ("motion", "share"),
+    [
+        (NO_WAY, 0.0),
+        (np.array([0.2, 0.0, 0.0]), 1.0 - math.exp(-1.0)),
+        (np.array([0.0, 0.0, -0.2]), 1.0 - math.exp(-0.5)),
+    ],
+)
+def test_a_scan_moves_weights_as_far_as_the_robot_has_moved_and_is_evidence_in_full(
+    motion: Pose, share: float
+) -> None:
+    cloud, model = uneven(400), model_of(plain_room(), SensorSettings(visibility_particles=0))
+    rules = ClusterSettings(resample_below_ess=0.01, view_distance_m=0.2, view_turn_rad=0.4)
+    beams, rng = seen_from(compose(HERE, motion), plain_room()), np.random.default_rng(0)
+    result = mcl_step(cloud, motion, beams, model, STILL, rules, rng)
+    moved = ParticleSet(result.particles.map_from_robot, cloud.log_weights)
+    whole = measurement_update(moved, beams, model, model.settings.scan_likelihood_exponent)
+    assert result.log_weight_sum == pytest.approx(whole.log_weight_sum)
+    told, in_full = (c.log_weights - cloud.log_weights for c in (result.particles, whole.particles))
+    np.testing.assert_allclose(told - told[0], share * (in_full - in_full[0]), atol=1e-9)
+
+
+def test_the_exponent_is_on_the_scan_and_not_on_the_ground() -> None:
+    model = model_of(plain_room(), SensorSettings(not_free_log_penalty=-2.0))
+    poses = np.array([[1.0, 3.0, 0.3], [1.1, 3.0, 0.3], [0.01, 3.0, 0.3]])
+    beams = seen_from(HERE, plain_room())
+    fit = model.log_likelihood(poses, beams)
+    expected = 0.25 * fit + [0.0, 0.0, -2.0]
+    result = measurement_update(ParticleSet.even(poses), beams, model, exponent=0.25)
+    assert result.log_weight_sum == pytest.approx(np.logaddexp.reduce(expected))
+    np.testing.assert_allclose(np.diff(result.particles.log_weights), np.diff(expected))
+    assert result.log_likelihood_per_beam == pytest.approx(fit.max() / beams.count)
+
+
+def test_what_lies_behind_walls_is_taken_from_the_evidence_and_not_added() -> None:
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    seen = SensorSettings(
+        visibility_particles=20, occlusion_weight=0.4, scan_likelihood_exponent=0.2
+    )
+    blind = replace(seen, visibility_particles=0)
+    beams, cloud = seen_from(HERE, plain_room()), ParticleSet.even(np.tile(HERE, (20, 1)))
+    evidence = []
+    for settings in (seen, blind):
+        rng = np.random.default_rng(0)
+        model = model_of(divided, settings)
+        result = mcl_step(cloud, NO_WAY, beams, model, STILL, ClusterSettings(), rng)
+        evidence.append(result.log_weight_sum)
+    model = model_of(divided, seen)
+    hidden = float(model.occluded(cloud.map_from_robot, beams).mean())
+    taken = 0.2 * 0.4 * (hidden - seen.occlusion_tolerance * beams.count)
+    assert taken > 0.5
+    assert evidence[1] - evidence[0] == pytest.approx(taken)
+
+
+def test_visibility_looks_from_where_the_weight_is() -> None:
+    divided = plain_room()
+    divided[:, 60] = OCCUPIED
+    model, beams = model_of(divided), seen_from(HERE, plain_room())
+    behind = np.array([5.0, 2.0, 0.0])
+    poses = np.array([HERE, behind])
+    heavy = model.mean_occluded(poses, np.array([1.0, 0.0]), beams)
+    light = model.mean_occluded(poses, np.array([0.0, 1.0]), beams)
+    assert heavy == pytest.approx(model.mean_occluded(HERE[None], np.ones(1), beams), rel=1e-6)
+    assert light == pytest.approx(model.mean_occluded(behind[None], np.ones(1), beams), rel=1e-6)
+    assert heavy != pytest.approx(light)
+
+
+def test_a_cluster_is_drawn_by_the_weights_of_what_it_is_handed() -> None:
+    sample = np.repeat(np.array([[1.0, 1.0, 0.0], [2.0, 1.0, 0.0]]), 50, axis=0)
+    sample = sample + np.random.default_rng(1).normal(0.0, 0.01, sample.shape)
+    log_weights = np.where(np.arange(100) < 50, math.log(9.0), 0.0)
+    rng = np.random.default_rng(0)
+    drawn = regularised_resample(sample, log_weights, 4000, rng)
+    # The kernel is as wide as the weighted sample's 0.3 m; the mean distinguishes them.
+    # Systematic draws are exact to 1 in 4,000; the kernel's noise of 0.08 m has 0.0013 m in it.
+    assert drawn.map_from_robot[:, 0].mean() == pytest.approx(1.1, abs=0.006)
+
+
+def test_the_kernel_is_silvermans_by_half() -> None:
+    sigma = np.array([0.3, 0.1, 0.2])
+    sample = np.random.default_rng(1).normal(size=(500, 3)) * sigma
+    sample = (sample - sample.mean(axis=0)) / sample.std(axis=0) * sigma
+    rng = np.random.default_rng(0)
+    drawn = regularised_resample(sample, np.zeros(500), 500, rng)
+    added = np.sort(drawn.map_from_robot[:, 0])  # each point is drawn once, then spread
+    assert len(np.unique(added)) == 500
+    width = 0.5 * (4.0 / (5.0 * 500)) ** (1.0 / 7.0)
+    noise = drawn.map_from_robot - sample
+    # 500 normal numbers know their deviation to 3 %: five times that.
+    np.testing.assert_allclose(noise.std(axis=0), width * sigma, rtol=0.16)
+
+
+@pytest.mark.parametrize("count", [100, 1_600])
+def test_another_number_of_particles_says_the_same_of_the_pose(count: int) -> None:
+    cloud = uneven(400)
+    redrawn = resampled(cloud, count, ClusterSettings(), np.random.default_rng(0))
+    assert len(redrawn.log_weights) == count
+    expected = cloud.weights @ cloud.map_from_robot
+    # Even multinomial draws would move the mean by 0.05 / sqrt(100); three times that.
+    np.testing.assert_allclose(redrawn.map_from_robot.mean(axis=0), expected, atol=0.015)
+
+
+def test_the_threshold_is_a_share_of_the_particles() -> None:
+    half = ParticleSet(
+        np.tile(HERE, (100, 1)), np.where(np.arange(100) < 50, math.log(2.0), -800.0)
+    )
+    assert half.effective_sample_size == pytest.approx(50.0)
+    rng = np.random.default_rng(0)
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.49), rng) is half
+    assert resampled(half, 100, ClusterSettings(resample_below_ess=0.51), rng) is not half
+    exactly = ParticleSet.even(half.map_from_robot)
+    assert resampled(exactly, 100, ClusterSettings(resample_below_ess=1.0), rng) is exactly
 
 
 def cloud_round(pose: np.ndarray, count: int, sigma: float = 0.05, seed: int = 0) -> ParticleSet:
@@ -32,14 +181,6 @@ def cloud_round(pose: np.ndarray, count: int, sigma: float = 0.05, seed: int = 0
 
 def mean_occluded(cloud: ParticleSet, beams: Beams, model: LikelihoodFieldModel) -> float:
     return model.mean_occluded(cloud.map_from_robot, cloud.weights, beams)
-
-
-def test_the_evidence_is_the_average_likelihood_of_the_particles() -> None:
-    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
-    cloud = cloud_round(HERE, 50)
-    likelihood = np.exp(0.1 * model.log_likelihood(cloud.map_from_robot, beams))
-    result = measurement_update(cloud, beams, model, exponent=0.1)
-    assert result.log_weight_sum - math.log(50) == pytest.approx(math.log(likelihood.mean()))
 
 
 def test_carried_weights_count_in_the_evidence() -> None:
@@ -53,40 +194,12 @@ def test_carried_weights_count_in_the_evidence() -> None:
     assert evidence == pytest.approx(math.log(both.mean()))
 
 
-def test_weights_sum_to_the_number_of_particles() -> None:
-    model, beams = model_of(plain_room()), seen_from(HERE, plain_room())
-    result = measurement_update(cloud_round(HERE, 64, sigma=0.5), beams, model, exponent=0.2)
-    assert np.exp(result.particles.log_weights).sum() == pytest.approx(64.0)
-
-
 def test_a_scan_without_a_valid_beam_adds_no_evidence() -> None:
     cloud = cloud_round(HERE, 10)
     nothing = Beams(np.empty(0), np.empty(0), np.zeros(3), 10.0)
     result = measurement_update(cloud, nothing, model_of(plain_room()), exponent=0.2)
     assert result.particles is cloud
     assert result.log_weight_sum == pytest.approx(math.log(10))
-
-
-def test_particles_in_a_wall_pay() -> None:
-    settings = SensorSettings(not_free_log_penalty=-3.0)
-    model, beams = model_of(plain_room(), settings), seen_from(HERE, plain_room())
-    in_wall, free = np.array([0.01, 3.0, 0.3]), np.array([0.06, 3.0, 0.3])
-    both = ParticleSet.even(np.stack([in_wall, free]))
-    result = measurement_update(both, beams, model, exponent=1e-9)
-    lost = result.particles.log_weights[1] - result.particles.log_weights[0]
-    assert lost == pytest.approx(3.0, abs=1e-6)
-
-
-def test_few_particles_that_count_are_redrawn_and_many_are_not() -> None:
-    rng = np.random.default_rng(0)
-    settings = ClusterSettings(resample_below_ess=0.5)
-    poses = cloud_round(HERE, 100).map_from_robot
-    even = ParticleSet(poses, np.zeros(100))
-    assert resampled(even, 100, settings, rng) is even
-    one_counts = ParticleSet(poses, np.where(np.arange(100) == 7, 0.0, -50.0))
-    redrawn = resampled(one_counts, 100, settings, rng)
-    np.testing.assert_array_equal(redrawn.map_from_robot, np.tile(poses[7], (100, 1)))
-    np.testing.assert_array_equal(redrawn.log_weights, np.zeros(100))
 
 
 def test_a_step_follows_the_robot() -> None:
@@ -101,42 +214,10 @@ def test_a_step_follows_the_robot() -> None:
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
 
 
-def test_symmetric_places_have_the_same_evidence() -> None:
-    """Half a turn of the world turns the cloud and leaves every likelihood as it is."""
-    room = symmetric_room()
-    model, beams = model_of(room), seen_from(HERE, room)
-    cloud = cloud_round(HERE, 300, sigma=0.1)
-    turned = cloud.map_from_robot * [-1.0, -1.0, 1.0] + [6.0, 4.0, np.pi]
-    one = measurement_update(cloud, beams, model, exponent=0.1)
-    other = measurement_update(ParticleSet.even(turned), beams, model, exponent=0.1)
-    # Points within float32 rounding of a cell's border may fall to either side: 1e-7 of them.
-    assert one.log_weight_sum == pytest.approx(other.log_weight_sum, abs=1e-3)
-
-
-def test_a_cluster_draws_its_particles_from_the_sample_it_is_handed() -> None:
-    rng = np.random.default_rng(0)
-    sample = cloud_round(HERE, 200, sigma=0.1).map_from_robot
-    cloud = regularised_resample(sample, np.zeros(200), 5_000, rng)
-    assert len(cloud.map_from_robot) == 5_000
-    mean, covariance = cloud.gaussian()
-    np.testing.assert_allclose(mean, sample.mean(axis=0), atol=0.02)
-    # The kernel adds a quarter of Silverman's width squared: under 10 % for 200 points.
-    np.testing.assert_allclose(np.diag(covariance), sample.var(axis=0), rtol=0.15)
-
-
 def test_an_exactly_known_pose_stays_exactly_known() -> None:
     sample = np.tile(HERE, (10, 1))
     cloud = regularised_resample(sample, np.zeros(10), 2_000, np.random.default_rng(0))
     np.testing.assert_allclose(cloud.map_from_robot, np.tile(HERE, (2000, 1)))
-
-
-def test_beams_through_a_wall_count_against_a_cluster_only_where_there_is_a_wall() -> None:
-    """The laser saw one large room; in a map with a wall across, half the beams cross it."""
-    open_room, divided = plain_room(), plain_room()
-    divided[:, 60] = OCCUPIED
-    beams, cloud = seen_from(HERE, open_room), cloud_round(HERE, 50, sigma=0.01)
-    assert mean_occluded(cloud, beams, model_of(open_room)) == pytest.approx(0.0, abs=0.1)
-    assert mean_occluded(cloud, beams, model_of(divided)) > 10.0
 
 
 def test_particles_at_one_place_share_the_beams_among_them() -> None:

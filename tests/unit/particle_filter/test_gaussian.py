@@ -58,25 +58,6 @@ def test_the_mean_heading_across_the_seam_is_at_the_seam() -> None:
     assert covariance[2, 2] == pytest.approx(np.radians(1.0) ** 2)
 
 
-@given(cloud=clouds, weight=weights)
-def test_the_covariance_is_symmetric_and_never_negative(
-    cloud: Poses, weight: NDArray[np.float64]
-) -> None:
-    covariance = fit_gaussian(cloud, weight)[1]
-    np.testing.assert_array_equal(covariance, covariance.T)
-    assert np.linalg.eigvalsh(covariance).min() >= -1e-12
-
-
-def test_it_finds_the_gaussian_that_a_cloud_was_drawn_from() -> None:
-    """20,000 draws: entries of the covariance err by about 1 %; 5 % is a false alarm in 10^6."""
-    truth = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.005], [0.0, 0.005, 0.01]])
-    cloud = np.random.default_rng(1).multivariate_normal([3.0, 4.0, np.pi], truth, 20_000)
-    mean, covariance = fit_gaussian(cloud, np.ones(len(cloud)))
-    np.testing.assert_allclose(mean[:2], [3.0, 4.0], atol=0.01)
-    assert heading_distance(mean[2], np.pi) < 0.005
-    np.testing.assert_allclose(covariance, truth, atol=0.005)
-
-
 def test_weights_on_one_particle_give_that_particle() -> None:
     cloud = np.array([[1.0, 2.0, 3.0], [9.0, 9.0, -3.0]])
     mean, covariance = fit_gaussian(cloud, np.array([0.0, 1e-200]))
@@ -105,7 +86,7 @@ def test_estimates_are_the_same_to_the_last_bit_however_many_threads_blas_has() 
             env={"OPENBLAS_NUM_THREADS": threads},
             capture_output=True, text=True, check=True, timeout=60,
         ).stdout
-        for threads in ("1", "2", "4")
+        for threads in ("1", "4")
     }  # fmt: skip
     assert len(said) == 1
 

@@ -15,6 +15,7 @@ from particle_filter.places import cluster_by_source_point
 from particle_filter.resampling import resample
 from particle_filter.sensor_model import Grid, ground_log_penalty
 from particle_filter.settings import MotionSettings, SensorSettings
+from tests.unit.particle_filter.rooms import beam_model_of, plain_room, seen_from
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -33,6 +34,9 @@ def results() -> dict[str, NDArray[Any]]:
         "omnidirectional": move(poses, after, MotionSettings(), rng),
         "differential": move(poses, after, differential, rng),
         "drawn": resample(log_likelihood, 70, rng),
+        "beams": beam_model_of(plain_room()).log_likelihood(
+            poses[:3], seen_from(np.array([1.0, 3.0, 0.3]), plain_room())
+        ),
         "labels": cluster_by_source_point(poses, log_likelihood, 0.5, 0.5, 100)[0],
     }
 
@@ -50,6 +54,7 @@ def test_plain_python_computes_what_the_kernels_compute(tmp_path: Path) -> None:
     run(
         f"import numpy, {module} as m; numpy.savez({str(stored)!r}, **m.results())",
         NUMBA_DISABLE_JIT="1",
+        PYTHONWARNINGS="error",  # bytes must not wrap around without the compiler's integers
     )
     plain = np.load(stored)
     for name, compiled in results().items():

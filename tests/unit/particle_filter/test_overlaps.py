@@ -31,30 +31,10 @@ def test_survivors_are_apart_and_the_absorbed_are_near_their_absorber(means: Pos
         assert not any(near(means[i], means[j], -ROUNDING) for j in survivors if j < i)
 
 
-def test_the_most_probable_absorbs() -> None:
-    three = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [0.1, 0.0, 0.1]])
-    assert merge_overlapping(three, 0.5, 0.35).tolist() == [0, 1, 0]
-
-
-def test_headings_are_near_across_the_seam() -> None:
-    two = np.array([[0.0, 0.0, 3.1], [0.0, 0.0, -3.1]])
-    assert merge_overlapping(two, 0.5, 0.35).tolist() == [0, 0]
-
-
-def test_the_same_place_facing_the_other_way_is_another_place() -> None:
-    two = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 3.0]])
-    assert merge_overlapping(two, 0.5, 0.35).tolist() == [0, 1]
-
-
 def test_two_as_far_apart_as_one_may_be_are_one() -> None:
     two, wider = (np.array([[0.0, 0.0, 0.0], [0.5, 0.0, turn]]) for turn in (0.25, 0.26))
     assert merge_overlapping(two, 0.5, 0.25).tolist() == [0, 0]
     assert merge_overlapping(wider, 0.5, 0.25).tolist() == [0, 1]
-
-
-def test_a_row_of_clusters_does_not_collapse_into_one() -> None:
-    row = np.array([[0.4 * k, 0.0, 0.0] for k in range(4)])
-    assert merge_overlapping(row, 0.5, 0.35).tolist() == [0, 0, 2, 2]
 
 
 def test_many_are_compared_as_few_are() -> None:

@@ -58,11 +58,6 @@ def test_angles_at_the_seam_stay_in_range(turns: int, ulps: int) -> None:
     assert -pi <= wrap_angle(np.array([angle]))[0] < pi
 
 
-@given(a=pose, b=pose, c=pose)
-def test_composing_is_associative(a: Pose, b: Pose, c: Pose) -> None:
-    assert_same_place(compose(compose(a, b), c), compose(a, compose(b, c)))
-
-
 @given(a=pose)
 def test_there_and_back_is_nowhere(a: Pose) -> None:
     assert_same_place(compose(a, inverse(a)), IDENTITY)

@@ -33,29 +33,6 @@ def test_the_hash_grid_agrees_with_the_naive_search(
     assert count == expected_count
 
 
-@given(seed=st.integers(0, 2**32))
-def test_order_counts_only_among_equal_weights(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    poses, log_weights, order = modes(rng, 50), rng.normal(size=50), rng.permutation(50)
-    labels, _ = cluster_by_source_point(poses, log_weights, 1.0, 0.5, 50)
-    shuffled, _ = cluster_by_source_point(poses[order], log_weights[order], 1.0, 0.5, 50)
-    np.testing.assert_array_equal(labels[order], shuffled)
-
-
-def test_places_far_apart_are_clusters_in_order_of_their_best_particle() -> None:
-    poses = np.array([[0.0, 0, 0], [9, 0, 0], [9.2, 0, 0], [0.1, 0.1, 0.1]])
-    labels, count = cluster_by_source_point(poses, np.array([0.0, 1.0, 2.0, 3.0]), 1.0, 0.5, 9)
-    assert labels.tolist() == [0, 1, 1, 0]
-    assert count == 2
-
-
-def test_headings_are_near_across_the_seam_and_far_when_opposite() -> None:
-    poses = np.array([[0.0, 0, 3.1], [0, 0, -3.1], [0, 0, 0.0], [0, 0, 2 * np.pi + 0.1]])
-    labels, count = cluster_by_source_point(poses, np.zeros(4), 1.0, 0.5, 9)
-    assert labels.tolist() == [0, 0, 1, 1]
-    assert count == 2
-
-
 def test_a_point_goes_to_the_nearest_source_not_to_the_first() -> None:
     poses = np.array([[0.0, 0, 0], [1.5, 0, 0], [0.9, 0, 0]])
     labels, _ = cluster_by_source_point(poses, np.zeros(3), 1.0, 0.5, 9)

@@ -95,13 +95,6 @@ def test_every_job_answers_every_scan_in_order(model: SensorModel) -> None:
     ]
 
 
-def test_a_job_that_the_order_does_not_name_ends(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud()), track("c1", cloud())), model, SETTINGS)
-    table.follow(order(keep=(("c1", 1),)), model, SETTINGS)
-    assert [job_id for job_id, _, _ in table.summary()] == ["c1"]
-
-
 def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     model: SensorModel,
 ) -> None:
@@ -144,37 +137,6 @@ def test_a_job_that_begins_late_catches_up_with_what_the_worker_has_seen(
     table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
     assert table.missing() is None
     assert [report.step for report in table.catch_up()] == [3, 4, 5]
-
-
-def test_what_the_worker_has_not_seen_is_asked_for(model: SensorModel) -> None:
-    table = JobTable("w")
-    for step in range(5, 7):
-        table.on_scan(scan(step))
-    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
-    missing = table.missing()
-    assert missing is not None
-    assert (missing.first, missing.last) == (3, 4)
-    history = [scan(3), scan(4)]
-    assert [report.step for report in table.catch_up(history)] == [3, 4, 5, 6]
-
-
-def test_a_worker_that_has_seen_nothing_asks_for_all_since_its_jobs_start(
-    model: SensorModel,
-) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud(step=2))), model, SETTINGS)
-    missing = table.missing()
-    assert missing is not None
-    assert (missing.first, missing.last) == (3, None)
-
-
-def test_the_newest_scan_once_more_is_answered_once_more(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
-    first = table.on_scan(scan(1))
-    assert table.on_scan(scan(1)) == first
-    table.on_scan(scan(2))
-    assert table.on_scan(scan(1)) == [], "an older one is past"
 
 
 def test_a_job_carried_on_from_a_snapshot_gives_the_same_numbers(model: SensorModel) -> None:
@@ -253,49 +215,6 @@ def test_a_search_reports_places_from_its_first_scan_on(model: SensorModel) -> N
     assert last.places.share.array().sum() <= 1.0 + 1e-9
 
 
-def test_a_cloud_of_the_wrong_shape_is_refused_and_changes_nothing(model: SensorModel) -> None:
-    table = JobTable("w")
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
-    broken = Particles(
-        step=0,
-        odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(np.zeros((4, 2)), "float64"),
-        log_weights=ArrayBlob.of(np.zeros(4), "float64"),
-    )
-    with pytest.raises(ValueError, match="no particle set"):
-        table.follow(order(track("c1", broken)), model, SETTINGS)
-    assert [job_id for job_id, _, _ in table.summary()] == ["c0"]
-
-
-def test_a_cluster_in_two_places_is_reported_as_two_with_splitting(model: SensorModel) -> None:
-    rng = np.random.default_rng(1)
-    poses = np.array([2.0, 3.0, 0.0]) + rng.normal(0.0, 0.05, (50, 3))
-    poses[25:, 0] += 4.0
-    apart = Particles(
-        step=0, odom_from_robot=(0.0, 0.0, 0.0),
-        map_from_robot=ArrayBlob.of(poses, "float64"),
-        log_weights=ArrayBlob.of(np.zeros(50), "float64"),
-    )  # fmt: skip
-    for every, expected in ((0, 0), (1, 2)):
-        cluster = ClusterSettings(particles=50, split_every_steps=every)
-        settings = FilterSettings(cluster=cluster)
-        table = JobTable("w")
-        table.follow(order(track("c0", apart, exact=True)), model, settings)
-        (report,) = reports_of(table, range(1, 2))
-        assert len(report.parts) == expected
-
-
-def test_scans_that_were_lost_before_one_are_asked_for(model: SensorModel) -> None:
-    table = JobTable("w")
-    assert table.lost_before(scan(7)) is None, "nothing has been seen yet"
-    table.follow(order(track("c0", cloud())), model, SETTINGS)
-    table.on_scan(scan(1))
-    assert table.lost_before(scan(2)) is None
-    lost = table.lost_before(scan(5))
-    assert lost is not None
-    assert (lost.first, lost.last) == (2, 4)
-
-
 def test_a_gap_among_the_scans_at_hand_is_missing_too(model: SensorModel) -> None:
     table = JobTable("w")
     for step in (4, 5, 8, 9, 11):
@@ -304,29 +223,6 @@ def test_a_gap_among_the_scans_at_hand_is_missing_too(model: SensorModel) -> Non
     missing = table.missing()
     assert missing is not None
     assert (missing.first, missing.last) == (6, 10)
-
-
-def test_only_jobs_that_could_use_what_is_missing_wait_for_it(model: SensorModel) -> None:
-    table = JobTable("w")
-    behind, ahead = track("c0", cloud(step=2)), track("c1", cloud(step=5))
-    table.on_scan(scan(5))
-    table.follow(order(behind, ahead), model, SETTINGS)
-    table.wait_for(table.missing())
-    assert [report.job_id for report in table.on_scan(scan(6))] == ["c1"]
-    table.wait_for(None)
-    caught_up = table.catch_up([scan(3), scan(4)])
-    assert [(r.job_id, r.step) for r in caught_up] == [("c0", step) for step in (3, 4, 5, 6)]
-
-
-def test_an_order_that_changes_nothing_is_a_question(model: SensorModel) -> None:
-    table = JobTable("w")
-    begin = order(track("c0", cloud()))
-    assert table.is_news(begin)
-    table.follow(begin, model, SETTINGS)
-    (report,) = table.on_scan(scan(1))
-    assert not table.is_news(order(keep=(("c0", 1),)))
-    assert table.is_news(order(keep=()))
-    assert table.said_last() == [report]
 
 
 def test_one_scan_of_a_step_far_ahead_is_left_out(model: SensorModel) -> None:

@@ -16,7 +16,6 @@ from tests.unit.benchmarks.experiments.made_up import (
     COPIES,
     NOWHERE,
     OPPOSITE,
-    TRUTH,
     at,
     facts,
     right_or_wrong,
@@ -34,26 +33,12 @@ def test_a_step_notes_which_copy_has_which_probability() -> None:
     assert step.leader == 0
 
 
-def test_right_ends_at_a_metre_and_at_20_degrees() -> None:
-    x, y, heading = TRUTH
-    for off, right in (((0.99, 0.0), True), ((1.01, 0.0), False)):
-        assert facts(1, at(1.0, (x + off[0], y, heading))).facts.right == right
-    for degrees, right in ((19.9, True), (20.1, False)):
-        turned = (x, y, heading + math.radians(degrees))
-        assert facts(1, at(1.0, turned)).facts.right == right
-
-
 def test_while_searching_nothing_is_claimed() -> None:
     step = facts(1, at(1.0), state="searching")
     assert not step.facts.right
     assert not step.facts.confident
     assert step.facts.claims == ()
     assert step.leader is None
-
-
-def test_confidently_wrong_is_wrong_with_nine_tenths_or_more() -> None:
-    for place, expected in ((at(0.9, NOWHERE), 1.0), (at(0.89, NOWHERE), 0.0), (at(1.0), 0.0)):
-        assert measures_of([facts(1, place)]).confidently_wrong_share == expected
 
 
 def test_the_first_right_ones_need_five_in_a_row() -> None:
