@@ -1,7 +1,5 @@
 """Messages as JSON for programs: units in the names, covariances as 3 x 3 lists."""
 
-import json
-import math
 from typing import Any
 
 import msgspec
@@ -13,9 +11,9 @@ from protocol.message import Covariance, Message, PoseTuple
 JsonObject = dict[str, Any]
 
 
-def dumped(value: JsonObject, *, indent: int | None = None) -> str:
-    """JSON text; numbers that JSON does not know become null."""
-    return json.dumps(_finite(value), indent=indent, allow_nan=False)
+def dumped(value: JsonObject) -> str:
+    """Return JSON text in one line; NaN and infinity become null."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=0).decode()
 
 
 def pose_object(map_from_robot: PoseTuple, covariance: Covariance) -> JsonObject:
@@ -105,11 +103,3 @@ def _fields(message: Message, *without: str) -> JsonObject:
     """The fields of a message by name, but for some, and for its schema."""
     plain: JsonObject = msgspec.to_builtins(message)
     return {name: value for name, value in plain.items() if name not in ("schema", *without)}
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -2,14 +2,12 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from grid_maps.map_message import to_message
-from live_view.admission import parsed_address
-from live_view.page_server import PageOptions
+from live_view.page_server import PageOptions, opened_page
 from live_view.process import serve_page
-from live_view.recorded_run import RecordedRun, serve_recording
+from live_view.recorded_run import RecordedRun
 from process_runtime.output_files import check_output_file, write_output_file
 from process_runtime.settings import Settings
 from process_runtime.stop import stop_on_signals
@@ -18,29 +16,26 @@ from recordings.map_file import load_map
 from recordings.run_log import is_run_log
 
 
-@dataclass(frozen=True, kw_only=True)
-class ViewOptions:
-    """Options of the command."""
-
-    listen: str
-    allow_commands: bool = False
-    open_browser: bool = False
-    certificate: Path | None = None
-    private_key: Path | None = None
-    robots: Sequence[str] = ()
-    """Names of robots; empty: the one in the settings."""
-    recording: Path | None = None
-    """A run log, or a folder of them; None: show a running system."""
-    map_file: Path | None = None
-    """Map of the recording; None: the one in it."""
-    save_file: Path | None = None
-    """Write the recording as a page instead of serving it; None: serve it."""
-
-
-def run_view(settings: Settings, options: ViewOptions) -> None:
+def run_view(
+    settings: Settings,
+    page: PageOptions,
+    *,
+    robots: Sequence[str] = (),
+    recording: Path | None = None,
+    map_file: Path | None = None,
+    save_file: Path | None = None,
+) -> None:
     """Serve the page of a running system or of a recording, or save a recording as a page.
 
     The page of a running system waits for it, at the start and when the connection is lost.
+
+    Args:
+        settings: the router's endpoint and the robot's name.
+        page: address and features of the page.
+        robots: names of robots; empty: the one in the settings.
+        recording: a run log, or a folder of them; None: show a running system.
+        map_file: map of the recording; None: the one in the recording.
+        save_file: write the recording to this page instead of serving it.
 
     Raises:
         SettingsError: the address, a certificate or a name is invalid.
@@ -48,28 +43,22 @@ def run_view(settings: Settings, options: ViewOptions) -> None:
         MapFileError: the map of the recording cannot be read.
         OutputError: the page cannot be written.
     """
-    page = PageOptions(
-        address=parsed_address(options.listen),
-        allow_commands=options.allow_commands,
-        open_browser=options.open_browser,
-        certificate=options.certificate,
-        private_key=options.private_key,
-    )
-    if options.recording is None:
-        serve_page(settings, stop_on_signals(), page, say_link, robots=options.robots)
+    stop = stop_on_signals()
+    if recording is None:
+        serve_page(settings, stop, page, say_link, robots=robots)
         return
-    path = options.recording
-    if not is_run_log(path):
+    if not is_run_log(recording):
         problem = "is no recorded run: neither clustermcl record nor a coordinator wrote it"
-        remedy = f"localize in it by: clustermcl demo --view --recording {path}"
-        raise RecordingError(path, f"{problem}; {remedy}")
-    named = to_message(load_map(options.map_file), "recording") if options.map_file else None
-    run = RecordedRun(path, named)
-    if options.save_file is None:
-        serve_recording(run, stop_on_signals(), page, say_link)
-        return
-    check_output_file(options.save_file)
-    write_output_file(options.save_file, run.saved())
+        remedy = f"localize in it by: clustermcl demo --view --recording {recording}"
+        raise RecordingError(recording, f"{problem}; {remedy}")
+    named = to_message(load_map(map_file), "recording") if map_file else None
+    run = RecordedRun(recording, named)
+    if save_file is None:
+        with opened_page(page, [run.room], say_link):
+            run.run(stop)
+    else:
+        check_output_file(save_file)
+        write_output_file(save_file, run.saved())
 
 
 def say_link(link: str) -> None:

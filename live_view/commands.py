@@ -16,7 +16,11 @@ _Rate: TypeAlias = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 _Step: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**53)]
 
 
-class Drawn(msgspec.Struct, frozen=True, tag_field="type", tag="drawn", forbid_unknown_fields=True):
+class _Request(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
+    """A JSON object of the page, with its kind in the field ``type``."""
+
+
+class Drawn(_Request, frozen=True, tag="drawn"):
     """The page has drawn messages; a slow page acknowledges each of them."""
 
     count: Annotated[int, msgspec.Meta(ge=1, le=100)] = 1
@@ -24,25 +28,19 @@ class Drawn(msgspec.Struct, frozen=True, tag_field="type", tag="drawn", forbid_u
     """Drawing takes long: send a message only when the last one is drawn."""
 
 
-class ShowPast(
-    msgspec.Struct, frozen=True, tag_field="type", tag="past", forbid_unknown_fields=True
-):
+class ShowPast(_Request, frozen=True, tag="past"):
     """Request the frames of a past step."""
 
     step: _Step
 
 
-class ShowEarlier(
-    msgspec.Struct, frozen=True, tag_field="type", tag="earlier", forbid_unknown_fields=True
-):
+class ShowEarlier(_Request, frozen=True, tag="earlier"):
     """Request the rows before a step."""
 
     before: _Step
 
 
-class PlaceRobot(
-    msgspec.Struct, frozen=True, tag_field="type", tag="set_pose", forbid_unknown_fields=True
-):
+class PlaceRobot(_Request, frozen=True, tag="set_pose"):
     """Set the pose: a person has dragged an arrow to the robot's place."""
 
     pose: _Pose
@@ -50,30 +48,22 @@ class PlaceRobot(
     heading_sigma_rad: _Sigma = 0.26
 
 
-class SearchAgain(
-    msgspec.Struct, frozen=True, tag_field="type", tag="relocalize", forbid_unknown_fields=True
-):
+class SearchAgain(_Request, frozen=True, tag="relocalize"):
     """Forget all places and search, after the page has asked for confirmation."""
 
 
-class UpdateOnce(
-    msgspec.Struct, frozen=True, tag_field="type", tag="update", forbid_unknown_fields=True
-):
+class UpdateOnce(_Request, frozen=True, tag="update"):
     """No-motion update: make a step of the next scan, although the robot stands."""
 
 
-class KidnapRobot(
-    msgspec.Struct, frozen=True, tag_field="type", tag="kidnap", forbid_unknown_fields=True
-):
+class KidnapRobot(_Request, frozen=True, tag="kidnap"):
     """Lift the simulated robot."""
 
     pose: _Pose | None = None
     """New pose; None: a random one far away."""
 
 
-class DriveRobot(
-    msgspec.Struct, frozen=True, tag_field="type", tag="drive", forbid_unknown_fields=True
-):
+class DriveRobot(_Request, frozen=True, tag="drive"):
     """Drive the simulated robot by hand, or let it drive by itself again."""
 
     speed_m_s: _Rate = 0.0

@@ -57,7 +57,7 @@ def step_frame(
         "search_progress": belief.search_progress,
         "missing": belief.missing,
         "places": [_place(place, slots[place.cluster]) for place in belief.hypotheses],
-        "elsewhere": elsewhere_probability(belief),
+        "elsewhere": belief.elsewhere_probability,
         "off_map": belief.off_map_probability,
         **scan_frame(scan),
         "truth": truth,
@@ -70,12 +70,6 @@ def scan_frame(scan: Scan | None) -> Frame:
         "scan": [] if scan is None else scan_points_cm(scan),
         "laser": None if scan is None else [round(100.0 * m) for m in scan.robot_from_laser[:2]],
     }
-
-
-def elsewhere_probability(message: Belief | PoseAnswer) -> float | None:
-    """Probability that the robot is at none of the places; None: not in this message."""
-    probability: float | None = getattr(message, "elsewhere_probability", None)
-    return probability
 
 
 def _place(place: Hypothesis, slot: int) -> Frame:
@@ -138,7 +132,7 @@ def pose_frame(answer: PoseAnswer) -> Frame:
         "p": answer.probability,
         "pose": answer.map_from_robot,
         "workers": answer.workers,
-        "elsewhere": elsewhere_probability(answer),
+        "elsewhere": answer.elsewhere_probability,
         "off_map": answer.off_map_probability,
     }
     if answer.covariance is not None:

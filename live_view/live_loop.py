@@ -1,8 +1,10 @@
 """The page's loop: messages of one robot's system in, frames for browsers out."""
 
 import logging
+import statistics
 import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -11,7 +13,6 @@ from live_view.frames import may_have_particles
 from live_view.map_reduction import reduced
 from live_view.picture import Picture
 from live_view.room import Browser, Commanded, FromBrowser, Joined, Questioned, Room
-from live_view.step_latency import StepLatency
 from process_runtime.settings import Settings
 from process_runtime.stop import StopFlag
 from protocol import keys
@@ -39,6 +40,9 @@ _MAX_UNANSWERED = 2
 """Status queries in a row; a busy system may miss one."""
 _MAP_TIMEOUT_S = 30.0
 _COMMAND_TIMEOUT_S = 5.0
+LAST_STEPS = 100
+"""Steps of which the latency is shown."""
+_WAITING_SCANS = 64
 
 M = TypeVar("M", bound=Message)
 
@@ -252,3 +256,35 @@ def _belief_of(answer: Hypotheses) -> Belief:
         searching=False,
         term=answer.pose.term,
     )
+
+
+class StepLatency:
+    """Measures by one clock, so that no clocks have to agree."""
+
+    def __init__(self) -> None:
+        self._scans_ns: dict[int, int] = {}
+        self._late_ms: deque[float] = deque(maxlen=LAST_STEPS)
+
+    def on_scan(self, step: int, at_ns: int) -> None:
+        """A scan has arrived; its belief follows."""
+        self._scans_ns[step] = at_ns
+        while len(self._scans_ns) > _WAITING_SCANS:
+            del self._scans_ns[next(iter(self._scans_ns))]
+
+    def on_belief(self, step: int, at_ns: int) -> None:
+        """A belief has arrived. Only the first of its step counts: commands publish more."""
+        scan_ns = self._scans_ns.pop(step, None)
+        if scan_ns is not None:
+            self._late_ms.append((at_ns - scan_ns) / 1e6)
+
+    def frame(self) -> dict[str, Any] | None:
+        """Return the times for the page [ms]; None: no belief has arrived yet."""
+        late_ms = self._late_ms
+        if not late_ms:
+            return None
+        return {
+            "last": round(late_ms[-1], 1),
+            "median": round(statistics.median(late_ms), 1),
+            "most": round(max(late_ms), 1),
+            "steps": len(late_ms),
+        }

@@ -7,7 +7,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from particle_filter.arrays import FREE, OCCUPIED
 from protocol.errors import MalformedMessageError
 from protocol.steps import MapMessage
 
@@ -56,8 +55,5 @@ def _bands(message: MapMessage, every: int) -> Iterator[NDArray[np.int8]]:
 
 
 def _small(band: NDArray[np.int8], every: int) -> NDArray[np.int8]:
-    """Reduce a band to one row."""
-    starts = np.arange(0, band.shape[1], every)
-    walls = np.logical_or.reduceat((band == OCCUPIED).any(axis=0), starts)
-    free = np.logical_or.reduceat((band == FREE).any(axis=0), starts)
-    return np.where(walls, OCCUPIED, np.where(free, FREE, -1)).astype(np.int8)
+    """Reduce a band to one row: occupied is the largest value, unknown the smallest."""
+    return np.maximum.reduceat(band.max(axis=0), np.arange(0, band.shape[1], every))

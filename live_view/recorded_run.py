@@ -3,14 +3,13 @@
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from grid_maps.map_message import to_message
 from live_view.live_loop import answer_browser
 from live_view.map_reduction import reduced
-from live_view.page_server import PageOptions, opened_page
 from live_view.picture import Picture
 from live_view.room import Commanded, FromBrowser, Room
 from live_view.saved_page import saved_run
@@ -133,19 +132,6 @@ class RecordedRun:
         self._map = shown = reduced(grid_map)
         self.room.set_map(shown.digest, shown.zlib_cells)
         self.picture.on_map(shown)
-
-
-def serve_recording(
-    run: RecordedRun, stop: StopFlag, options: PageOptions, say: Callable[[str], None]
-) -> None:
-    """Serve the page of a finished run until `stop` is set.
-
-    Raises:
-        SettingsError: the address or a certificate cannot be used.
-        RecordingError: the recording cannot be read.
-    """
-    with opened_page(options, [run.room], say):
-        run.run(stop)
 
 
 def _scan(belief: Belief, lasers: list[LaserFields]) -> Scan:

@@ -10,13 +10,11 @@ from protocol.live_settings import LiveSettings
 
 Value: TypeAlias = bool | int | float | str
 
-_OWN_PARTICLES = "the number of particles is per cluster: cluster.particles"
-_OWN_RECOVERY = "clusters that do not fit are replaced, and searches start, without it"
-_OWN_RESAMPLING = "a cluster is resampled below cluster.resample_below_ess"
-_OWN_BEAM_SKIP = (
-    "the sensor model handles obstacles that are not in the map: sensor.occlusion_weight"
-)
-_OWN_MEMORY = "the coordinator keeps its state: coordinator.state_folder"
+_OWN_PARTICLES = "all places share belief.particles"
+_OWN_RECOVERY = "searches replace random particles"
+_OWN_RESAMPLING = "resampling depends on cluster.resample_below_ess"
+_OWN_BEAM_SKIP = "the sensor model handles unmapped obstacles"
+_OWN_MEMORY = "coordinator.state_folder keeps the state"
 _PLANE = "the robot drives in a plane"
 _ROS_ONLY = "it configures ROS's own middleware"
 

@@ -19,6 +19,7 @@ from clustermcl.commands.options import (
     SettingsFile,
     client_command,
     of_bag,
+    settings_with_nav2,
 )
 from process_runtime.output import standard_output
 from process_runtime.settings import Settings
@@ -228,7 +229,6 @@ def settings(
 
     The output is a valid file for --settings.
     """
-    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from process_runtime.settings_table import (  # noqa: PLC0415 - see the package
         EVERYDAY,
         TABLE,

@@ -26,6 +26,7 @@ from clustermcl.commands.options import (
     meant,
     of_bag,
     refuse_without,
+    settings_with_nav2,
 )
 from clustermcl.verbosity import log_settings
 from process_runtime.settings import ROBOT_VARIABLE, Settings
@@ -117,7 +118,6 @@ def up(
 ) -> None:
     """Localize a robot: run all processes on this machine until Ctrl-C."""
     refuse_without("--view", view, listen=listen, allow_commands=allow_commands)
-    from clustermcl.nav2 import settings_with_nav2  # noqa: PLC0415 - see the package
     from clustermcl.up import run_up  # noqa: PLC0415 - see the package
 
     given = [*log_settings(), *meant(robot, router), *(assignments or ())]
@@ -222,18 +222,23 @@ def serve_view(
     if recording is not None and robots:
         problem = "--robot: a recording is of one robot; leave it out"
         raise SettingsError(key="--robot", problem=problem)
-    from clustermcl.view import ViewOptions, run_view  # noqa: PLC0415 - see the package
+    from clustermcl.view import run_view  # noqa: PLC0415 - see the package
+    from live_view.admission import parsed_address  # noqa: PLC0415 - see the package
+    from live_view.page_server import PageOptions  # noqa: PLC0415 - see the package
 
-    options = ViewOptions(
-        listen=listen or HERE,
+    page = PageOptions(
+        address=parsed_address(listen or HERE),
         allow_commands=allow_commands,
         open_browser=open_browser,
         certificate=certificate,
         private_key=private_key,
+    )
+    given = [*meant(None, router), *(assignments or ())]
+    run_view(
+        load_settings(settings_file, given),
+        page,
         robots=robots or (),
         recording=recording,
         map_file=map_file,
         save_file=save_file,
     )
-    given = [*meant(None, router), *(assignments or ())]
-    run_view(load_settings(settings_file, given), options)

@@ -13,6 +13,7 @@ from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
+from tests.integration.waiting import PATIENCE_S, patient
 from zenoh_link.session import open_session
 
 StartProcess = Callable[[Sequence[str]], RunningProcess]
@@ -37,7 +38,7 @@ def short_folder() -> Iterator[str]:
 @pytest.fixture
 def zenoh_settings(short_folder: str) -> ZenohSettings:
     """Settings whose router listens on a socket of this test; nothing listens there yet."""
-    return ZenohSettings(router=f"unixsock-stream/{short_folder}/router.sock")
+    return patient(ZenohSettings(router=f"unixsock-stream/{short_folder}/router.sock"))
 
 
 @pytest.fixture
@@ -52,7 +53,7 @@ def open_client(zenoh_settings: ZenohSettings) -> Iterator[OpenClient]:
     """Opens sessions of the robot ``robot``; they are closed when the test ends."""
     with ExitStack() as sessions:
         yield lambda: sessions.enter_context(
-            open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=20.0)
+            open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S)
         )
 
 

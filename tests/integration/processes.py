@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 
 
 class RunningProcess:
@@ -38,11 +38,11 @@ class RunningProcess:
     def send_signal(self, number: int) -> None:
         self._popen.send_signal(number)
 
-    def wait(self, timeout_s: float = 20.0) -> int:
+    def wait(self, timeout_s: float = PATIENCE_S) -> int:
         """Exit code once it has ended; -9 for SIGKILL and so on."""
         return self._popen.wait(timeout_s)
 
-    def wait_for(self, text: str, deadline_s: float = 20.0) -> None:
+    def wait_for(self, text: str, deadline_s: float = PATIENCE_S) -> None:
         """Wait until it has written the text to standard output or error."""
         wait_until(lambda: text in self.out or text in self.err, deadline_s)
 

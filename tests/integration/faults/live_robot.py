@@ -40,7 +40,7 @@ def with_bridge(world_name: str) -> Iterator[System]:
         map_file = write_map(world(world_name).map, Path(folder), "map")
         bridge = BridgeSettings(map=str(map_file), source="zenoh")
         with system(msgspec.structs.replace(SMALL, bridge=bridge)) as tested:
-            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
+            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
             yield tested
 
 
@@ -111,7 +111,7 @@ def with_live_robot(
         with system(msgspec.structs.replace(settings, bridge=bridge)) as tested:
             words = ["--settings", str(tested.folder / "settings.toml"), "--world", WORLD]
             command = python_module("robot_simulator.driver", *words, "--rate-hz", str(rate_hz))
-            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
+            wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
             robot = RunningProcess(command, Path(folder), "robot")
             try:
                 yield tested, robot

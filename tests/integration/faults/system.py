@@ -16,14 +16,19 @@ import zenoh
 from clustermcl.client import Client
 from clustermcl.stack import WORKERS, Stack, meeting_in, running
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
+from process_runtime.settings import (
+    BridgeSettings,
+    CoordinatorSettings,
+    Settings,
+    WorkerSettings,
+)
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import python_module
 from protocol import keys
 from protocol.answers import Belief
 from protocol.codec import decode
 from tests.integration.processes import RunningProcess
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
 SIMULATOR = "robot_simulator"
@@ -34,8 +39,16 @@ SMALL = Settings(
     belief=BeliefSettings(max_clusters=4, search_every_steps=100_000),
     bridge=BridgeSettings(source="sim:cross", rate=2.0),
     worker=WorkerSettings(count=4),
+    coordinator=CoordinatorSettings(
+        step_deadline_s=10.0, lockstep_deadline_s=60.0, search_deadline_s=10.0, stale_after_s=5.0
+    ),
 )
-"""Four places that stay alike, one worker each, some five steps a second; no search meanwhile."""
+"""Four places that stay alike, one worker each, some five steps a second; no search meanwhile.
+
+A busy machine misses no deadline, so no update is lost.
+"""
+IMPATIENT = msgspec.structs.replace(SMALL, coordinator=CoordinatorSettings())
+"""With the deadlines of the product, for tests in which workers miss them."""
 
 
 class System:
@@ -57,8 +70,7 @@ class System:
     @property
     def client(self) -> Client:
         """A client of its own, for one ``with``."""
-        zenoh_settings = msgspec.structs.replace(self.settings.zenoh, connect_timeout_s=20.0)
-        return Client(msgspec.structs.replace(self.settings, zenoh=zenoh_settings))
+        return Client(patient_client(self.settings))
 
     @property
     def step(self) -> int:
@@ -86,11 +98,11 @@ class System:
         return last.state != "searching" and not last.missing and not last.searching
 
     def wait_until_it_tracks(self) -> None:
-        wait_until(self.tracks, 60.0)
+        wait_until(self.tracks)
         step = self.step
-        wait_until(lambda: len(self.since(step)) >= 5 and self.tracks(), 30.0)
+        wait_until(lambda: len(self.since(step)) >= 5 and self.tracks())
 
-    def wait_for_steps(self, count: int, deadline_s: float = 30.0) -> None:
+    def wait_for_steps(self, count: int, deadline_s: float = PATIENCE_S) -> None:
         """Wait for this many more beliefs."""
         step = self.step
         wait_until(lambda: self.step >= step + count, deadline_s)
@@ -148,7 +160,7 @@ def system(settings: Settings = SMALL, *arguments: str, endpoint: str = "") -> I
         resources.enter_context(running(stack))
         stack.start_all()
         session = resources.enter_context(
-            open_session(met.zenoh, met.robot, StopFlag(), wait_s=30.0)
+            open_session(met.zenoh, met.robot, StopFlag(), wait_s=PATIENCE_S)
         )
         tested = System(met, stack, folder, session)
         try:

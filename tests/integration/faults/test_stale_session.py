@@ -23,7 +23,7 @@ from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.routers import open_router
 from tests.integration.sensor_bridge.robot import Robot, walled_map
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.soak.listener import Listener, Received
 from tests.unit.recordings.logs import ORIGIN, laser_reading
 from zenoh_link.node import Node
@@ -73,7 +73,7 @@ def session_at(short_folder: str, router: str) -> Iterator[zenoh.Session]:
     settings = ZenohSettings(router=f"unixsock-stream/{short_folder}/{router}.sock")
     with (
         open_router(settings),
-        open_session(settings, RobotSettings(), StopFlag(), wait_s=20.0) as session,
+        open_session(settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session,
     ):
         yield session
 
@@ -111,13 +111,13 @@ def comes_back(
         look()
         return all(is_alive(session, token, LOOK_S) for token in tokens)
 
-    wait_until(lambda: are_at(here), 60.0)
+    wait_until(lambda: are_at(here))
     detour.leads_to("nowhere")
     detour.start()
-    wait_until(lambda: are_at(nowhere), 60.0)
+    wait_until(lambda: are_at(nowhere))
+    wait_until(lambda: not any(is_alive(here, token, LOOK_S) for token in tokens))
     detour.leads_to("here")
-    assert not any(is_alive(here, token, LOOK_S) for token in tokens)
-    wait_until(lambda: are_at(here), 60.0)
+    wait_until(lambda: are_at(here))
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_a_process_that_receives_nothing_next_to_others_opens_another_session(
 ) -> None:
     router = ("--set", f"zenoh.router={detour.settings.router}")
     process = start_process(python_module(module, *arguments, *router))
-    wait_until(lambda: is_alive(here, token, LOOK_S), 60.0)
+    wait_until(lambda: is_alive(here, token, LOOK_S))
     with here.liveliness().declare_token(other):
         comes_back([token], detour, here, nowhere)
     assert process.is_running()
@@ -162,10 +162,10 @@ def test_a_bridge_keeps_its_steps_when_another_session_replaces_its_own(
     router = ("--set", f"zenoh.router={detour.settings.router}")
     arguments = ("--source", "zenoh", "--map", str(walled_map(tmp_path)))
     start_process(python_module("sensor_bridge", *arguments, *router))
-    wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S), 60.0)
+    wait_until(lambda: is_alive(here, keys.BRIDGE_ALIVE, LOOK_S))
     robot = Robot(here)
     robot.publish(laser_reading(1.0, ORIGIN))
-    wait_until(robot.steps, 60.0)
+    wait_until(robot.steps)
     before = robot.steps()
     with here.liveliness().declare_token(keys.COORDINATOR_ALIVE):
         comes_back([keys.BRIDGE_ALIVE], detour, here, nowhere)
@@ -192,9 +192,9 @@ def test_the_soak_opens_another_session_when_its_own_is_stale(
         )
 
     with closing(Listener(opened)) as listener:
-        wait_until(lambda: hears(here), 60.0)
+        wait_until(lambda: hears(here))
         comes_back(["listener"], detour, here, nowhere, look=listener.arrived)
-        wait_until(lambda: hears(here), 60.0)
+        wait_until(lambda: hears(here))
         assert not is_alive(nowhere, "listener", LOOK_S), "the deaf session is closed"
 
 
@@ -205,7 +205,8 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
     zenoh_settings: ZenohSettings,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    silence_s, looked, over = 1.0, list[float](), list[float]()
+    silence_s, looked, over = 2.0, list[float](), list[float]()
+    opened = threading.Event()
 
     def sees_leader(_session: zenoh.Session, key: str, _timeout_s: float) -> bool:
         assert key == keys.COORDINATOR_ALIVE
@@ -219,17 +220,18 @@ def test_a_follower_that_receives_nothing_leads_at_once_only_without_another_lea
     def follow() -> None:
         with closing(node):
             node.open()
+            opened.set()
             if Loop(node, Replica(silence_s, time.monotonic_ns())).follow():
                 over.append(time.monotonic())
 
     thread = threading.Thread(target=follow)
     thread.start()
     try:
-        time.sleep(0.3)
+        assert opened.wait(PATIENCE_S)
         router.send_signal(signal.SIGKILL)
         router.wait()
         start_router()
-        wait_until(lambda: over, 60.0)
+        wait_until(lambda: over)
     finally:
         stop.set()
         thread.join(10.0)

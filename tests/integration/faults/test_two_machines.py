@@ -12,7 +12,7 @@ from clustermcl.stack import COORDINATOR
 from process_runtime.settings import WorkerSettings
 from process_runtime.supervisor import python_module
 from protocol.answers import PoseAnswer
-from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, System, system
 from tests.integration.faults.two_machines import Cable, second_machine
 from tests.integration.free_port import free_port
 from tests.integration.processes import RunningProcess
@@ -20,7 +20,7 @@ from tests.integration.waiting import wait_until
 
 NEAR, FAR = 2, 2
 ASKED_EVERY_S = 0.05
-SETTINGS = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=NEAR))
+SETTINGS = msgspec.structs.replace(IMPATIENT, worker=WorkerSettings(count=NEAR))
 
 
 class TwoMachines(NamedTuple):
@@ -59,7 +59,7 @@ def machines() -> Iterator[TwoMachines]:
             far = RunningProcess([*cable.over_there, *command], tested.folder, "far")
             try:
                 both = TwoMachines(tested, cable)
-                wait_until(both.is_whole, 90.0)
+                wait_until(both.is_whole)
                 yield both
             finally:
                 far.kill()
@@ -76,7 +76,7 @@ def held(machines: TwoMachines, fault: AbstractContextManager[None], seconds: fl
     assert {answer.freshness for answer in answers} <= {"fresh", "dead_reckoning"}
     assert answers[-1].step > answers[0].step, "steps are believed meanwhile"
     step = machines.system.step
-    wait_until(lambda: machines.system.step >= step + 5 and machines.is_whole(), 60.0)
+    wait_until(lambda: machines.system.step >= step + 5 and machines.is_whole())
 
 
 @pytest.mark.parametrize("seconds", [3.0, 10.0])
@@ -109,5 +109,5 @@ def test_a_coordinator_that_dies_while_the_cable_is_cut_is_followed_by_one_that_
     with machines.cable.cut(from_here=True, from_there=True):
         term, step = machines.system.beliefs[-1].term, machines.system.step
         machines.system.hurt(COORDINATOR)
-        wait_until(lambda: machines.goes_on(term, step), 30.0)
-    wait_until(machines.is_whole, 60.0)
+        wait_until(lambda: machines.goes_on(term, step))
+    wait_until(machines.is_whole)

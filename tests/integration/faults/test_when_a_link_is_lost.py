@@ -11,7 +11,7 @@ from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.faults.asking import asked_all_along
 from tests.integration.faults.other_machine import OtherMachine, free_port, other_machine
-from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, System, system
 from tests.integration.waiting import stretched_s, wait_until
 
 FAR = ("far-0", "far-1")
@@ -32,7 +32,7 @@ def test_a_partition_of_ten_seconds_costs_the_steps_it_lasted_and_nothing_else(
     machine: OtherMachine, start_process: StartProcess
 ) -> None:
     endpoint = f"tcp/{machine.address_here}:{free_port(machine.address_here)}"
-    settings = msgspec.structs.replace(SMALL, worker=WorkerSettings(count=3))
+    settings = msgspec.structs.replace(IMPATIENT, worker=WorkerSettings(count=3))
     with system(settings, endpoint=endpoint) as tested, asked_all_along(tested) as longest_s:
         file = tested.folder / "settings.toml"
         far = start_process(
@@ -40,9 +40,9 @@ def test_a_partition_of_ten_seconds_costs_the_steps_it_lasted_and_nothing_else(
                 python_module("worker", "--settings", str(file), "--name", "far", "--count", "2")
             )
         )
-        wait_until(lambda: set(FAR) <= set(workers_of(tested)), 60.0)
+        wait_until(lambda: set(FAR) <= set(workers_of(tested)))
         tested.wait_until_it_tracks()
-        wait_until(lambda: any(workers_of(tested)[name] for name in FAR), 20.0)
+        wait_until(lambda: any(workers_of(tested)[name] for name in FAR))
         clusters, step_before = tested.clusters(), tested.step
         machine.pull_the_cable()
         cut_s = time.monotonic()

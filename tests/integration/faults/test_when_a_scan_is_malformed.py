@@ -82,6 +82,8 @@ def test_it_is_counted_logged_once_and_dropped() -> None:
         assert sum(n for cause, n in refused.items() if "malformed" in cause) <= 4 * TIMES
         assert status.counters["malformed Scan: not MessagePack"] == 3 * TIMES
         assert status.counters["malformed Scan: schema"] == TIMES
+        minutes = (time.time_ns() - now_ns) / 60e9
         for cause in MALFORMED:
-            assert tested.log(BRIDGE).count(f"{cause}: ") == 1, "said once"
-        assert tested.log(WORKERS).count("worker-0: malformed Scan: not MessagePack") == 1
+            assert 1 <= tested.log(BRIDGE).count(f"{cause}: ") <= 1 + minutes, "said once a minute"
+        logged = tested.log(WORKERS).count("worker-0: malformed Scan: not MessagePack")
+        assert 1 <= logged <= 1 + minutes

@@ -5,15 +5,18 @@ import uuid
 
 from msgspec.structs import replace
 
+from process_runtime.settings import CoordinatorSettings
 from protocol import keys
 from protocol.answers import CommandDone, Relocalize
-from tests.integration.faults.system import SMALL, System, system
+from tests.integration.faults.system import IMPATIENT, System, system
 from tests.integration.faults.untrue_worker import untrue_workers
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.wire import ask
 
 SEARCHES = 3
-MANY_SHARDS = replace(SMALL, search=replace(SMALL.search, shards=8))
+COORDINATOR = CoordinatorSettings(step_deadline_s=1.0, stale_after_s=5.0)
+FEW_SHARDS = replace(IMPATIENT, coordinator=COORDINATOR)
+MANY_SHARDS = replace(FEW_SHARDS, search=replace(FEW_SHARDS.search, shards=8))
 """So that each of five workers gets one."""
 NAMES = [f"aa-liar-{n}" for n in range(60)]
 """Before the honest ones by name."""
@@ -22,7 +25,7 @@ ASKED = 60
 
 def relocalize(tested: System) -> None:
     command = Relocalize(sender="test", command_id=uuid.uuid4().hex)
-    done = ask(tested.session, keys.RELOCALIZE, CommandDone, timeout_s=10.0, message=command)
+    done = ask(tested.session, keys.RELOCALIZE, CommandDone, timeout_s=PATIENCE_S, message=command)
     assert done.problem == ""
 
 
@@ -30,7 +33,7 @@ def is_found_again(tested: System) -> None:
     """Search everywhere; until places are tracked."""
     step = tested.step
     relocalize(tested)
-    wait_until(lambda: tested.step > step + 5 and tested.tracks(), 40.0)
+    wait_until(lambda: tested.step > step + 5 and tested.tracks())
 
 
 def test_one_that_never_reports_stops_no_search() -> None:
@@ -45,7 +48,7 @@ def test_one_that_never_reports_stops_no_search() -> None:
 
 
 def test_sixty_names_that_never_report_stop_no_search_and_seldom_cause_dead_reckoning() -> None:
-    with system() as tested, tested.client as client:
+    with system(FEW_SHARDS) as tested, tested.client as client:
         tested.wait_until_it_tracks()
         with untrue_workers(tested, *NAMES):
             wait_until(lambda: client.pose().workers >= len(NAMES))

@@ -12,7 +12,7 @@ from process_runtime.settings import CoordinatorSettings, WorkerSettings
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.waiting import stretched_s, wait_until
 
-DEADLINE_S = 0.5
+DEADLINE_S = 2.0
 SETTINGS = msgspec.structs.replace(
     SMALL,
     worker=WorkerSettings(count=6),

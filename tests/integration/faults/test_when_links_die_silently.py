@@ -13,7 +13,7 @@ from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.faults.other_machine import OtherMachine, free_port, other_machine
 from tests.integration.processes import python_script
-from tests.integration.waiting import stretched_s, wait_until
+from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from zenoh_link.session import open_session
 
 LISTENERS = Path(__file__).parent / "programs" / "listeners.py"
@@ -32,7 +32,7 @@ def put_and_time_the_answer(session: zenoh.Session) -> float:
     """Publish while the links are dead; return the duration of a query [s]."""
     session.put("test", bytes(10_000))
     asked_s = time.monotonic()
-    wait_until(lambda: any(reply.ok for reply in session.get("pose", timeout=1.0)), 30.0)
+    wait_until(lambda: any(reply.ok for reply in session.get("pose", timeout=1.0)))
     return time.monotonic() - asked_s
 
 
@@ -46,8 +46,8 @@ def test_a_client_with_a_link_is_answered_while_other_links_die(
     start_process(machine.command(listeners)).wait_for("all listen")
     robot, stop = RobotSettings(), StopFlag()
     with (
-        open_session(settings, robot, stop, wait_s=20.0) as answers,
-        open_session(settings, robot, stop, wait_s=20.0) as asks,
+        open_session(settings, robot, stop, wait_s=PATIENCE_S) as answers,
+        open_session(settings, robot, stop, wait_s=PATIENCE_S) as asks,
     ):
         answers.declare_queryable("pose", lambda query: query.reply("pose", b"here"))
         put_and_time_the_answer(asks)

@@ -3,16 +3,19 @@
 import signal
 import time
 
+from msgspec.structs import replace
+
 from protocol import keys
 from protocol.answers import PoseAnswer
 from protocol.steps import OdometryReading
 from tests.integration.faults.live_robot import BRIDGE, with_live_robot
-from tests.integration.faults.system import System
+from tests.integration.faults.system import SMALL, System
 from tests.integration.waiting import stretched_s, wait_until
 from zenoh_link.wire import Publisher
 
 STALE_AFTER_S = 1.0
-"""The default of `coordinator.stale_after_s`."""
+COORDINATOR = replace(SMALL.coordinator, stale_after_s=STALE_AFTER_S)
+STALE_SOON = replace(SMALL, coordinator=COORDINATOR)
 
 
 def poses_until_stale(tested: System) -> list[PoseAnswer]:
@@ -30,7 +33,7 @@ def poses_until_stale(tested: System) -> list[PoseAnswer]:
 
 def assert_honest(poses: list[PoseAnswer]) -> None:
     for pose in poses:
-        assert pose.freshness == ("fresh" if pose.age_s <= STALE_AFTER_S else "stale")
+        assert (pose.freshness == "stale") == (pose.age_s > STALE_AFTER_S)
         assert pose.map_from_robot is not None, "the last pose is still told, with its age"
 
 
@@ -40,7 +43,7 @@ def is_fresh(tested: System) -> bool:
 
 
 def test_a_bridge_that_is_killed_makes_the_pose_stale_until_the_next_one_publishes() -> None:
-    with with_live_robot() as (tested, _):
+    with with_live_robot(STALE_SOON) as (tested, _):
         tested.wait_until_it_tracks()
         clusters = tested.clusters()
         tested.hurt(BRIDGE)
@@ -55,7 +58,7 @@ def test_a_bridge_that_is_killed_makes_the_pose_stale_until_the_next_one_publish
 
 
 def test_a_bridge_that_is_frozen_makes_the_pose_stale_until_it_goes_on() -> None:
-    with with_live_robot() as (tested, _):
+    with with_live_robot(STALE_SOON) as (tested, _):
         tested.wait_until_it_tracks()
         tested.hurt(BRIDGE, signal.SIGSTOP)
         try:
@@ -66,7 +69,7 @@ def test_a_bridge_that_is_frozen_makes_the_pose_stale_until_it_goes_on() -> None
 
 
 def test_a_clock_that_stands_makes_the_pose_stale_however_much_is_published() -> None:
-    with with_live_robot() as (tested, robot):
+    with with_live_robot(STALE_SOON) as (tested, robot):
         tested.wait_until_it_tracks()
         robot.kill()
         with tested.client as client:

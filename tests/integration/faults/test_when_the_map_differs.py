@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import zenoh
@@ -41,6 +42,7 @@ def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path
     with system() as tested, tested.client as client:
         tested.wait_until_it_tracks()
         clusters = tested.clusters()
+        started_s = time.monotonic()
         repeat_every_scan(tested, theirs)
         wait_until(lambda: both in tested.log(COORDINATOR))
         wait_until(lambda: client.status().counters["scan of another map"] > 10)
@@ -59,4 +61,5 @@ def test_scans_and_workers_of_another_map_are_refused_with_both_digests(tmp_path
         wait_until(lambda: both in tested.log(WORKERS))
         wait_until(lambda: client.status().counters.get("order refused", 0) > 0)
         assert client.status().map_digest == ours
-        assert len(tested.log(COORDINATOR).split(both)) == 2, "said once a minute"
+        minutes = (time.monotonic() - started_s) / 60.0
+        assert tested.log(COORDINATOR).count(both) <= 1 + minutes, "said once a minute"

@@ -37,7 +37,7 @@ def test_a_bridge_restarted_with_another_map_is_followed_without_any_other_resta
         restart_the_bridge(tested)
         robot = Robot(tested.session, AFTER)
         with robot.driving():
-            wait_until(lambda: client.status().map_digest == load_map(map_file).digest, 60.0)
+            wait_until(lambda: client.status().map_digest == load_map(map_file).digest)
             poses: list[PoseAnswer] = []
 
             def is_localized() -> bool:

@@ -10,6 +10,7 @@ from protocol import keys
 from protocol.codec import decode, encode
 from protocol.work import OrderAnswer, TakeOver, WorkerState, WorkOrder
 from tests.integration.faults.system import System
+from tests.integration.waiting import PATIENCE_S
 from zenoh_link.session import open_session
 
 
@@ -58,6 +59,6 @@ def untrue_workers(tested: System, *names: str) -> Iterator[list[UntrueWorker]]:
     """Add some to the honest ones, and remove them afterwards."""
     settings = tested.settings
     with ExitStack() as sessions:
-        session = open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0)
+        session = open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=PATIENCE_S)
         opened = sessions.enter_context(session)
         yield [UntrueWorker(opened, name) for name in names]

@@ -21,6 +21,7 @@ from tests.integration.free_port import free_port
 from tests.integration.live_view.page import Page
 from tests.integration.processes import RunningProcess
 from tests.integration.system.conftest import SMALL
+from tests.integration.waiting import patient
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 DRIVERS = ("chromedriver",)
@@ -33,7 +34,7 @@ class System:
         bridge = msgspec.structs.replace(SMALL.bridge, source="sim:cross", rate=2.0)
         nothing_kept = msgspec.structs.replace(SMALL.coordinator, state_folder="off")
         worker = msgspec.structs.replace(SMALL.worker, count=2, cache_folder=str(folder / "cache"))
-        zenoh = msgspec.structs.replace(SMALL.zenoh, connect_timeout_s=30.0)
+        zenoh = patient(SMALL.zenoh)
         self.settings: Settings = meeting_in(
             folder,
             msgspec.structs.replace(

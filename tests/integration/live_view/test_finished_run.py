@@ -15,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 from robot_simulator.worlds.catalogue import world
 from tests.integration.free_port import free_port
 from tests.integration.system.commands import SMALL_FILTER, typed
+from tests.integration.waiting import PATIENCE_S
 
 STEPS = 15
 
@@ -23,7 +24,7 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
     file, port = tmp_path / "run.mcap", free_port()
     words = ("evaluate", "sim:cross", "--steps", str(STEPS), "--record", str(file), *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
-        assert recording.popen.wait(100.0) == 0, recording.err
+        assert recording.popen.wait(2 * PATIENCE_S) == 0, recording.err
     words = ("view", str(file), "--listen", f"127.0.0.1:{port}")
     with typed(*words, folder=tmp_path, environment=dict(os.environ)) as viewer:
         viewer.wait_for("look at")
@@ -33,14 +34,16 @@ def test_a_recorded_run_is_shown_from_its_first_step_to_its_last(tmp_path: Path)
             page.send('{"type": "past", "step": 10}')
             past = answer_of(page, "past")
         ground = world("cross").map
-        with urllib.request.urlopen(f"{link}/map/{shown['map']['digest']}", timeout=10) as answer:
+        with urllib.request.urlopen(
+            f"{link}/map/{shown['map']['digest']}", timeout=PATIENCE_S
+        ) as answer:
             cells = zlib.decompress(answer.read())
         assert viewer.end(signal.SIGINT) == 0, viewer.err
     page = tmp_path / "run.html"
     with typed(
         "view", str(file), "--save", str(page), folder=tmp_path, environment=dict(os.environ)
     ) as saving:
-        assert saving.popen.wait(60.0) == 0, saving.err
+        assert saving.popen.wait(PATIENCE_S) == 0, saving.err
     assert steps_in(page.read_text()) == list(range(STEPS))
     assert cells == ground.cells.tobytes()
     assert shown["step"]["step"] == STEPS - 1
@@ -61,7 +64,7 @@ def steps_in(page: str) -> list[int]:
 
 def told(page: ClientConnection) -> dict[str, Any]:
     """The next message, drawn at once."""
-    message: dict[str, Any] = json.loads(page.recv(20.0))
+    message: dict[str, Any] = json.loads(page.recv(PATIENCE_S))
     page.send('{"type": "drawn"}')
     return message
 

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from live_view.live_loop import LiveLoop
 from process_runtime.settings import Settings, ZenohSettings
 from process_runtime.stop import StopFlag
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.wire import Received
 
 
@@ -17,14 +17,14 @@ def test_the_map_is_asked_for_again_although_the_inbox_is_full(
     """An answer was lost in a full inbox, and the map was never requested."""
     loop = LiveLoop(replace(Settings(), zenoh=router), {}, StopFlag())
     with closing(loop.node) as node:
-        node.open(20.0)
+        node.open(PATIENCE_S)
         flood, waiting = Received("nothing", b""), 0
         while node.inbox.put(flood):
             waiting += 1
         loop._ask_what_is_due()
         assert loop._asking_map
         own = 3  # the link, and that status and map are not answered
-        wait_until(lambda: len(node.inbox._events.queue) >= waiting + own, 20.0)
+        wait_until(lambda: len(node.inbox._events.queue) >= waiting + own)
         for _ in range(len(node.inbox._events.queue)):
             event = node.inbox.get(0.0)
             if event is not flood:

@@ -39,7 +39,7 @@ def running(system: System, page: Page) -> Page:
     """The page once it has found the system."""
     if page.system != "running":
         system.start()
-        wait_until(lambda: page.system == "running", 90.0)
+        wait_until(lambda: page.system == "running")
     return page
 
 
@@ -62,11 +62,11 @@ def test_without_a_system_the_page_says_that_it_waits(page: Page) -> None:
 
 
 def test_the_page_finds_a_system_that_is_started_after_it(running: Page) -> None:
-    wait_until(lambda: not running.is_visible("banner"), 60.0)  # workers may be starting
-    wait_until(lambda: running.run("return liveView.view.map !== null"), 60.0)  # it has just begun
-    wait_until(lambda: running.text("worker-count") == "2", 60.0)
+    wait_until(lambda: not running.is_visible("banner"))  # workers may be starting
+    wait_until(lambda: running.run("return liveView.view.map !== null"))  # it has just begun
+    wait_until(lambda: running.text("worker-count") == "2")
     running.driver.find_element("css selector", "#system summary").click()
-    wait_until(lambda: running.text("latency").startswith("scan to belief"), 60.0)
+    wait_until(lambda: running.text("latency").startswith("scan to belief"))
 
 
 def test_the_map_is_drawn_where_it_lies(running: Page) -> None:
@@ -93,7 +93,7 @@ def test_four_clusters_stand_in_four_colours_where_they_are(running: Page, pictu
         taken.append(running.snapshot())
         return in_four_arms(taken[-1])
 
-    wait_until(stand_in_four_arms, 60.0)
+    wait_until(stand_in_four_arms)
     running.save(pictures / "four.png")
     places = probable(taken[-1])
     assert len({place["slot"] for place in places}) == 4
@@ -127,14 +127,14 @@ def apart(place: dict[str, list[float]], other: dict[str, list[float]]) -> float
 
 def test_the_plot_grows_with_the_steps(running: Page) -> None:
     before, picture = len(running.history()), running.plot()
-    wait_until(lambda: len(running.history()) >= before + 10, 60.0)
+    wait_until(lambda: len(running.history()) >= before + 10)
     assert running.plot() != picture
     steps = [row[0] for row in running.history()]
     assert steps == sorted(set(steps))
 
 
 def test_an_arrow_dragged_on_the_map_is_believed(running: Page, system: System) -> None:
-    wait_until(lambda: running.snapshot().step["places"], 60.0)
+    wait_until(lambda: running.snapshot().step["places"])
     running.click("set-pose")
     snapshot = running.snapshot()
     dropped = snapshot.step["places"][-1]["pose"]  # the least probable
@@ -193,11 +193,11 @@ def test_particles_are_drawn_where_their_cluster_is(running: Page) -> None:
         x, y, mean_x, mean_y = running.run_async(MEAN_OF_CLOUD) or (0.0, 0.0, 99.0, 0.0)
         return math.hypot(mean_x - x, mean_y - y)
 
-    wait_until(lambda: apart_m() < NEAR_M, 60.0)
+    wait_until(lambda: apart_m() < NEAR_M)
 
 
 def test_one_may_look_back_at_a_running_system(running: Page) -> None:
-    wait_until(lambda: len(running.history()) > 5, 60.0)
+    wait_until(lambda: len(running.history()) > 5)
     first = running.history()[0][0]
     running.run(f"liveView.travel.goTo({first})")
     wait_until(lambda: running.snapshot().step["step"] == first)
@@ -215,23 +215,23 @@ def test_a_kidnapped_robot_is_somewhere_else(running: Page) -> None:
     wait_until(lambda: truth(running))
     before = truth(running)
     press(running, "kk")
-    wait_until(lambda: math.dist(truth(running)[:2], before[:2]) > 3.0, 60.0)
+    wait_until(lambda: math.dist(truth(running)[:2], before[:2]) > 3.0)
 
 
 def test_a_person_drives_the_robot(running: Page) -> None:
     press(running, "d")
     wait_until(lambda: running.text("hint").startswith("Drive with"))
     with running.holding("\ue014"):  # the right arrow: it turns on the spot, clockwise
-        wait_until(lambda: len(turns(running)) >= 4 and max(turns(running)[-4:]) < -0.05, 60.0)
+        wait_until(lambda: len(turns(running)) >= 4 and max(turns(running)[-4:]) < -0.05)
     stood = still_step(running)
     press(running, "u")  # it stands, so nothing else makes a step
-    wait_until(lambda: running.history()[-1][0] > stood, 60.0)
+    wait_until(lambda: running.history()[-1][0] > stood)
     stood = still_step(running)
     running.click("update")
-    wait_until(lambda: running.history()[-1][0] > stood, 60.0)
+    wait_until(lambda: running.history()[-1][0] > stood)
     press(running, "d")
     last = running.history()[-1][0]
-    wait_until(lambda: running.history()[-1][0] > last + 3, 60.0)  # it goes on by itself
+    wait_until(lambda: running.history()[-1][0] > last + 3)  # it goes on by itself
 
 
 def still_step(page: Page) -> int:
@@ -244,7 +244,7 @@ def still_step(page: Page) -> int:
             came.append((time.monotonic(), step))
         return time.monotonic() - came[-1][0] > 1.0
 
-    wait_until(stands, 60.0)
+    wait_until(stands)
     return came[-1][1]
 
 
@@ -288,29 +288,29 @@ def test_keys_zoom_pan_fit_and_follow(running: Page) -> None:
 
 
 def test_the_page_says_that_no_worker_is_alive(running: Page, system: System) -> None:
-    wait_until(lambda: running.text("freshness").endswith("s old"), 60.0)
+    wait_until(lambda: running.text("freshness").endswith("s old"))
     with system.frozen_workers():
-        wait_until(lambda: running.text("freshness") == "dead reckoning: no worker is alive", 60.0)
-        wait_until(lambda: running.text("banner-text").startswith("No worker is alive"), 60.0)
-    wait_until(lambda: running.text("worker-count") == "2", 60.0)
-    wait_until(lambda: not running.is_visible("banner"), 60.0)
+        wait_until(lambda: running.text("freshness") == "dead reckoning: no worker is alive")
+        wait_until(lambda: running.text("banner-text").startswith("No worker is alive"))
+    wait_until(lambda: running.text("worker-count") == "2")
+    wait_until(lambda: not running.is_visible("banner"))
 
 
 def test_the_page_survives_a_restart_of_the_system(running: Page, system: System) -> None:
-    wait_until(lambda: len(running.history()) > 20, 60.0)
+    wait_until(lambda: len(running.history()) > 20)
     before = running.history()[-1][0]
     system.stop()
     wait_until(lambda: running.system == "no router")
     assert running.is_visible("banner")
     assert running.history()[-1][0] >= before  # the last picture stays
     system.start()
-    wait_until(lambda: running.system == "running", 60.0)
-    wait_until(lambda: len(running.history()) > 0 and running.history()[-1][0] < before, 60.0)
-    wait_until(lambda: not running.is_visible("banner"), 60.0)
+    wait_until(lambda: running.system == "running")
+    wait_until(lambda: len(running.history()) > 0 and running.history()[-1][0] < before)
+    wait_until(lambda: not running.is_visible("banner"))
 
 
 def test_a_page_that_is_loaded_again_shows_the_steps_so_far(running: Page) -> None:
-    wait_until(lambda: len(running.history()) > 10, 60.0)
+    wait_until(lambda: len(running.history()) > 10)
     steps = [row[0] for row in running.history()]
     running.driver.refresh()
     wait_until(lambda: running.system == "running")

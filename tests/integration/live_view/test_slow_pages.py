@@ -10,7 +10,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from live_view.room import MESSAGES_AHEAD
 from tests.integration.live_view.stage import Stage
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.unit.live_view.messages import belief
 
 STEPS, PLACES = 1000, 16
@@ -57,8 +57,8 @@ def test_a_page_that_says_nothing_is_sent_a_few_steps_and_then_the_newest() -> N
             stage.picture.on_belief(belief(step, 1))
             stage.pump()
         for _ in range(MESSAGES_AHEAD):
-            slow.recv(10)
+            slow.recv(PATIENCE_S)
         with pytest.raises(TimeoutError):
             slow.recv(0.5)
         slow.send(json.dumps({"type": "drawn", "count": MESSAGES_AHEAD}))
-        assert json.loads(slow.recv(10))["step"]["step"] == 49
+        assert json.loads(slow.recv(PATIENCE_S))["step"]["step"] == 49

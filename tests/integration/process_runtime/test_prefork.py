@@ -12,7 +12,7 @@ import zenoh
 from process_runtime.settings import ZenohSettings
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.processes import RunningProcess, python_script
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import stretched_s, wait_until
 
 FORKING = Path(__file__).parent / "programs" / "forking.py"
 
@@ -70,7 +70,7 @@ def test_the_parent_ends_with_its_children_within_two_seconds(
     started_s = time.monotonic()
     process.send_signal(signal.SIGTERM)
     assert process.wait() == 0
-    assert time.monotonic() - started_s < 2.0
+    assert time.monotonic() - started_s < stretched_s(2.0)
     assert not any(child.is_running() for child in children)
     assert "Traceback" not in process.err
 
@@ -83,7 +83,7 @@ def test_children_that_still_look_for_a_router_end_too(
     started_s = time.monotonic()
     process.send_signal(signal.SIGINT)
     assert process.wait() == 0
-    assert time.monotonic() - started_s < 2.0
+    assert time.monotonic() - started_s < stretched_s(2.0)
 
 
 def test_a_fork_with_other_threads_running_is_refused(start_process: StartProcess) -> None:
@@ -102,12 +102,12 @@ def test_a_child_that_hangs_is_killed_and_replaced(
     router: ZenohSettings, start_process: StartProcess, open_client: OpenClient
 ) -> None:
     endpoint = f"zenoh.router={router.router}"
-    process = start_process(python_script(FORKING, "--set", endpoint, "--hung-after", "1.5"))
+    process = start_process(python_script(FORKING, "--set", endpoint, "--hung-after", "3"))
     session = open_client()
     for index in range(3):
         wait_until(partial(ask, session, index))
     hung = ask(session, 1)
     os.kill(int(hung[0]), signal.SIGSTOP)
     wait_until(lambda: ask(session, 1) not in ([], hung))
-    assert "forking-1 hung for 1.5 s: killed" in process.err
+    assert "forking-1 hung for 3 s: killed" in process.err
     assert process.err.count("killed") == 1

@@ -17,6 +17,7 @@ from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.system_double import SystemDouble
+from tests.integration.waiting import PATIENCE_S
 from zenoh_link.session import open_session
 
 StartBridge = Callable[..., RunningProcess]
@@ -28,7 +29,7 @@ def open_robot_session(zenoh_settings: ZenohSettings) -> Iterator[Callable[[], z
     """Opens sessions with rmw_zenoh's settings; they are closed when the test ends."""
     with ExitStack() as sessions:
         yield lambda: sessions.enter_context(
-            open_session(zenoh_settings, None, StopFlag(), wait_s=20.0, peer=True)
+            open_session(zenoh_settings, None, StopFlag(), wait_s=PATIENCE_S, peer=True)
         )
 
 
@@ -54,7 +55,7 @@ def open_system(zenoh_settings: ZenohSettings) -> Iterator[Callable[..., SystemD
 
         def system(name: str = "robot") -> SystemDouble:
             robot = RobotSettings(name=name)
-            session = open_session(zenoh_settings, robot, StopFlag(), wait_s=20.0)
+            session = open_session(zenoh_settings, robot, StopFlag(), wait_s=PATIENCE_S)
             return SystemDouble(sessions.enter_context(session))
 
         yield system

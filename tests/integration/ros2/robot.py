@@ -23,7 +23,7 @@ from ros2_bridge.messages_out import header, pose_stamped, transform
 from ros2_bridge.node import FromRos, RosNode, RosPublisher
 from ros2_bridge.topics import INITIAL_POSE, Topic, Topics
 from ros2_bridge.wire import NodeName, attachment, data_key, dds_type
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.inbox import Inbox
 
 SCAN = LaserReading(
@@ -87,7 +87,7 @@ class RosRobot:
         return heard
 
     def call(
-        self, service: str, ros_type: str, request: Any = None, *, deadline_s: float = 20.0
+        self, service: str, ros_type: str, request: Any = None, *, deadline_s: float = PATIENCE_S
     ) -> Any:
         """Call a service, as a client of ROS that waits until the service is there."""
         self._sequence += 1
@@ -134,7 +134,7 @@ class RosRobot:
         odometry: PoseTuple = (0.0, 0.0, 0.0),
         *,
         frame: str = "laser",
-        deadline_s: float = 20.0,
+        deadline_s: float = PATIENCE_S,
     ) -> None:
         """Publish odometry and scans of a standing robot until a condition holds."""
 

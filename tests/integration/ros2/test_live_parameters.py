@@ -17,7 +17,7 @@ from ros2_bridge.message_types import new, request_of
 from tests.integration.faults.system import System
 from tests.integration.ros2.robot import RosRobot
 from tests.integration.ros2.test_whole_way import WORLD, Drive, robot_and_system
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from worker.map_model import sensor_model
 from zenoh_link.wire import ask
 
@@ -44,7 +44,7 @@ def newest_scan(tested: System) -> Scan:
 
 
 def history(tested: System) -> tuple[Scan, ...]:
-    scans = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=5.0).scans
+    scans = ask(tested.session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S).scans
     assert scans
     return scans
 
@@ -66,28 +66,28 @@ def test_what_is_set_holds_from_the_next_step_on_everywhere_and_after_every_take
         drive = Drive(robot, tested)
         with drive.driving():
             wait_until(lambda: tested.beliefs and not tested.beliefs[-1].searching, 120.0)
-            tested.wait_for_steps(3, 60.0)
+            tested.wait_for_steps(3)
             results = set_parameters(
                 robot, update_min_d=0.1, alpha1=0.25, max_beams=31, sigma_hit=0.3, z_hit=0.6
             )
             assert [result.reason for result in results] == [""] * 5
             wait_until(lambda: newest_scan(tested).settings == EXPECTED)
-            tested.wait_for_steps(6, 60.0)
+            tested.wait_for_steps(6)
             kill(tested, COORDINATOR)
-            tested.wait_for_steps(6, 90.0)
+            tested.wait_for_steps(6)
             scans, beliefs = history(tested), list(tested.beliefs)
             assert client.status().settings == EXPECTED
             kill(tested, "sensor_bridge")
-            tested.wait_for_steps(3, 90.0)
+            tested.wait_for_steps(3)
             assert newest_scan(tested).settings == EXPECTED
             # A restarted process receives them again.
             done = ask(
-                tested.session, keys.CONFIGURE, CommandDone, timeout_s=5.0,
+                tested.session, keys.CONFIGURE, CommandDone, timeout_s=PATIENCE_S,
                 message=Configure(sender="test", settings=LiveSettings()),
             )  # fmt: skip
             assert not done.problem
-            wait_until(lambda: newest_scan(tested).settings == LiveSettings(), 60.0)
-            wait_until(lambda: newest_scan(tested).settings == EXPECTED, 60.0)
+            wait_until(lambda: newest_scan(tested).settings == LiveSettings())
+            wait_until(lambda: newest_scan(tested).settings == EXPECTED)
     # Every cluster was weighed by these numbers at each step: one process believes the same.
     assert {scan.settings for scan in scans} == {LiveSettings(), EXPECTED}
     model = sensor_model(world(WORLD).map, tested.settings.sensor, cache_folder=None)

@@ -115,7 +115,7 @@ def test_parameters_can_be_asked_for_and_set(
     request = new(request_of(types.SET_PARAMETERS), parameters=wanted)
     results = robot.call("/amcl/set_parameters", types.SET_PARAMETERS, request).results
     assert [one.successful for one in results] == [True, False]
-    assert results[1].reason.startswith("the number of particles is per cluster")
+    assert results[1].reason.startswith("all places share belief.particles")
     assert tolerance() == 0.25
     wait_until(lambda: events)
     assert [one.name for one in events[0].changed_parameters] == ["transform_tolerance"]

@@ -45,7 +45,7 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
         "XDG_STATE_HOME": str(tmp_path),
     }  # fmt: skip
     with typed(*words, folder=tmp_path, environment=environment) as up:
-        wait_until(lambda: graph.endpoints() == ENDPOINTS, 60.0)
+        wait_until(lambda: graph.endpoints() == ENDPOINTS)
         modules = {word for process in up.meet_family() for word in process.cmdline()}
         assert "ros2_bridge" in modules
         assert "zenoh_link.router" not in modules
@@ -58,7 +58,7 @@ def test_up_uses_the_router_that_is_there_and_is_the_robots_amcl(
             return False
 
         with Client(Settings(zenoh=zenoh_settings)) as client:
-            robot.stand_until(is_in_that_map, deadline_s=60.0)
+            robot.stand_until(is_in_that_map)
         assert up.end(signal.SIGINT) == 0
         assert up.err.count("pf_err of nav2 has no effect: ") == 1
         assert "Traceback" not in up.err
@@ -76,7 +76,7 @@ def test_settings_show_what_a_file_of_nav2_becomes_and_can_be_fed_back(tmp_path:
     nav2_params = tmp_path / "nav2_params.yaml"
     nav2_params.write_text(NAV2)
     shown = command("settings", "--from-nav2", str(nav2_params))
-    assert "# pf_err of nav2 has no effect: the number of particles is per cluster" in shown.stdout
+    assert "# pf_err of nav2 has no effect: all places share belief.particles" in shown.stdout
     assert "\ngate_distance_m = 0.3\n" in shown.stdout
     (tmp_path / "settings.toml").write_text(shown.stdout)
     again = command("settings", "--settings", str(tmp_path / "settings.toml"))

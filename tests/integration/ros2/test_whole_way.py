@@ -44,7 +44,7 @@ from ros2_bridge.topics import AMCL_POSE, HYPOTHESIS_DETECTION
 from sensor_bridge.step_maker import StepMaker, steps_from
 from tests.integration.faults.system import SMALL, System, system
 from tests.integration.ros2.robot import RosRobot, planar
-from tests.integration.waiting import stretched_s, wait_until
+from tests.integration.waiting import PATIENCE_S, stretched_s, wait_until
 from worker.map_model import sensor_model
 from zenoh_link.session import open_session
 from zenoh_link.wire import Publisher, is_alive
@@ -69,13 +69,13 @@ def robot_and_system() -> Iterator[tuple[System, RosRobot]]:
         settings = msgspec.structs.replace(SMALL, bridge=bridge, ros2=ROS2, coordinator=coordinator)
         tested = resources.enter_context(system(settings))
         session = resources.enter_context(
-            open_session(tested.settings.zenoh, None, StopFlag(), wait_s=20.0, peer=True)
+            open_session(tested.settings.zenoh, None, StopFlag(), wait_s=PATIENCE_S, peer=True)
         )
         robot = RosRobot(session, ROS2)
         put_map(robot, world(WORLD).map)
-        wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR), 60.0)
-        wait_until(lambda: "is running in ROS domain" in tested.log("ros2_bridge"), 60.0)
-        wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0), 60.0)
+        wait_until(lambda: "coordinator ready" in tested.log(COORDINATOR))
+        wait_until(lambda: "is running in ROS domain" in tested.log("ros2_bridge"))
+        wait_until(lambda: is_alive(tested.session, keys.BRIDGE_ALIVE, 1.0))
         yield tested, robot
 
 
@@ -238,14 +238,16 @@ def stamp_of(message: Any) -> int:
 def test_a_robot_of_ros_is_localized_as_one_of_ours() -> None:
     with (
         robot_and_system() as (tested, robot),
-        open_session(tested.settings.zenoh, tested.settings.robot, StopFlag(), wait_s=20.0) as ours,
+        open_session(
+            tested.settings.zenoh, tested.settings.robot, StopFlag(), wait_s=PATIENCE_S
+        ) as ours,
     ):
         heard, drive = Heard(tested), Drive(robot, tested)
         drive.ours = RobotOfOurs(ours)
         poses, transforms = robot.listen(AMCL_POSE), robot.listen(robot.topics.tf)
         places = robot.listen(HYPOTHESIS_DETECTION)
         with drive.driving():
-            wait_until(lambda: places and len(places[-1].results) == 4, 90.0)
+            wait_until(lambda: places and len(places[-1].results) == 4)
             assert not poses  # none of four is the place
             wait_until(lambda: poses and tested.beliefs[-1].state == "localized", 150.0)
             count, drive.at_ease_from = len(poses), len(drive.readings)

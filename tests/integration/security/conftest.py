@@ -11,6 +11,7 @@ import zenoh
 from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from tests.integration.security.certificates import client_with, make_certificates
+from tests.integration.waiting import PATIENCE_S
 from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import secure_router_configuration
 from zenoh_link.session import open_session
@@ -61,7 +62,9 @@ def as_role(client_of: Callable[[str], ZenohSettings]) -> Iterator[OpenAs]:
 
         def open_as(name: str) -> zenoh.Session:
             if name not in opened:
-                session = open_session(client_of(name), RobotSettings(), StopFlag(), wait_s=20.0)
+                session = open_session(
+                    client_of(name), RobotSettings(), StopFlag(), wait_s=PATIENCE_S
+                )
                 opened[name] = sessions.enter_context(session)
             return opened[name]
 

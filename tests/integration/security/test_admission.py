@@ -18,7 +18,7 @@ from tests.integration.security.certificates import (
     with_lifetime,
     without_certificate,
 )
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.session import open_session
 
 require_openssl()
@@ -30,7 +30,7 @@ def refusal(settings: ZenohSettings) -> str:
     """The error message of a refused connection."""
     with (
         pytest.raises(UnreachableError) as caught,
-        open_session(settings, RobotSettings(), StopFlag(), wait_s=0.2),
+        open_session(settings, RobotSettings(), StopFlag(), wait_s=1.0),
     ):
         pass
     return str(caught.value)
@@ -44,7 +44,7 @@ def scratch(certificates: Path, tmp_path: Path) -> Path:
 
 def test_a_certificate_of_the_routers_authority_gets_in(client_of: ClientOf) -> None:
     settings = client_of("viewer")
-    with open_session(settings, RobotSettings(), StopFlag(), wait_s=20.0) as session:
+    with open_session(settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
         wait_until(session.info.routers_zid)
 
 
@@ -96,9 +96,9 @@ def test_without_a_router_the_error_does_not_blame_certificates(client_of: Clien
 def test_a_link_ends_when_its_certificate_does_and_comes_back_with_a_new_one(
     client_of: ClientOf, scratch: Path
 ) -> None:
-    with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=4))
+    with_lifetime(scratch, "viewer", -timedelta(days=1), timedelta(seconds=8))
     settings = client_with(scratch, "viewer", client_of("viewer").router)
-    with open_session(settings, RobotSettings(), StopFlag(), wait_s=4.0) as session:
+    with open_session(settings, RobotSettings(), StopFlag(), wait_s=8.0) as session:
         wait_until(session.info.routers_zid)
         wait_until(lambda: not session.info.routers_zid())
         made = make_certificates(scratch, "--force", "viewer")

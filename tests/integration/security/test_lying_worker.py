@@ -17,7 +17,7 @@ from protocol.message import Message
 from protocol.work import Checkpoint, OrderAnswer, TakeOver, WorkerState, WorkOrder
 from tests.integration.processes import RunningProcess
 from tests.integration.security.certificates import client_with, require_openssl
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
 require_openssl()
@@ -81,11 +81,11 @@ def test_a_lying_worker_neither_deposes_the_coordinator_nor_dictates_its_belief(
 ) -> None:
     zenoh_settings = client_with(certificates, "worker-a", secure_endpoint)
     viewer = Settings(zenoh=client_with(certificates, "viewer", secure_endpoint))
-    with open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=20.0) as session:
+    with open_session(zenoh_settings, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
         liar = LyingWorker(session)
         coordinator.wait_for("coordinator ready")
         wait_until(lambda: len(liar.asked) >= 1 and len(liar.ordered) >= 1)
-        with Client(viewer) as client:
+        with Client(patient_client(viewer)) as client:
             first = liar.ordered[0].term
             wait_until(lambda: client.status().term > first)  # it rises above the claim
             assert client.status().term < 2**52, "a worker's state is not that of a coordinator"

@@ -17,7 +17,7 @@ from zenoh import handlers
 from protocol import keys
 from tests.integration.security.certificates import require_openssl
 from tests.integration.security.conftest import NAMES, OpenAs
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.access_control import WORKER_PROCESSES
 
 require_openssl()
@@ -82,7 +82,9 @@ def heard_by(reader: zenoh.Session, key: str, speakers: list[zenoh.Session]) -> 
     try:
         for speaker in speakers[:-1]:
             speaker.put(key, f"{turn} {speaker.zid()}")
-            list(speaker.get("nothing", timeout=5.0))  # once answered, the router has seen the put
+            list(
+                speaker.get("nothing", timeout=PATIENCE_S)
+            )  # once answered, the router has seen the put
 
         def last_is_heard() -> bool:
             speakers[-1].put(key, f"{turn} {speakers[-1].zid()}")
@@ -115,7 +117,7 @@ def serving(session: zenoh.Session, key: str) -> Iterator[None]:
 def answers(session: zenoh.Session, key: str) -> set[str]:
     """Who answers on the key."""
     everybody, each_answer = zenoh.QueryTarget.ALL, zenoh.ConsolidationMode.NONE
-    replies = session.get(key, timeout=5.0, target=everybody, consolidation=each_answer)
+    replies = session.get(key, timeout=PATIENCE_S, target=everybody, consolidation=each_answer)
     return {reply.ok.payload.to_string() for reply in replies if reply.ok is not None}
 
 
@@ -137,7 +139,7 @@ def test_only_permitted_roles_are_answered_and_only_a_keys_owner_answers(
         for impostor in set(NAMES) - {owner}:
             for asker in sorted(entitled - {impostor})[:1]:
                 with serving(as_role(impostor), key):
-                    list(as_role(impostor).get("nothing", timeout=5.0))
+                    list(as_role(impostor).get("nothing", timeout=PATIENCE_S))
                     assert answers(as_role(asker), key) == {str(as_role(owner).zid())}
         served = {name for name in NAMES if name != owner and answers(as_role(name), key)}
     assert served == entitled
@@ -148,12 +150,12 @@ def test_only_its_owner_announces_itself(key: str, as_role: OpenAs) -> None:
     owner, watcher = ANNOUNCED[key]
 
     def alive() -> bool:
-        replies = as_role(watcher).liveliness().get(pattern(key), timeout=5.0)
+        replies = as_role(watcher).liveliness().get(pattern(key), timeout=PATIENCE_S)
         return any(reply.ok is not None and str(reply.ok.key_expr) == key for reply in replies)
 
     for impostor in set(NAMES) - {owner, watcher}:
         with as_role(impostor).liveliness().declare_token(key):
-            list(as_role(impostor).get("nothing", timeout=5.0))
+            list(as_role(impostor).get("nothing", timeout=PATIENCE_S))
             assert not alive()
     with as_role(owner).liveliness().declare_token(key):
         wait_until(alive)
@@ -166,12 +168,12 @@ def test_a_workers_certificate_announces_a_bounded_number_of_names(as_role: Open
     tokens = [worker.liveliness().declare_token(keys.worker_alive(name)) for name in names]
 
     def alive() -> set[str]:
-        replies = coordinator.liveliness().get(keys.ALL_WORKERS_ALIVE, timeout=5.0)
+        replies = coordinator.liveliness().get(keys.ALL_WORKERS_ALIVE, timeout=PATIENCE_S)
         return {keys.worker_name(str(reply.ok.key_expr)) for reply in replies if reply.ok}
 
     allowed = set(names[:WORKER_PROCESSES])
     wait_until(lambda: allowed <= alive())
-    list(worker.get("nothing", timeout=5.0))
+    list(worker.get("nothing", timeout=PATIENCE_S))
     assert alive() == allowed
     for token in tokens:
         token.undeclare()
@@ -188,9 +190,9 @@ def test_a_viewer_reads_scans_and_publishes_none(role: str, as_role: OpenAs) -> 
 def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
     viewer, coordinator = as_role("viewer"), as_role("coordinator")
     greedy = [viewer.declare_subscriber(key, handlers.FifoChannel(9)) for key in ("**", REPORT_A)]
-    list(viewer.get("nothing", timeout=5.0))
+    list(viewer.get("nothing", timeout=PATIENCE_S))
     assert heard_by(coordinator, REPORT_A, [as_role("worker-a")])
-    list(viewer.get("nothing", timeout=5.0))
+    list(viewer.get("nothing", timeout=PATIENCE_S))
     assert [subscriber.try_recv() for subscriber in greedy] == [None, None]
     for subscriber in greedy:
         subscriber.undeclare()
@@ -199,7 +201,7 @@ def test_a_viewer_sees_no_reports_however_it_asks(as_role: OpenAs) -> None:
 def test_no_role_reads_the_routers_own_pages(as_role: OpenAs) -> None:
     operator = as_role("operator")
     (router,) = operator.info.routers_zid()
-    assert list(operator.get(f"@/{router}/**", timeout=5.0)) == []
+    assert list(operator.get(f"@/{router}/**", timeout=PATIENCE_S)) == []
 
 
 def test_a_driver_gets_in_with_the_lines_of_the_page(

@@ -24,7 +24,7 @@ from tests.integration.security.certificates import client_with, require_openssl
 from tests.integration.security.conftest import free_port
 from tests.integration.system.commands import COMMAND
 from tests.integration.system.conftest import SMALL
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
 require_openssl()
@@ -70,7 +70,9 @@ class SecureStack:
     def typed(self, name: str, *words: str) -> subprocess.CompletedProcess[str]:
         """A command of a person with the certificate of this name."""
         command = [*COMMAND, *words, "--settings", str(self.settings_of(name))]
-        return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=PATIENCE_S, check=False
+        )
 
     def end(self) -> None:
         """End all processes."""
@@ -107,7 +109,7 @@ def stack(certificates: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
 def test_a_viewer_sees_the_robot_localized_by_two_workers(stack: SecureStack) -> None:
     viewer = load_settings(stack.settings_of("viewer"), [])
     truths: list[TruePose] = []
-    with open_session(viewer.zenoh, viewer.robot, StopFlag(), wait_s=20.0) as session:
+    with open_session(viewer.zenoh, viewer.robot, StopFlag(), wait_s=PATIENCE_S) as session:
         session.declare_subscriber(
             keys.TRUTH, lambda sample: truths.append(decode(sample.payload.to_bytes(), TruePose))
         )
@@ -115,7 +117,7 @@ def test_a_viewer_sees_the_robot_localized_by_two_workers(stack: SecureStack) ->
         def answer() -> dict[str, Any]:
             return dict(json.loads(stack.typed("viewer", "pose", "--json").stdout or "{}"))
 
-        wait_until(lambda: truths and truths[-1].step == STEPS - 1, deadline_s=100.0)
+        wait_until(lambda: truths and truths[-1].step == STEPS - 1)
         wait_until(lambda: answer().get("step") == STEPS - 1)
     asked = answer()
     assert asked["state"] == "localized"
@@ -127,7 +129,7 @@ def test_a_viewer_sees_the_robot_localized_by_two_workers(stack: SecureStack) ->
 
 
 def test_a_viewer_gets_the_map(stack: SecureStack) -> None:
-    with Client(load_settings(stack.settings_of("viewer"), [])) as viewer:
+    with Client(patient_client(load_settings(stack.settings_of("viewer"), []))) as viewer:
         assert viewer.map().digest == world("hall").map.digest
 
 

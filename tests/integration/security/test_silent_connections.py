@@ -14,7 +14,7 @@ from process_runtime.settings import RobotSettings, ZenohSettings
 from process_runtime.stop import StopFlag
 from tests.integration.security.certificates import client_with, require_openssl
 from tests.integration.security.conftest import free_port
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import stretched_s, wait_until
 from zenoh_link.configuration import as_zenoh
 from zenoh_link.secure_router import secure_router_configuration
 from zenoh_link.session import open_session
@@ -45,7 +45,9 @@ def silent(endpoint: str) -> Iterator[list[socket.socket]]:
 
 
 def gets_in_at_once(viewer: ZenohSettings) -> None:
-    with open_session(viewer, RobotSettings(), StopFlag(), wait_s=2.0) as session:
+    with open_session(
+        viewer, RobotSettings(), StopFlag(), wait_s=min(stretched_s(2.0), 0.9 * ZENOHS_PATIENCE_S)
+    ) as session:
         wait_until(session.info.routers_zid)
 
 

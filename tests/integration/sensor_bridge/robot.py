@@ -12,6 +12,7 @@ from protocol import keys
 from protocol.codec import decode, encode
 from protocol.health import Health
 from protocol.steps import LaserReading, MapReading, Reading, Scan, ScanHistory
+from tests.integration.waiting import PATIENCE_S
 from zenoh_link.inbox import Inbox
 from zenoh_link.wire import Events, Received, ask, subscribe
 
@@ -55,7 +56,7 @@ class Robot:
 
     def steps(self) -> list[Scan]:
         """The bridge's steps up to now; its loop answers after the earlier messages."""
-        history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=60.0)
+        history = ask(self._session, keys.scan_history(0, None), ScanHistory, timeout_s=PATIENCE_S)
         return list(history.scans)
 
     def put(self, key: str, data: bytes) -> None:

@@ -1,6 +1,7 @@
 """A robot with rubbish among its readings: the real bridge makes the steps of a quiet drive."""
 
 import math
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -80,14 +81,14 @@ def spoil(robot: Robot, at_s: float) -> None:
 def test_rubbish_among_readings_changes_no_step(
     router: ZenohSettings, start_process: StartProcess, open_client: OpenClient, tmp_path: Path
 ) -> None:
-    map_file = walled_map(tmp_path)
+    map_file, started_s = walled_map(tmp_path), time.monotonic()
     bridge = start_process(
         python_module(
             "sensor_bridge", "--map", str(map_file), "--set", f"zenoh.router={router.router}"
         )
     )
     robot = Robot(open_client())
-    wait_until(lambda: robot.dropped() is not None, deadline_s=60.0)
+    wait_until(lambda: robot.dropped() is not None)
     for number, reading in enumerate(quiet_drive()):
         robot.publish(reading)
         robot.steps()  # each key has a thread of its own: scans and odometry might change places
@@ -100,7 +101,7 @@ def test_rubbish_among_readings_changes_no_step(
     assert dropped["reading refused: strayed in time or place"] >= 3
     assert "reading refused: odometry jumped" not in dropped
     logged = [line for line in bridge.err.splitlines() if "reading refused: no returns" in line]
-    assert len(logged) == 1, "each cause once a minute"
+    assert 1 <= len(logged) <= 1 + (time.monotonic() - started_s) / 60.0, "once a minute"
 
 
 def steps_of_a_quiet_drive(digest: str) -> list[Scan]:

@@ -51,7 +51,7 @@ def robot(router: ZenohSettings, start_process: StartProcess, open_client: OpenC
     endpoint = f"zenoh.router={router.router}"
     start_process(python_module("sensor_bridge", "--map", "zenoh", "--set", endpoint))
     made = Robot(open_client())
-    wait_until(lambda: made.dropped() is not None, deadline_s=60.0)
+    wait_until(lambda: made.dropped() is not None)
     return made
 
 
@@ -62,12 +62,11 @@ def digest_of(reading: MapReading) -> str:
 def test_a_bridge_asks_for_the_map_and_follows_another(
     robot: Robot, router: ZenohSettings, open_client: OpenClient
 ) -> None:
-    patient = Settings(zenoh=msgspec.structs.replace(router, connect_timeout_s=30.0))
     standing = Standing(robot)
     standing.scan()
     assert robot.steps() == [], "there is no map yet"
     wait_until(lambda: "reading before the map" in (robot.dropped() or {}))
-    with Client(patient) as client:
+    with Client(Settings(zenoh=router)) as client:
         with answering(open_client(), FIRST):
             assert client.map().digest == digest_of(FIRST)
         for _ in range(2):

@@ -14,7 +14,7 @@ from protocol.answers import CommandDone, Update
 from protocol.message import PoseTuple
 from tests.integration.conftest import OpenClient, StartProcess
 from tests.integration.sensor_bridge.robot import Robot, walled_map
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.unit.recordings.logs import laser_reading, odometry_reading
 from zenoh_link.wire import ask
 
@@ -32,7 +32,7 @@ def start_bridge(
         endpoint = f"zenoh.router={router.router}"
         start_process(python_module("sensor_bridge", "--map", map_file, "--set", endpoint))
         robot = Robot(open_client())
-        wait_until(lambda: robot.dropped() is not None, deadline_s=60.0)
+        wait_until(lambda: robot.dropped() is not None)
         return robot
 
     return start
@@ -62,8 +62,7 @@ def test_an_update_makes_one_step_of_a_robot_that_stands(
     for _ in range(3):
         standing.scan()
     assert [step.step for step in robot.steps()] == [0]
-    patient = msgspec.structs.replace(router, connect_timeout_s=20.0)
-    with Client(Settings(zenoh=patient)) as client:
+    with Client(Settings(zenoh=router)) as client:
         client.update()
     for _ in range(3):
         standing.scan()
@@ -78,7 +77,10 @@ def test_an_update_that_is_asked_twice_makes_one_step(
     standing.scan()
     update = Update(sender="test", command_id="once")
     for _ in range(2):
-        assert ask(session, keys.UPDATE, CommandDone, timeout_s=20.0, message=update).problem == ""
+        assert (
+            ask(session, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S, message=update).problem
+            == ""
+        )
         standing.scan()
     assert len(robot.steps()) == 2
 

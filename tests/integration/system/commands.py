@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 
 COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
 SMALL_FILTER = [
@@ -55,7 +55,7 @@ class TypedCommand:
         self.family.update(parent.children(recursive=True))
         return parent.children()
 
-    def wait_for(self, text: str, deadline_s: float = 60.0) -> None:
+    def wait_for(self, text: str, deadline_s: float = PATIENCE_S) -> None:
         """Until it has written the text."""
         wait_until(lambda: text in self.out or text in self.err, deadline_s)
         self.meet_family()
@@ -64,12 +64,12 @@ class TypedCommand:
         """Send a signal and wait for the exit code."""
         self.meet_family()
         self.popen.send_signal(number)
-        return self.popen.wait(20.0)
+        return self.popen.wait(PATIENCE_S)
 
     def assert_nothing_runs(self) -> None:
         """No process of it is left, or they all end this moment."""
         assert self.family, "there were processes to look for"
-        _, alive = psutil.wait_procs(self.family, timeout=15.0)
+        _, alive = psutil.wait_procs(self.family, timeout=PATIENCE_S)
         assert alive == []
 
 

@@ -10,7 +10,12 @@ import pytest
 
 from clustermcl.stack import Stack, meeting_in, running
 from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSettings
-from process_runtime.settings import BridgeSettings, Settings, WorkerSettings
+from process_runtime.settings import (
+    BridgeSettings,
+    CoordinatorSettings,
+    Settings,
+    WorkerSettings,
+)
 
 SMALL = Settings(
     seed=3,
@@ -19,6 +24,7 @@ SMALL = Settings(
     belief=BeliefSettings(max_clusters=6, particles=1_180, search_every_steps=12),
     bridge=BridgeSettings(source="sim:cross_feature", rate=0.0),
     worker=WorkerSettings(count=4),
+    coordinator=CoordinatorSettings(lockstep_deadline_s=60.0),
 )
 """A filter small enough for tests, on a simulated robot, as fast as the workers follow."""
 

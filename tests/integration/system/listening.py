@@ -15,13 +15,14 @@ from protocol.codec import decode
 from protocol.errors import MalformedMessageError
 from robot_simulator.simulation import Simulation
 from robot_simulator.source import SimulatedSource, simulated_steps
+from tests.integration.waiting import PATIENCE_S
 from tests.integration.worlds import world_of
 from worker.map_model import sensor_model
 from zenoh_link.inbox import Inbox
 from zenoh_link.session import open_session
 from zenoh_link.wire import Events, Received, Token, subscribe, watch
 
-POLL_S, SILENCE_S = 0.05, 40.0
+POLL_S, SILENCE_S = 0.05, PATIENCE_S
 
 
 def beliefs_of(
@@ -43,7 +44,7 @@ def beliefs_of(
     inbox: Events = Inbox({"belief": 4096})
     heard: list[Belief] = []
     alive: set[str] = set()
-    with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=30.0) as session:
+    with open_session(settings.zenoh, settings.robot, StopFlag(), wait_s=PATIENCE_S) as session:
         subscribe(session, keys.BELIEF, inbox, "belief")
         watch(session, keys.ALL_WORKERS_ALIVE, inbox)
         coordinator_started = False

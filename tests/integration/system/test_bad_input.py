@@ -9,7 +9,7 @@ import psutil
 import pytest
 from PIL import Image
 
-from tests.integration.waiting import stretched_s
+from tests.integration.waiting import PATIENCE_S, stretched_s
 from tests.unit.recordings import recording_or_skip
 
 COMMAND = [sys.executable, "-I", "-m", "clustermcl"]
@@ -18,7 +18,7 @@ NO_ROUTER = "zenoh.router=unixsock-stream//tmp/clustermcl-nobody-listens-here"
 
 def typed(*words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*COMMAND, *words], capture_output=True, text=True, timeout=60, check=False
+        [*COMMAND, *words], capture_output=True, text=True, timeout=PATIENCE_S, check=False
     )
 
 

@@ -26,7 +26,7 @@ from robot_simulator.worlds.catalogue import world
 from tests.integration.security.certificates import require_openssl
 from tests.integration.system.commands import SMALL_FILTER
 from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import patient_client, wait_until
 
 pytestmark = pytest.mark.timeout(300)  # a block is several commands
 
@@ -157,9 +157,9 @@ def robot(start_stack: StartStack) -> Settings:
     hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
     stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=40)
     stack.start_all()
-    patient = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
-    with Client(msgspec.structs.replace(settings, zenoh=patient)) as client:
-        wait_until(lambda: client.pose().step == 39, deadline_s=60.0)
+    settings = patient_client(settings)
+    with Client(settings) as client:
+        wait_until(lambda: client.pose().step == 39)
     return settings
 
 

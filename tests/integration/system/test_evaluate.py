@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from tests.integration.system.commands import COMMAND, SMALL_FILTER, typed
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 
 ROBOT = ["evaluate", "sim:cross_feature", *SMALL_FILTER]
 
@@ -25,7 +25,7 @@ def results(*words: str, folder: Path, environment: dict[str, str]) -> dict[str,
     file = folder / "results.json"
     done = subprocess.run(
         [*COMMAND, *words, "--output", str(file)],
-        env=environment, capture_output=True, text=True, timeout=90, check=False,
+        env=environment, capture_output=True, text=True, timeout=2 * PATIENCE_S, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     found: dict[str, Any] = json.loads(file.read_text())
@@ -92,7 +92,7 @@ def test_an_interrupted_evaluation_ends_at_once_with_all_its_processes(
 ) -> None:
     words = [*ROBOT, "--steps", "100000", "--seeds", "4", "--jobs", "2"]
     with typed(*words, folder=tmp_path, environment=environment) as evaluation:
-        wait_until(lambda: len(evaluation.meet_family()) >= 3, deadline_s=60.0)  # 2 and a tracker
+        wait_until(lambda: len(evaluation.meet_family()) >= 3)  # 2 and a tracker
         code = evaluation.end(number)
         assert code == (-signal.SIGKILL if number == signal.SIGKILL else 130)
         assert evaluation.err == ""
@@ -105,5 +105,5 @@ def test_the_name_of_a_world_is_printed_as_it_is(
     """A colon after `sim:office` makes it the name of a picture to some terminal libraries."""
     words = ("evaluate", "sim:office", "--steps", "1", *SMALL_FILTER)
     with typed(*words, folder=tmp_path, environment=environment) as command:
-        assert command.popen.wait(100.0) == 0, command.err
+        assert command.popen.wait(2 * PATIENCE_S) == 0, command.err
         assert "cluster-mcl on sim:office: localized in 0 of 1" in command.out

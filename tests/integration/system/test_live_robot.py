@@ -10,10 +10,11 @@ from PIL import Image
 
 from clustermcl.client import Client
 from clustermcl.stack import Stack, meeting_in, running
-from process_runtime.settings import BridgeSettings
+from process_runtime.settings import BridgeSettings, CoordinatorSettings
 from tests.integration.system.conftest import SMALL
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 
+COORDINATOR = CoordinatorSettings(step_deadline_s=10.0, stale_after_s=10.0)
 WIRE = Path(__file__).resolve().parents[3] / "docs" / "wire.md"
 
 
@@ -35,17 +36,21 @@ def test_the_example_of_the_wire_page_drives_a_robot(short_folder: str) -> None:
     )
     bridge = BridgeSettings(map=str(folder / "map.yaml"), source="zenoh")
     worker = msgspec.structs.replace(SMALL.worker, cache_folder=str(folder / "cache"))
-    settings = meeting_in(folder, msgspec.structs.replace(SMALL, bridge=bridge, worker=worker))
-    zenoh = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
+    settings = meeting_in(
+        folder,
+        msgspec.structs.replace(SMALL, bridge=bridge, worker=worker, coordinator=COORDINATOR),
+    )
     stack = Stack(settings, folder, logs_in_folder=True)
     with running(stack):
         stack.start_all()
-        with Client(msgspec.structs.replace(settings, zenoh=zenoh)) as client:
-            wait_until(lambda: len(client.status().workers) == 4, deadline_s=60.0)
+        with Client(patient_client(settings)) as client:
+            wait_until(lambda: len(client.status().workers) == 4)
+            wait_until(lambda: "sensor_bridge" in {p.sender for p in client.status().processes})
             robot = subprocess.run(
                 [sys.executable, "-c", example(), settings.zenoh.router, "40"],
-                capture_output=True, text=True, timeout=60, check=False,
+                capture_output=True, text=True, timeout=PATIENCE_S, check=False,
             )  # fmt: skip
+            wait_until(lambda: client.status().steps_applied >= 9)
             status = client.status()
     assert robot.returncode == 0, robot.stderr
     assert "'schema': 'pose/1'" in robot.stdout

@@ -21,7 +21,7 @@ from robot_simulator.worlds.catalogue import world
 from tests.integration.processes import RunningProcess
 from tests.integration.system.commands import typed as started
 from tests.integration.system.conftest import SMALL, StartStack
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient, patient_client, wait_until
 
 
 @pytest.fixture(scope="module")
@@ -30,22 +30,23 @@ def system(start_stack: StartStack) -> Settings:
     hall = msgspec.structs.replace(SMALL.bridge, source="sim:hall")
     stack, settings = start_stack(msgspec.structs.replace(SMALL, bridge=hall), steps=30)
     stack.start_all()
-    with Client(patient(settings)) as client:
-        wait_until(lambda: client.pose().step == 29, deadline_s=60.0)
+    settings = patient_client(settings)
+    with Client(settings) as client:
+        wait_until(lambda: client.pose().step == 29)
     return settings
-
-
-def patient(settings: Settings) -> Settings:
-    zenoh = msgspec.structs.replace(settings.zenoh, connect_timeout_s=30.0)
-    return msgspec.structs.replace(settings, zenoh=zenoh)
 
 
 def typed(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
     command = "from clustermcl.command import main; main()"
-    endpoint = f"zenoh.router={settings.zenoh.router}"
+    zenoh = patient(settings.zenoh)
+    options = [
+        word
+        for name in ("router", "connect_timeout_s", "query_timeout_s")
+        for word in ("--set", f"zenoh.{name}={getattr(zenoh, name)}")
+    ]
     return subprocess.run(
-        [sys.executable, "-I", "-c", command, words[0], "--set", endpoint, *words[1:]],
-        capture_output=True, text=True, timeout=30, check=False,
+        [sys.executable, "-I", "-c", command, words[0], *options, *words[1:]],
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
     )  # fmt: skip
 
 

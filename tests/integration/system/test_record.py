@@ -10,8 +10,11 @@ from recordings.recording import open_recording
 from sensor_bridge.recorded import steps_of
 from tests.integration.faults.system import system
 from tests.integration.system.commands import SMALL_FILTER, typed
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.unit.recordings.test_run_log import as_others_read
+
+IN_FLIGHT = 5
+"""Steps that may be published and not yet decided."""
 
 
 def counts_in(file: Path) -> Counter[str]:
@@ -29,7 +32,7 @@ def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> N
     file = tmp_path / "demo.mcap"
     words = ("--steps", "25", "--workers", "2", "--record", str(file), *SMALL_FILTER)
     with typed("demo", *words, folder=tmp_path, environment=dict(os.environ)) as demo:
-        assert demo.popen.wait(100.0) == 0, demo.err
+        assert demo.popen.wait(2 * PATIENCE_S) == 0, demo.err
     counts = counts_in(file)
     assert (counts["/map"], counts["/scan"]) == (1, 25)
     assert counts["/places"] >= 24, "the last belief ends the demo"
@@ -39,12 +42,13 @@ def test_a_demo_is_recorded_from_its_first_step_to_its_last(tmp_path: Path) -> N
 def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     with system() as tested:
-        tested.wait_for_steps(3, 60.0)
+        tested.wait_for_steps(3)
         endpoint = f"zenoh.router={tested.settings.zenoh.router}"
         words = ("record", str(file), "--set", endpoint)
         with typed(*words, folder=tmp_path, environment=dict(os.environ)) as recording:
-            wait_until(file.exists, 60.0)
-            tested.wait_for_steps(10, 60.0)
+            wait_until(file.exists)
+            wait_until(lambda: file.stat().st_size > 0)
+            tested.wait_for_steps(10 + IN_FLIGHT)
             assert recording.end(signal.SIGINT) == 0, recording.err
             said = recording.out
     steps = int(said.split()[-2])
@@ -53,5 +57,5 @@ def test_a_running_system_is_recorded_until_it_is_enough(tmp_path: Path) -> None
     assert steps >= 9
     assert (counts["/map"], counts["/scan"]) == (1, steps)
     assert counts["/tf"] > 5 * steps, "odometry between the steps"
-    assert abs(counts["/places"] - steps) <= 1
+    assert 0 <= steps - counts["/places"] <= IN_FLIGHT
     assert steps_in(file) == steps

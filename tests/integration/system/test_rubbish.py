@@ -2,7 +2,6 @@
 
 from contextlib import ExitStack, suppress
 
-import pytest
 import zenoh
 
 from clustermcl.client import Client
@@ -16,7 +15,7 @@ from protocol.steps import Scan
 from tests.integration.system.conftest import SMALL, StartStack
 from tests.integration.system.listening import beliefs_of, outcomes_of
 from tests.integration.system.rubbish import ANOTHER_MAP, Stranger
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, patient_client, wait_until
 from zenoh_link.session import open_session
 
 STEPS = 30
@@ -45,7 +44,7 @@ class Disturbance:
 
     def arrive(self) -> None:
         session = self._resources.enter_context(
-            open_session(self._settings.zenoh, self._settings.robot, StopFlag(), wait_s=10.0)
+            open_session(self._settings.zenoh, self._settings.robot, StopFlag(), wait_s=PATIENCE_S)
         )
         session.declare_subscriber(keys.SCAN, self._on_scan)
         self._stranger = Stranger(session, self._scans)
@@ -66,7 +65,6 @@ class Disturbance:
                 self._scans.setdefault(scan.step, scan)
 
 
-@pytest.mark.timeout(180)
 def test_rubbish_on_every_key_is_counted_by_cause_and_changes_no_belief(
     start_stack: StartStack,
 ) -> None:
@@ -78,7 +76,7 @@ def test_rubbish_on_every_key_is_counted_by_cause_and_changes_no_belief(
             SHOUTS_AT: stranger.shout,
         }
         heard = beliefs_of(stack, settings, at_step=at_step, among_strangers=True)
-        with Client(settings) as client:
+        with Client(patient_client(settings)) as client:
             wait_until(lambda: not uncounted(client.status()))
             processes = client.status().processes
     beliefs = {belief.step: belief for belief in heard}  # a repeated query gets a repeated answer

@@ -6,7 +6,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import msgspec
 import psutil
 import pytest
 
@@ -47,9 +46,9 @@ def test_they_do_without_them_while_they_work_too(
         **os.environ, "TMPDIR": short_folder, "XDG_CACHE_HOME": str(tmp_path),
         "XDG_STATE_HOME": str(tmp_path),
     }  # fmt: skip
-    settings = Settings(zenoh=msgspec.structs.replace(zenoh_settings, connect_timeout_s=30.0))
+    settings = Settings(zenoh=zenoh_settings)
     with typed(*words, folder=tmp_path, environment=environment) as up, Client(settings) as client:
-        wait_until(lambda: client.pose().probability > 0.0, deadline_s=60.0)
+        wait_until(lambda: client.pose().probability > 0.0)
         loaded = {
             module: heavy_libraries(process)
             for process in up.meet_family()

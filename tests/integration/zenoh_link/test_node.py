@@ -13,9 +13,9 @@ from protocol.answers import CommandDone, Update
 from protocol.codec import decode
 from protocol.errors import RefusedError
 from tests.integration.conftest import OpenClient
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.node import Node
-from zenoh_link.wire import Asked, ask
+from zenoh_link.wire import Asked, ask, is_alive
 
 DONE = CommandDone(sender="another")
 
@@ -24,7 +24,7 @@ DONE = CommandDone(sender="another")
 def node(router: ZenohSettings) -> Iterator[Node]:
     settings = replace(Settings(), zenoh=router)
     with closing(Node("tested", "bridge", settings, StopFlag(), peers=None)) as opened:
-        opened.open(20.0)
+        opened.open(PATIENCE_S)
         yield opened
 
 
@@ -33,7 +33,7 @@ def other(router: ZenohSettings, open_client: OpenClient) -> Iterator[Node]:
     del open_client
     settings = replace(Settings(), zenoh=router)
     with closing(Node("another", "worker", settings, StopFlag(), peers=None)) as opened:
-        opened.open(20.0)
+        opened.open(PATIENCE_S)
         yield opened
 
 
@@ -46,13 +46,18 @@ def turning(*nodes: Node) -> bool:
 def test_a_query_is_repeated_until_a_process_answers(node: Node, other: Node) -> None:
     answers, failures = list[CommandDone](), list[str]()
     node.ask(
-        keys.UPDATE, CommandDone, answers.append, failures.append, timeout_s=1.0, repeat_for_s=20.0
+        keys.UPDATE,
+        CommandDone,
+        answers.append,
+        failures.append,
+        timeout_s=1.0,
+        repeat_for_s=PATIENCE_S,
     )
     for _ in range(100):  # a second, in which no process serves the key
         turning(node)
     assert (answers, failures) == ([], [])
     other.serve(keys.UPDATE, lambda asked: asked.answer(DONE))
-    wait_until(lambda: turning(node, other) and answers, 20.0)
+    wait_until(lambda: turning(node, other) and answers)
     assert (answers, failures) == ([DONE], [])
 
 
@@ -60,7 +65,7 @@ def test_a_query_that_no_process_answers_fails_in_the_loop(node: Node) -> None:
     failures = list[str]()
     node.ask(keys.UPDATE, CommandDone, lambda _: None, failures.append, timeout_s=0.5)
     assert failures == []
-    wait_until(lambda: turning(node) and failures, 20.0)
+    wait_until(lambda: turning(node) and failures)
     assert failures == [""]
 
 
@@ -74,13 +79,13 @@ def test_a_malformed_query_is_refused_and_counted(node: Node, open_client: OpenC
 
     def refused() -> None:
         try:
-            ask(client, keys.UPDATE, CommandDone, timeout_s=5.0)
+            ask(client, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S)
         except RefusedError as error:
             problems.append(str(error))
 
     client = open_client()
     node.in_background(refused, lambda _done: None)
-    wait_until(lambda: turning(node) and problems, 20.0)
+    wait_until(lambda: turning(node) and problems)
     assert "Update" in problems[0] or "update" in problems[0]
     assert sum(node.causes.total.values()) == 1
 
@@ -92,13 +97,13 @@ def test_a_replaced_session_declares_everything_and_forgets_the_end_of_the_one_b
     node.watch_link(lambda link: links.append(link.up))
     node.serve(keys.UPDATE, lambda asked: asked.answer(DONE))
     node.announce(keys.BRIDGE_ALIVE)
-    wait_until(lambda: turning(node) and links, 20.0)
-    node.open(20.0)
+    wait_until(lambda: turning(node) and links)
+    node.open(PATIENCE_S)
     client, answered = open_client(), list[CommandDone]()
+    wait_until(lambda: turning(node) and is_alive(client, keys.BRIDGE_ALIVE, 5.0))
     node.in_background(
-        lambda: answered.append(ask(client, keys.UPDATE, CommandDone, timeout_s=5.0)),
+        lambda: answered.append(ask(client, keys.UPDATE, CommandDone, timeout_s=PATIENCE_S)),
         lambda _done: None,
     )
-    wait_until(lambda: turning(node) and answered, 20.0)
-    wait_until(lambda: client.liveliness().get(keys.BRIDGE_ALIVE).recv().ok, 20.0)
+    wait_until(lambda: turning(node) and answered)
     assert False not in links

@@ -13,7 +13,7 @@ from process_runtime.settings import ZenohSettings
 from process_runtime.supervisor import python_module
 from tests.integration.conftest import StartProcess
 from tests.integration.processes import RunningProcess
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.configuration import as_zenoh, router_configuration
 from zenoh_link.router import MIN_PROBES, RouterProbe, client_of
 
@@ -63,7 +63,7 @@ def test_failures_count_only_after_a_first_success(
     """A probe that never connects, for example without a valid certificate, proves nothing."""
     assert narrow_router.is_running()
     router = as_zenoh(router_configuration(zenoh_settings))
-    good, never = RouterProbe(router, patience_s=10.0), RouterProbe(router, patience_s=0.1)
+    good, never = RouterProbe(router, patience_s=PATIENCE_S), RouterProbe(router, patience_s=0.1)
     never._client["connect"]["endpoints"] = ["unixsock-stream//no/such/router"]
     for _ in range(2 * MIN_PROBES):
         for one in (good, never):

@@ -17,7 +17,7 @@ from tests.integration.security.certificates import (
     require_openssl,
     without_certificate,
 )
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from zenoh_link.configuration import client_configuration, router_configuration
 from zenoh_link.session import open_session
 
@@ -44,11 +44,11 @@ def test_a_router_with_certificates_in_its_settings_asks_for_them(
     viewer: ZenohSettings, folder: Path
 ) -> None:
     with open_router(client_with(folder, "router", viewer.router)):
-        with open_session(viewer, RobotSettings(), StopFlag(), wait_s=20.0) as session:
+        with open_session(viewer, RobotSettings(), StopFlag(), wait_s=PATIENCE_S) as session:
             wait_until(session.info.routers_zid)
         with (
             pytest.raises(UnreachableError, match="requires a certificate"),
-            open_session(without_certificate(viewer), RobotSettings(), StopFlag(), wait_s=0.2),
+            open_session(without_certificate(viewer), RobotSettings(), StopFlag(), wait_s=1.0),
         ):
             pass
 

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from clustermcl import view
 from clustermcl.demo import DemoOptions, run_demo
 from clustermcl.snapshot import save_snapshot
+from clustermcl.view import run_view
+from live_view.admission import parsed_address
+from live_view.page_server import PageOptions
 from process_runtime.output_files import OutputError
 from process_runtime.settings import Settings
 from protocol.errors import RecordingError, SettingsError
@@ -33,9 +35,9 @@ def test_what_is_no_recorded_run_is_refused_with_what_to_do_instead(
 ) -> None:
     if name != "none":
         written(tmp_path, "mcap", [scan(2, [1.0])]).rename(tmp_path / "robot.mcap")
-    options = view.ViewOptions(listen="127.0.0.1:0", recording=tmp_path / name)
+    page = PageOptions(address=parsed_address("127.0.0.1:0"))
     with pytest.raises(RecordingError, match="demo --view --recording"):
-        view.run_view(Settings(), options)
+        run_view(Settings(), page, recording=tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ["now", "now.jpg"])

@@ -1,6 +1,6 @@
 """Step latency as the page's process measures it."""
 
-from live_view.step_latency import LAST_STEPS, StepLatency
+from live_view.live_loop import LAST_STEPS, StepLatency
 
 MS = 1_000_000
 

@@ -354,7 +354,7 @@ def test_descriptions_say_which_setting_it_is_and_whether_it_can_be_set() -> Non
     told = Parameters(Settings()).describe(request).descriptors
     assert [one.read_only for one in told] == [False, False, True, False]
     assert told[0].description == "ros2.transform_tolerance_s"
-    assert told[2].description.startswith("without effect: the number of particles is per cluster")
+    assert told[2].description.startswith("without effect: all places share belief.particles")
     assert told[3].type == 0
 
 

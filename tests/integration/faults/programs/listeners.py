@@ -13,7 +13,7 @@ def body(invocation: Invocation) -> None:
     with ExitStack() as sessions:
         for _ in range(invocation.arguments.count):
             session = sessions.enter_context(
-                open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=20.0)
+                open_session(settings.zenoh, settings.robot, invocation.stop, wait_s=90.0)
             )
             session.declare_subscriber("test", lambda _sample: None)
         print("all listen", flush=True)
