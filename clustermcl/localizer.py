@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-import numpy as np
 
 from clustermcl.readings import Reading
 from clustermcl.robot_commands import RobotCommands
@@ -138,7 +137,7 @@ class ClusterMCL(RobotCommands):
             chosen = with_setting(chosen, name, value, "ClusterMCL")
         self._settings = chosen
         self._robot_from_laser, self._stamp_ns = robot_from_laser, 0
-        compile_kernels(FilterSettings(sensor=chosen.sensor), np.random.default_rng(0))
+        compile_kernels(chosen.sensor)
         self._maker = StepMaker(chosen.bridge, grid_map.digest, _SENDER)
         self._commands, self._odometry = Commands(), recent_odometry()
         self.change_map(grid_map)

@@ -1,4 +1,4 @@
-"""The process that follows a robot's steps with AMCL's filter, for the page of a demo.
+"""The process that localizes a robot by AMCL's filter, for the page of a demo.
 
 It receives the robot's scans, and publishes scans, ground truth and its own belief in a namespace
 of its own, as if a second robot drove there. The page draws that robot in a second map.
@@ -34,7 +34,7 @@ _KEPT = 1024
 
 
 def beside_name(robot: str) -> str:
-    """The namespace of the second belief."""
+    """Return the robot name under which the second belief is published."""
     return robot[: LONGEST_NAME - len(_SUFFIX)].rstrip("-") + _SUFFIX
 
 
@@ -91,7 +91,7 @@ def run_beside(invocation: Invocation) -> None:
 
 
 class Follower:
-    """AMCL's filter on the robot's scans, begun again when the robot's places are forgotten."""
+    """AMCL's filter on the robot's scans, which restarts when the coordinator drops all places."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings, self._began_s = settings, time.monotonic()
@@ -103,7 +103,7 @@ class Follower:
         self._stamp_ns = 0
 
     def use(self, model: SensorModel, message: MapMessage) -> None:
-        """The map has arrived."""
+        """Use a map and its sensor model."""
         self._model, self._digest = model, message.digest
 
     def on_scan(self, scan: Scan) -> None:
@@ -112,7 +112,7 @@ class Follower:
         self._waiting.append(scan)
 
     def on_events(self, published: JobEvents) -> None:
-        """Begin again after `relocalize`; not after a given pose, which AMCL would take over."""
+        """Restart after `relocalize`, but not after a given pose, which AMCL would accept."""
         events = [numbered.event for numbered in published.events]
         is_given = any(isinstance(event, Began) and event.cause == "given" for event in events)
         if not is_given and any(

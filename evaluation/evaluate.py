@@ -13,14 +13,7 @@ from pathlib import Path
 
 import msgspec
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress
 from rich.table import Table
 
 from coordinator.belief.outcome import belief_after
@@ -347,14 +340,5 @@ def _all_results(tasks: Sequence[Task], steps: int, jobs: int | None) -> list[Fi
 def _progress() -> Progress:
     """Show progress on standard error, if that is a terminal."""
     console = Console(stderr=True, emoji=False)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=is_quiet() or not console.is_terminal,
-    )
+    hidden = is_quiet() or not console.is_terminal
+    return Progress(console=console, transient=True, disable=hidden)

@@ -1,7 +1,7 @@
-"""Cluster-MCL in one process, without Zenoh: the same objects, called instead of messaged.
+"""Cluster-MCL in one process, without Zenoh: method calls in place of messages.
 
-With the same seed and scans it believes, step by step, exactly what the processes believe that
-meet over Zenoh: `clustermcl evaluate` runs it, and a test compares the two.
+With the same seed and scans its beliefs are exactly those of the processes that communicate over
+Zenoh; a test compares the two. `clustermcl evaluate` and the library use it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -27,7 +27,7 @@ from worker.jobs import RunningJob, Tracking, running
 def outcomes(
     scans: Iterable[Scan], model: SensorModel, settings: FilterSettings
 ) -> Iterator[tuple[Scan, Outcome]]:
-    """The belief after every step.
+    """Yield the belief after every step.
 
     Args:
         scans: gated steps, in their order.
@@ -40,18 +40,18 @@ def outcomes(
 
 
 class InProcessState(msgspec.Struct, frozen=True):
-    """All that decides after a step, with particles."""
+    """The complete state after a step, including particles."""
 
     ensemble: Ensemble
     jobs: tuple[Assignment, ...]
     searched: tuple[Scan, ...]
-    """The steps since the running search began: it goes on from its first scan."""
+    """The scans since the running search began: a search continues by repeating them."""
     applied: Scan
     """The last step."""
 
     @property
     def problem(self) -> str | None:
-        """Why no filter can have been in this state; None where one can."""
+        """The reason why this state is impossible; None if it is valid."""
         jobs = Jobs({job.job_id: PlacedJob(job.job, job.epoch) for job in self.jobs})
         return (
             first_problem(map(problem_of, (*self.searched, self.applied)))

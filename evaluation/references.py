@@ -20,7 +20,7 @@ MAX_OUTSIDE_NS = 1_000_000_000
 """Before the first and after the last pose, that pose holds for this time [ns]."""
 
 OnPose = Callable[[int, PoseTuple], None]
-"""Takes a stamp [ns] and the pose `map_from_robot` then."""
+"""A function of a stamp [ns] and the pose `map_from_robot` at that time."""
 
 _WORDS = 8
 _MAX_NORM_ERROR = 0.05
@@ -31,7 +31,7 @@ def load_reference(path: Path | str) -> Trajectory:
 
     Raises:
         ReferenceFileError: with the line: the file is missing, cut off, holds no pose, or a line
-            is not of the format. A reference with holes would judge wrongly, so none is skipped.
+            has another format. No line is skipped, because a gap would falsify the measures.
     """
     path = Path(path)
     log = LogFile(path, ReferenceFileError)
@@ -56,13 +56,13 @@ def load_reference(path: Path | str) -> Trajectory:
 
 @contextmanager
 def written_trajectory(path: Path | None) -> Iterator[OnPose]:
-    """Write the poses that are given within the ``with`` block, at its end.
+    """Collect poses within the ``with`` block, and write them at its end.
 
     Args:
-        path: of the file, which is replaced; None: none is written.
+        path: the file, replaced if it exists; None: write nothing.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the file cannot be written.
     """
     lines = ["# timestamp x y z qx qy qz qw\n"]
     yield lambda stamp_ns, map_from_robot: lines.append(_line(stamp_ns, map_from_robot))
@@ -78,7 +78,7 @@ def _line(stamp_ns: int, map_from_robot: PoseTuple) -> str:
 
 
 def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
-    """Stamp [ns] and pose of one line."""
+    """Return stamp [ns] and pose of one line."""
     if len(words) != _WORDS:
         raise ValueError(f"{len(words)} numbers, a TUM line has {_WORDS}: t x y z qx qy qz qw")
     x, y, z, *quaternion = numbers_of(words[1:])
@@ -88,7 +88,7 @@ def _parsed(words: Sequence[str]) -> tuple[int, PoseTuple]:
 
 
 def _heading(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Heading of a unit quaternion: the direction of the robot's x axis seen from above [rad]."""
+    """Return the direction of the robot's x axis seen from above [rad], of a unit quaternion."""
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if not abs(norm - 1.0) <= _MAX_NORM_ERROR:
         raise ValueError(f"the orientation is no unit quaternion: its length is {norm:.3g}")

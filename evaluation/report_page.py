@@ -1,4 +1,4 @@
-"""Reports as one self-contained HTML file: the frame of all, and `evaluate --report`."""
+"""Reports as one self-contained HTML file: the frame of all reports, and `evaluate --report`."""
 
 import base64
 import html
@@ -114,7 +114,7 @@ def report_page(
 
 
 def html_page(title: str, before: str, legend: str, after: str) -> str:
-    """A page with its date, version and command.
+    """Return a page with its date, version and command.
 
     Args:
         title: plain text.
@@ -143,12 +143,12 @@ class MapDrawing:
 
     @property
     def size_m(self) -> float:
-        """Of the longer side."""
+        """Length of the longer side."""
         return max(self.east - self.west, self.north - self.south)
 
     @property
     def shared(self) -> str:
-        """The map itself; has to be in the page once, above the drawings."""
+        """SVG of the map, which has to be in the page once, above the drawings."""
         pixels = png_data(map_picture(self._map))
         x, y, heading = self._map.map_from_grid
         c, s = math.cos(heading), math.sin(heading)
@@ -161,7 +161,7 @@ class MapDrawing:
         )
 
     def with_shapes(self, shapes: Sequence[str]) -> str:
-        """The map with SVG shapes over it."""
+        """Return SVG of the map with shapes over it."""
         box = (
             f"{self.west:.2f} {-self.north:.2f} "
             f"{self.east - self.west:.2f} {self.north - self.south:.2f}"
@@ -173,14 +173,14 @@ class MapDrawing:
 
 
 def png_data(picture: Image.Image) -> str:
-    """A picture as a ``data:`` address."""
+    """Return a picture as a ``data:`` address."""
     pixels = io.BytesIO()
     picture.save(pixels, "PNG", optimize=True)
     return f"data:image/png;base64,{base64.b64encode(pixels.getvalue()).decode()}"
 
 
 def free_bounds(grid_map: GridMap) -> tuple[float, float, float, float]:
-    """West, south, east and north edge of the free ground [m], with a margin."""
+    """Return the west, south, east and north edge of the free ground [m], with a margin."""
     rows, cols = np.nonzero(grid_map.cells == FREE)
     sides = [(float(each.min()), float(each.max()) + 1.0) for each in (cols, rows)]
     corners: Poses = np.array([(col, row, 0.0) for col in sides[0] for row in sides[1]])

@@ -1,4 +1,4 @@
-"""The results of evaluated runs: as JSON, CSV or Parquet, and as tables for people."""
+"""The results of evaluated runs as JSON, CSV or Parquet, and as printed tables."""
 
 import csv
 import io
@@ -15,11 +15,11 @@ KINDS = (".json", ".csv", ".parquet")
 Result = dict[str, Any]
 """One run: `seed`, `start_step` (of the recording) and the fields of `RunMeasures`."""
 Columns = dict[str, tuple[str, str]]
-"""Of a table: the heading, the key of a run's measure, and its format."""
+"""The columns of a table: heading, and the key and the format of a run's measure."""
 
 
 def as_json(common: Result, runs: Sequence[Result]) -> str:
-    """JSON text: what all runs have in common, and a list of the runs."""
+    """Return JSON text with the common fields and a list of the runs."""
     return json.dumps({**common, "runs": runs}, indent=2) + "\n"
 
 
@@ -28,7 +28,7 @@ def write_results(file: Path, common: Result, runs: Sequence[Result]) -> None:
 
     Args:
         file: its name ends in ``.json``, ``.csv`` or ``.parquet``.
-        common: what all runs have in common; columns of each row.
+        common: fields that all runs share; columns of each row.
         runs: one row each.
 
     Raises:
@@ -119,7 +119,7 @@ MORE_TABLES = {
 
 
 def table_rows(runs: Sequence[Result], columns: Columns) -> list[list[str]]:
-    """The cells of a table, one row for each run."""
+    """Return the cells of a table, one row for each run."""
     return [[_shown(run[key], form) for key, form in columns.values()] for run in runs]
 
 

@@ -1,4 +1,4 @@
-"""The types of arrays."""
+"""Array types of the filter."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias, TypeVar

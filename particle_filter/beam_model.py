@@ -1,4 +1,4 @@
-"""The beam model: every beam's length against the length of a ray cast into the map."""
+"""The beam model, which compares each beam's length with that of a ray cast into the map."""
 
 from dataclasses import dataclass
 from math import cos, erf, exp, log, pi, sin, sqrt
@@ -185,7 +185,7 @@ def _summed_logs(
 
 @kernel
 def beam_density(measured: float, expected: float, mixture: _Mixture) -> float:
-    """Density of one reading given the map's [1/m]; both in (0, max] and [0, max] metres.
+    """Return the density [1/m] of a reading in (0, max] m, given the map's range in [0, max] m.
 
     At the largest range it adds the probability of no return, a point mass, as the book does;
     unlike there, the uniform part holds there too, so that no density is zero.

@@ -1,4 +1,4 @@
-"""Branch and bound over all poses of a map: which ones explain a scan, from coarse to fine.
+"""Branch and bound over all poses of a map, from coarse to fine, for those that fit a scan.
 
 A grid of leaves (0.2 m, 2 degrees) covers the free space. For each heading, the score of a tile of
 many leaves is bounded from above (`pyramid.py`). A tile whose bound is worse than the best leaf by
@@ -43,7 +43,7 @@ _BOUND_BELOW = 0.03
 _SUMS_PER_LOOKUP = 4
 """Additions of rows in the time of one table look-up, at least."""
 _SUMS_OF_PART = SLICE_WORK * _SUMS_PER_LOOKUP // 2
-"""Additions between two questions whether the slice is over."""
+"""Additions between two checks for the end of the slice."""
 
 
 Circle: TypeAlias = tuple[float, float, float]
@@ -165,7 +165,7 @@ class BranchAndBoundSearch:
         """Search, in slices.
 
         Bands of the map with a heading are searched in the order of their bounds, best first: a
-        good leaf that is found early leaves out much.
+        good leaf that is found early excludes much of the rest.
         """
         bands = _parts(self._space.runs, _TILES_OF_BAND)
         headings, bounds = list(self._offsets), list[int]()

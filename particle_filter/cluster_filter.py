@@ -63,7 +63,7 @@ class MeasurementUpdate:
     log_weight_sum: float
     """Log of the sum of w_{t-1} p(z_t | x_t); minus log N, the log average likelihood."""
     log_likelihood_per_beam: float
-    """The best particle's, without the exponent."""
+    """Log-likelihood per beam of the best particle, without the exponent [nat/beam]."""
     best: Pose | None = None
     """(3,) the best particle; None if the scan has no beams."""
 
@@ -108,8 +108,8 @@ def measurement_update(
 def pose_share(before_from_after: Pose, settings: ClusterSettings) -> float:
     """Return the share of a scan that is new information about the pose within a cluster.
 
-    The particles already hold what earlier scans said, blurred by the motion since. A scan counts
-    as much as the motion has blurred, so a robot that stands and looks again learns nothing.
+    The particles already contain the information of earlier scans, blurred by the motion since.
+    A scan counts as much as the motion has blurred, so a standing robot learns nothing new.
 
     Args:
         before_from_after: (3,) motion since the last scan, by odometry.

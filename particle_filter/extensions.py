@@ -1,4 +1,4 @@
-"""Models and readers of the user's own, by the names that settings have for them.
+"""User-defined models and recording readers, selected by the names in the settings.
 
 A name stands for code that this process has registered, or that is installed as an entry point.
 Settings and messages select among these names and load nothing else.
@@ -27,12 +27,12 @@ def register(kind: Kind, name: str, extension: object) -> None:
 
 
 def names(kind: Kind) -> list[str]:
-    """All that are registered or installed."""
+    """Return the names of all registered and installed extensions of a kind."""
     return [*(name for of, name in _registered if of == kind), *_installed(kind)]
 
 
 def extension(kind: Kind, name: str) -> Any:
-    """The extension of this name.
+    """Return the extension with this name.
 
     Raises:
         ValueError: there is none, or its code cannot be imported.
@@ -50,5 +50,5 @@ def extension(kind: Kind, name: str) -> Any:
 
 @cache
 def _installed(kind: Kind) -> dict[str, EntryPoint]:
-    """Entry points by name; looking for them takes 10 ms."""
+    """Return entry points by name; finding them takes 10 ms."""
     return {point.name: point for point in entry_points(group=f"clustermcl.{kind}")}

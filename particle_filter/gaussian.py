@@ -11,7 +11,7 @@ from particle_filter.poses import wrap_angle
 
 
 def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDArray[np.float64]]:
-    """Mean and covariance of weighted poses (section 4 of the paper, last paragraph).
+    """Return mean and covariance of weighted poses (section 4 of the paper, last paragraph).
 
     The heading's mean is circular, and its deviations are wrapped to +-pi. The covariance is
     divided by the sum of weights: the maximum likelihood fit.
@@ -38,7 +38,7 @@ def fit_gaussian(poses: Poses, weights: NDArray[np.float64]) -> tuple[Pose, NDAr
 def fit_gaussians(
     poses: Poses, weights: NDArray[np.float64], ends: NDArray[np.int64]
 ) -> tuple[Poses, NDArray[np.float64]]:
-    """Do as `fit_gaussian` for each part of some poses.
+    """Fit a Gaussian to each part of some poses, as `fit_gaussian`.
 
     Args:
         poses: (N, 3).

@@ -1,4 +1,4 @@
-"""Global localization: all poses where the robot may be, from the first scan on (section 4).
+"""Global localization, which finds all possible poses of the robot from the first scan on.
 
 It finds the first clusters, and new ones at each periodic restart. Branch and bound scores the
 first scan for the whole map (`branch_and_bound.py`). The poses near the best score are kept with
@@ -42,7 +42,7 @@ again when the number of scans has doubled."""
 _MOSTLY_SAMPLED = 0.5
 """Above this share, everything is searched again when the number of scans has quadrupled."""
 _SCANS_JOINED = 8
-"""Largest number of scans by which everything is searched."""
+"""Largest number of scans that one search of everything uses."""
 _CORRECTION_WORK = 2**16
 """Cost of correcting one place for occlusion [look-ups]."""
 _POSES_TOGETHER = 64

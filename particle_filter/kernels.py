@@ -19,7 +19,7 @@ _CACHE_ERRORS = (OSError, EOFError, pickle.UnpicklingError)
 """Errors of a full disk, and of a file truncated by a power cut."""
 
 cache_problems: list[str] = []
-"""Why machine code cannot be cached on disk; empty if it can. The process logs it at its start."""
+"""Reasons why machine code cannot be cached on disk, logged at the start; empty if it can."""
 
 
 def kernel(function: F) -> F:

@@ -1,4 +1,4 @@
-"""The likelihood field: how near the end points of a scan are to obstacles of the map."""
+"""The likelihood field, which scores how near the ends of beams are to obstacles of the map."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ def _strips(
 
 
 def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArray[np.float32]:
-    """Distance to the nearest obstacle, capped."""
+    """Return the distance to the nearest obstacle [m], capped."""
     blocked = cells == OCCUPIED
     if not blocked.any():
         return np.full(cells.shape, settings.max_obstacle_distance_m, np.float32)
@@ -50,7 +50,7 @@ def _distance_m(cells: Cells, cell_m: float, settings: SensorSettings) -> NDArra
 
 
 def _log_at(distance_m: NDArray[np.float32], settings: SensorSettings) -> LogField:
-    """Table 6.3, line 7, at every distance."""
+    """Return the log-likelihood at each distance (table 6.3, line 7)."""
     likelihood = np.exp(-0.5 * (distance_m / np.float32(settings.hit_sigma_m)) ** 2)
     likelihood *= np.float32(_peak(settings))
     likelihood += np.float32(settings.random_weight / settings.max_range_m)
@@ -73,7 +73,7 @@ class LikelihoodField:
     log_floor: float
     """Log-likelihood of code 0: a beam that ends far from all obstacles."""
     log_step: float
-    """From one code to the next."""
+    """Difference in log-likelihood between two codes."""
     cell_m: float
     """Side of a cell [m]."""
     map_from_grid: Pose

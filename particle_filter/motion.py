@@ -159,7 +159,7 @@ def _box_muller(halves: NDArray[np.uint32], normals: NDArray[np.float32]) -> Non
 _FARTHEST_BACK = 2.5
 """Largest slip, in lengths of the drive, back from the pose by odometry."""
 _TURN_PER_METRE = 0.3
-"""Spread of its heading [rad/m]."""
+"""Spread of the heading of a slipped particle [rad/m]."""
 
 
 def slipped(

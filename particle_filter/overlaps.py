@@ -1,4 +1,4 @@
-"""Which clusters are at the same place (section 4 of the paper)."""
+"""Search for clusters at the same place (section 4 of the paper)."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -80,7 +80,7 @@ class Pyramid:
     log_floor: float
     """Log-likelihood of step 0."""
     log_step: float
-    """From one step to the next."""
+    """Difference in log-likelihood between two steps."""
 
     @property
     def leaf_cells(self) -> int:
@@ -89,7 +89,7 @@ class Pyramid:
 
     @classmethod
     def arrays_of(cls, field: LikelihoodField) -> dict[str, NDArray[np.uint8]]:
-        """Pool a field; takes seconds for 16 million cells."""
+        """Compute the arrays of all levels; takes seconds for 16 million cells."""
         sides = _sides(field.cell_m)
         arrays = {f"pyramid{i}": _pooled(field, side, side + 1, 0) for i, side in enumerate(sides)}
         leaf = sides[-1]
@@ -103,7 +103,7 @@ class Pyramid:
         cell_m: float,
         settings: SensorSettings,
     ) -> "Pyramid":
-        """Build it from the result of `arrays_of` for the same map and settings.
+        """Build a pyramid from the result of `arrays_of` for the same map and settings.
 
         Raises:
             KeyError, ValueError: an array is missing, or is of another map.

@@ -62,7 +62,7 @@ def cast_rays_from_poses(
     angles: NDArray[np.float64],
     max_range_m: float,
 ) -> NDArray[np.float64]:
-    """Distance to the first occupied cell's boundary, for every pose and beam.
+    """Return the distance to the first occupied cell's boundary, for every pose and beam.
 
     Args:
         jumps: `jump_field` of the map.

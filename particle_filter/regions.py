@@ -7,7 +7,7 @@ from particle_filter.arrays import Pose
 from particle_filter.poses import between
 
 Corners = tuple[tuple[float, float], ...]
-"""x [m], y [m] in the map: two opposite ones of a rectangle along the axes, or all of a polygon."""
+"""Corners, each x [m], y [m] in the map: two of an axis-aligned rectangle, or all of a polygon."""
 
 
 def parsed_regions(text: str) -> dict[str, Corners]:

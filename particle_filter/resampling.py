@@ -1,4 +1,4 @@
-"""Systematic resampling, and optimal_resampling of weighted particles, both in O(N).
+"""Systematic and optimal resampling of weighted particles, both in O(N).
 
 References:
     Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005).
@@ -100,7 +100,7 @@ def optimal_resampling(
 
 @kernel
 def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
-    """(N,) whether a particle keeps its weight: it exceeds the equal weight of the light ones."""
+    """Return (N,) whether a particle is heavier than the equal weight of the light ones."""
     is_heavy, known, even = np.zeros(len(weights), np.bool_), 0, 1.0 / count
     while True:  # each heavy particle lowers the equal weight of the others
         found, rest = _heavier(weights, even)
@@ -113,7 +113,7 @@ def _heavy(weights: Weights, count: int) -> NDArray[np.bool_]:
 
 @kernel
 def _heavier(weights: Weights, even: float) -> tuple[int, float]:
-    """Number of weights above `even`, and the sum of the others.
+    """Return the number of weights above `even`, and the sum of the others.
 
     Four partial sums, because a single one would wait for each addition.
     """

@@ -13,10 +13,10 @@ OWN: dict[SensorModelName, type[SensorModel]] = {
 
 
 def model_class(name: str) -> type[SensorModel]:
-    """The class of the model that the settings name.
+    """Return the class of the named model.
 
     Raises:
-        ValueError: it is none of `OWN`, and not installed.
+        ValueError: no model has this name.
     """
     own = {str(known): kind for known, kind in OWN.items()}
     return own.get(name) or extension("sensor_model", name)

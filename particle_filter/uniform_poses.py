@@ -44,7 +44,7 @@ def _spread(
     uniform: NDArray[np.float64],
     numbers: tuple[float, ...],
 ) -> Poses:
-    """Numbers: side of a cell, the grid's pose in the map, first heading in turns."""
+    """Numbers: side of a cell, pose of the grid in the map, first heading in turns."""
     cell_m, x, y, heading, begin = numbers
     count, c, s = len(uniform), math.cos(heading), math.sin(heading)
     poses = np.empty((count, 3))

@@ -1,4 +1,4 @@
-"""All jobs of one worker: takes orders and scans, returns reports."""
+"""The table of one worker's jobs, which follows orders, takes scans and returns reports."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -15,27 +15,29 @@ from worker.jobs import RunningJob, Searching, Tracking, running
 from worker.search_queue import SearchQueue
 
 RECENT_SCANS = 64
-"""Scans kept for jobs that begin a little behind."""
+"""Number of scans kept for a job that begins a few steps behind."""
 RECENT_SCANS_OF_WAITING = 512
-"""Scans kept while a job waits for older ones: more than arrive until the bridge's time-out."""
+"""Number of scans kept while a job waits for older ones: more than arrive before the query for them
+times out."""
 KEPT_STEPS = 300
-"""Reports kept of each job, as many as the bridge keeps scans: older steps cannot be applied."""
+"""Number of reports kept for each job. The bridge keeps as many scans, and older steps cannot be
+applied."""
 KEPT_SEARCH_STEPS = 16
-"""Reports kept of a search. Each has all its places, up to half a megabyte. Shards need one step
-in common, and are seldom further apart."""
+"""Number of reports kept for a search. A report has all places, up to half a megabyte. Shards need
+one common step, and are seldom further apart."""
 
 
 @dataclass(frozen=True)
 class MissingScans:
-    """Steps that a job needs and that only the bridge's history has."""
+    """Steps that a job needs, to be fetched from the bridge's history."""
 
     first: int
     last: int | None
-    """None: up to the newest, for this worker has seen no scan yet."""
+    """The last missing step; None: the newest one, as this worker has received no scan yet."""
 
 
 class RecentReports:
-    """The last reports of each job, for the next coordinator; particles only in the very last."""
+    """The last reports of each job for the next coordinator; the newest keeps its particles."""
 
     def __init__(self) -> None:
         self._of: dict[str, deque[Report]] = {}
@@ -90,8 +92,8 @@ class JobTable:
             (job_id, job.assignment.epoch, job.step) for job_id, job in sorted(self._jobs.items())
         )
 
-    def is_news(self, order: WorkOrder) -> bool:
-        """Return whether an order changes anything; after an outage one may only check."""
+    def has_changes(self, order: WorkOrder) -> bool:
+        """Return whether an order changes anything: after an outage it may repeat the last one."""
         held = {(job_id, job.assignment.epoch) for job_id, job in self._jobs.items()}
         resized = (self._tracked(job_id) for job_id, _, _ in order.resize)
         sizes = [job.size for job in resized if job is not None]
@@ -102,15 +104,15 @@ class JobTable:
         )
 
     def holds(self) -> tuple[Assignment, ...]:
-        """Return the jobs, each from where another worker could continue."""
+        """Return the jobs in a form that another worker can continue."""
         return tuple(job.handed_on() for _, job in sorted(self._jobs.items()))
 
     def reports_since(self, step: int) -> list[Report]:
-        """Return the reports of later steps; of searches also some before."""
+        """Return the reports of later steps, and for searches also some earlier ones."""
         return self._reports.since(step)
 
     def follow(self, order: WorkOrder, model: SensorModel, settings: FilterSettings) -> None:
-        """Begin and end jobs, so that exactly those of the order are left.
+        """Begin and end jobs to match an order.
 
         Raises:
             ValueError: a job's particles have an invalid shape; no job is changed.
@@ -167,7 +169,7 @@ class JobTable:
         return missing
 
     def wait_for(self, missing: MissingScans | None) -> None:
-        """Stop jobs that could use these steps until `catch_up`; None: no job waits."""
+        """Pause the jobs that need these steps until `catch_up`; None: pause no job."""
         self._waiting = {
             job_id
             for job_id, job in self._jobs.items()
@@ -175,14 +177,14 @@ class JobTable:
         }
 
     def lost_before(self, scan: Scan) -> MissingScans | None:
-        """Return the steps just before `scan` that are missing, if a job could use them."""
+        """Return the missing steps just before `scan`; None if no job needs them."""
         newest = self._recent[-1] if self._recent else scan
         if not self._jobs or scan.step <= newest.step + 1 or is_huge_jump(scan, newest):
             return None
         return MissingScans(newest.step + 1, scan.step - 1)
 
-    def said_last(self) -> list[Report]:
-        """Return the reports of the newest step again, because they may be lost."""
+    def last_reports(self) -> list[Report]:
+        """Return the reports of the newest step, to publish them again if they may be lost."""
         newest = self._recent[-1].step if self._recent else -1
         return self._reports.of_step(newest)
 
@@ -194,7 +196,7 @@ class JobTable:
     def on_scan(self, scan: Scan) -> list[Report]:
         """Advance every job that has not done this step and does not wait.
 
-        If the newest scan is repeated, its reports seem to be lost, and are returned again.
+        If the newest scan is repeated, its reports may be lost, and are returned again.
         """
         newest = self._recent[-1] if self._recent else None
         if newest is not None and (scan.step < newest.step or is_huge_jump(scan, newest)):
@@ -206,7 +208,7 @@ class JobTable:
         if newest is None or scan.step > newest.step:
             self._keep(scan)
             return self._advance(scan)
-        return self.said_last() + self._advance(scan)
+        return self.last_reports() + self._advance(scan)
 
     def _keep(self, scan: Scan) -> None:
         self._recent.append(scan)

@@ -64,14 +64,14 @@ class RunningJob(ABC):
 
     @abstractmethod
     def advance(self, scan: Scan) -> Report:
-        """Take the scan of a later step; steps in between are lost."""
+        """Apply the scan of a later step, and return its report; steps in between are skipped."""
 
     def use(self, model: SensorModel, settings: FilterSettings) -> None:
-        """Use these from the next scan on; slices of a scan that have begun keep theirs."""
+        """Use these from the next scan on; a scan in progress keeps the previous ones."""
         self._model, self._settings = model, settings
 
     def handed_on(self) -> Assignment:
-        """Return the job as another worker can continue it with the same numbers."""
+        """Return the job in a form from which another worker continues with the same numbers."""
         return self.assignment
 
     def _rng(self, purpose: Purpose, entity: int, step: int, part: int = 0) -> np.random.Generator:
@@ -202,7 +202,7 @@ class Tracking(RunningJob):
         return replace(self.assignment, job=job)
 
     def _snapshot(self, scan: Scan) -> Particles | None:
-        """Return the particles at some steps, other ones for each cluster: 64 kB at a time."""
+        """Return the particles at every n-th step, a different one for each cluster; else None."""
         if not self._snapshot_every or (scan.step - self._cluster) % self._snapshot_every != 0:
             return None
         return self._particles()
@@ -275,9 +275,9 @@ class Searching(RunningJob):
 
 
 class Elsewhere(RunningJob):
-    """The likelihood of each scan at new poses all over the free space.
+    """Weighs each scan at new poses all over the free space.
 
-    The coordinator weighs the tracked clusters against it.
+    The coordinator compares the evidence of tracked clusters with this likelihood.
     """
 
     def __init__(
@@ -292,7 +292,7 @@ class Elsewhere(RunningJob):
         self._poses = UniformPoses(model.grid, self._rng(Purpose.ELSEWHERE, 0, 0, part=1))
 
     def advance(self, scan: Scan) -> ElsewhereReport:
-        """Report the average likelihood of a scan, as that of a cluster is reported."""
+        """Report the average likelihood of a scan, computed as for a cluster."""
         rng = self._rng(Purpose.ELSEWHERE, 0, scan.step)
         poses = self._poses.draw(self._settings.belief.elsewhere_poses, rng)
         beams = scan_beams(scan, self._model)

@@ -24,13 +24,13 @@ CACHE_VERSION = 7
 """Increase it when the same map and settings give other arrays."""
 
 KEPT_ENTRIES = 16
-"""Settings can change while a robot drives, and each change may need another entry."""
+"""Number of cache entries: settings can change while a robot drives, each time with a new entry."""
 
 _CELLS = "cells"
 _ENTRY = "field-"
 _SUMS, _CHECKED, _PART = "crc32.json", "checked.json", ".part"
 _BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-"""Of Linux; changes with every start of the machine."""
+"""A file of Linux with other content after each boot."""
 _PIECE_BYTES = 2**24
 
 _log = logging.getLogger(__name__)
@@ -81,7 +81,8 @@ def sensor_model(
 def _one_at_a_time(cache_folder: Path) -> Iterator[None]:
     """Hold the lock that lets one process of the machine compute while the others wait.
 
-    Twelve at once would take twelve times the memory and, on two cores, six times as long.
+    Twelve processes at once would need twelve times the memory, and six times the time of two
+    cores.
     Partial entries found here were left by a killed process.
     """
     cache_folder.mkdir(parents=True, exist_ok=True)
@@ -173,10 +174,10 @@ def _read(entry: Path) -> MapArrays:
 
 
 def _check(entry: Path, sums: dict[str, int]) -> None:
-    """Compare all files with their checksums, once after each start of the machine.
+    """Compare all files with their checksums, once after each boot of the machine.
 
-    It takes a quarter of a second for 24 million cells, and twelve workers start at once. Files
-    written since then are compared again.
+    This takes a quarter of a second for 24 million cells, and twelve workers start at once. Files
+    written since the last comparison are compared again.
     """
     files = {name: _file(entry, name).stat() for name in sums}
     state = [(name, file.st_size, file.st_ctime_ns) for name, file in files.items()]

@@ -9,12 +9,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from grid_maps.map_message import from_message
 from particle_filter.branch_and_bound import free_leaves
 from particle_filter.sensor_model import SensorModel
-from particle_filter.settings import FilterSettings
+from particle_filter.settings import SensorSettings
 from process_runtime.main import Invocation, process_main
 from process_runtime.stop import StopFlag
 from process_runtime.supervisor import run_forked, work_without_preempting
@@ -42,7 +40,7 @@ from zenoh_link.wire import Asked, Received
 
 KEPT_SCANS = 64
 KEPT_CHECKPOINTS = 4
-"""Between two polls: some from each of two coordinators during a take-over."""
+"""Checkpoints kept between two polls: some from each of two coordinators during a take-over."""
 SCANS_PER_POLL = 2
 """Scans handled before checkpoints are polled. Waking up for checkpoints costs as much as reading
 them, and a poll reads all that have come."""
@@ -52,7 +50,7 @@ PAUSE_S = 0.004
 """Interval of checking whether a step is decided, while searches pause for it [s]."""
 MAP_TIMEOUT_S = 30.0
 REPEAT_FOR_S = 0.5
-"""Just after a link came up, a query for past scans finds no bridge yet [s]."""
+"""Time for which a query for past scans is repeated: a new link has no route yet [s]."""
 
 _log = logging.getLogger(__name__)
 
@@ -80,7 +78,7 @@ def run_workers(invocation: Invocation) -> None:
     settings, prefix = invocation.settings, invocation.process
     folder = settings.worker.cache_folder
     cache = Path(folder).expanduser() if folder else default_cache_folder()
-    compile_kernels(FilterSettings(), np.random.default_rng(0))
+    compile_kernels(SensorSettings())
 
     def child(index: int, stop: StopFlag) -> None:
         name = f"{prefix}-{index}"

@@ -1,4 +1,4 @@
-"""When searches compute, and what: in slices, so that tracked clusters never wait for them."""
+"""The order and the timing of searches, which compute in slices between tracked clusters."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ overload; then searches must go on, because the step may wait for one of them.""
 class SearchPause:
     """Pauses searches while the tracked clusters of a step compute.
 
-    Slices are not enough: trackers of other processes want the same cores, and many searches at
+    Slices are not enough: trackers of other processes need the same cores, and many searches at
     once would leave them only an equal share.
     """
 
@@ -66,7 +66,7 @@ class SearchQueue:
             scans.append(scan)
 
     def keep_only(self, jobs: Iterable[RunningJob]) -> None:
-        """Forget the work of searches that have ended."""
+        """Remove the work of searches that have ended."""
         kept = {id(job) for job in jobs}
         self._left = {key: left for key, left in self._left.items() if key in kept}
         if self._searching is not None and id(self._searching) not in kept:

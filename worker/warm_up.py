@@ -3,13 +3,12 @@
 import logging
 
 import numpy as np
-from msgspec.structs import replace
 
 from particle_filter import kernels
 from particle_filter.arrays import OCCUPIED
 from particle_filter.sensor_model import Grid
 from particle_filter.sensor_models import computed_model
-from particle_filter.settings import FilterSettings, SearchSettings
+from particle_filter.settings import FilterSettings, SearchSettings, SensorSettings
 from protocol.arrays import ArrayBlob
 from protocol.steps import Scan
 from protocol.work import Assignment, ElsewhereJob, Particles, SearchJob, SearchReport, TrackJob
@@ -18,13 +17,14 @@ from worker.jobs import running
 _log = logging.getLogger(__name__)
 
 
-def compile_kernels(settings: FilterSettings, rng: np.random.Generator) -> None:
+def compile_kernels(sensor: SensorSettings) -> None:
     """Run every kernel once: a small search, tracking of its best place, elsewhere."""
+    rng = np.random.default_rng(0)
     search = SearchSettings(heading_step_rad=0.2, poses=200, shards=1)
-    small = replace(settings, search=search)
+    small = FilterSettings(sensor=sensor, search=search)
     cells = np.zeros((40, 40), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = OCCUPIED
-    model = computed_model(Grid(cells, 0.1, np.zeros(3)), small.sensor)
+    model = computed_model(Grid(cells, 0.1, np.zeros(3)), sensor)
     job = running(
         Assignment(job_id="s", epoch=0, job=SearchJob(search=0, shard=0, first_step=0)),
         model,

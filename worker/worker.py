@@ -1,4 +1,4 @@
-"""The decisions of one worker: it is called with events and returns instructions."""
+"""The decisions of one worker, whose methods take events and return instructions."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from worker.job_table import RECENT_SCANS, JobTable, MissingScans
 
 HISTORY_TIMEOUT_S = 5.0
 LOST_SCANS_TIMEOUT_S = 0.5
-"""The bridge has just sent a scan, so it answers soon or never."""
+"""Timeout of a query after a gap: the bridge has just sent a scan, so it answers soon or never."""
 KEPT_TERMS = 16
-"""Terms remembered: more than coordinators that ask before one of them begins."""
+"""Number of remembered terms: more than coordinators that query before one of them begins."""
 
 
 @dataclass(frozen=True)
@@ -332,7 +332,7 @@ class Worker:
     def _follow(self, waiting: _WaitingOrder) -> list[Instruction]:
         self._waiting = None
         order = waiting.order
-        again = [] if self._table.is_news(order) else self._table.said_last()
+        again = [] if self._table.has_changes(order) else self._table.last_reports()
         try:
             if not self._fence.check(order):  # again: it may have waited
                 return self._overtaken(waiting.question, order)

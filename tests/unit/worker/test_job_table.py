@@ -103,10 +103,10 @@ def test_an_order_may_change_the_number_of_particles_of_a_job_that_is_kept(
     kept = msgspec.structs.replace(
         order(keep=(("c0", 1), ("c1", 1))), resize=(("c1", 25, 3), ("c9", 25, 3))
     )
-    assert table.is_news(kept)
+    assert table.has_changes(kept)
     table.follow(kept, model, SETTINGS)
     settled = msgspec.structs.replace(kept, resize=(("c1", 25, 3),))
-    assert not table.is_news(settled)
+    assert not table.has_changes(settled)
     jobs = [job.job for job in table.holds()]
     assert [(job.particles, job.particles_from) for job in jobs if isinstance(job, TrackJob)] == [
         (None, -1),

@@ -1,10 +1,9 @@
 import logging
 
-import numpy as np
 import pytest
 
 from particle_filter import kernels
-from particle_filter.settings import FilterSettings
+from particle_filter.settings import SensorSettings
 from worker.warm_up import compile_kernels
 
 
@@ -14,7 +13,7 @@ def test_kernels_that_cannot_be_cached_are_reported_once_in_one_line(
 ) -> None:
     monkeypatch.setattr(kernels, "cache_problems", problems)
     with caplog.at_level(logging.WARNING):
-        compile_kernels(FilterSettings(), np.random.default_rng(0))
+        compile_kernels(SensorSettings())
     assert len(caplog.messages) == bool(problems)
     for line in caplog.messages:
         assert "kernels cannot be kept on disk: disk full; " in line
