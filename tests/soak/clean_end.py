@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 
 from process_runtime.supervisor import ChildExit
-from tests.soak.promise import Break, DoneFault, Verdict
+from tests.soak.promises import Break, DoneFault, Verdict
 from tests.soak.schedule import Kind
 
 STOP_WITHIN_S = 3.0

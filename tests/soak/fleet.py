@@ -10,7 +10,7 @@ import msgspec
 import psutil
 
 from grid_maps.ros_map import write_map
-from process_runtime.settings import RobotSettings, Settings
+from process_runtime.settings import Settings
 from process_runtime.settings_table import settings_as_toml
 from process_runtime.sources import Simulated
 from process_runtime.supervisor import ChildExit, ChildSpec, Supervisor, python_module
@@ -172,18 +172,3 @@ def _worker_name(process: psutil.Process, names: dict[int, str]) -> str | None:
         return None
     robot, _, role = parent.rpartition("/")
     return f"{robot}/{own}" if role == WORKERS and own.startswith(f"{WORKER}-") else None
-
-
-def robots_settings(settings: Settings, robots: int) -> list[Settings]:
-    """Return the settings of each robot, with its own name and seed."""
-    if robots == 1:
-        return [settings]
-    name = settings.robot.name
-    return [
-        msgspec.structs.replace(
-            settings,
-            robot=RobotSettings(name=f"{name}-{number}"),
-            seed=settings.seed + number,
-        )
-        for number in range(1, robots + 1)
-    ]

@@ -12,7 +12,7 @@ import psutil
 from robot_simulator.driver import KIDNAP_KEY
 from tests.soak import malformed
 from tests.soak.fleet import BRIDGE, COORDINATOR, ROBOT, ROUTER, WORKER, WORKERS, Part
-from tests.soak.promise import DoneFault
+from tests.soak.promises import DoneFault
 from tests.soak.schedule import Fault, Kind
 
 TRY_FOR_S = 10.0
@@ -71,35 +71,34 @@ class Injector:
 
     Args:
         faults: in the order of time.
-        start_ns: origin of their times.
         targets: the processes.
         seed: of the malformed messages.
     """
 
-    def __init__(self, faults: Sequence[Fault], start_ns: int, targets: Targets, seed: int) -> None:
-        self._waiting = list(faults)
-        self._start_ns, self._targets = start_ns, targets
+    def __init__(self, faults: Sequence[Fault], targets: Targets, seed: int) -> None:
+        self._waiting, self._targets = list(faults), targets
         self._rng = np.random.default_rng([seed, 0xBAD])
         self._later: list[tuple[int, Callable[[], object]]] = []
         self._cut_off: set[int] = set()
         self._stopped: set[psutil.Process] = set()
-        self.skipped: list[Fault] = []
 
-    def tick(self, now_ns: int) -> list[DoneFault]:
-        """Inject and end the faults that are due; return those that began."""
+    def tick(self, now_ns: int, start_ns: int) -> list[DoneFault]:
+        """Inject and end the faults that are due; return those that began.
+
+        Args:
+            now_ns: present time.
+            start_ns: origin of the faults' times.
+        """
         for due in [item for item in self._later if item[0] <= now_ns]:
             self._later.remove(due)
             due[1]()
         done = []
-        while self._waiting and self._at_ns(self._waiting[0]) <= now_ns:
-            fault = self._waiting[0]
+        elapsed_s = (now_ns - start_ns) / 1e9
+        while self._waiting and (fault := self._waiting[0]).at_s <= elapsed_s:
             begun = self._begin(fault, now_ns)
-            if begun:
-                done += begun
-            elif now_ns < self._at_ns(fault) + TRY_FOR_S * 1e9:
+            if not begun and elapsed_s < fault.at_s + TRY_FOR_S:
                 break
-            else:
-                self.skipped.append(fault)
+            done += begun
             self._waiting.pop(0)
         return done
 
@@ -110,9 +109,6 @@ class Injector:
             self._mend(sorted(self._cut_off))
         for process in list(self._stopped):
             self._signal(process, signal.SIGCONT)
-
-    def _at_ns(self, fault: Fault) -> int:
-        return self._start_ns + int(fault.at_s * 1e9)
 
     def _begin(self, fault: Fault, now_ns: int) -> list[DoneFault]:
         """Inject a fault; return nothing if there is no victim now."""

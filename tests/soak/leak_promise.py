@@ -10,7 +10,7 @@ import zenoh
 from scipy.stats import theilslopes
 
 from process_runtime.settings import Settings
-from tests.soak.promise import Verdict
+from tests.soak.promises import Verdict
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 WARM_UP_S = 180.0

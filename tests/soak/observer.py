@@ -1,55 +1,63 @@
-"""Passes the messages of a robot's processes to the promises."""
+"""Receives all messages of a robot, queries its pose, and passes both to the promises."""
 
-from collections.abc import Sequence
+import logging
+import time
+from collections.abc import Callable
+from typing import TypeVar
 
-import msgpack
+import msgspec
 
 from process_runtime.settings import Settings
+from process_runtime.stop import StopFlag
 from protocol import keys
-from protocol.answers import Belief
-from protocol.codec import decode
-from protocol.errors import MalformedMessageError
-from protocol.job_events import JobEvents
-from protocol.keys import WorkerKey, WorkerTopic
-from protocol.message import Message, PoseTuple
+from protocol.answers import Belief, PoseAnswer
+from protocol.message import Message
 from protocol.steps import LaserReading, OdometryReading, Scan
 from robot_simulator.driver import TRUTH_KEY, TrueMotion
 from robot_simulator.worlds.eight_rooms import copies_in_all_rooms, eight_rooms
-from tests.soak.listener import Arrived, Received
-from tests.soak.pose_promises import AgeTrue, Answered, Question
-from tests.soak.promise import Outages, Verdict
-from tests.soak.step_promise import StepsOnce
-from tests.soak.truth_promise import TruthHeld
+from tests.soak.promises import (
+    AgeTrue,
+    Answered,
+    Outages,
+    Question,
+    StepsOnce,
+    TruthHeld,
+    Verdict,
+)
+from zenoh_link.node import Node
+from zenoh_link.wire import Received
 
 HAND_OVER_S = 2.0
 """A step waits this long for a job that was just given to another worker."""
+ASK_TIMEOUT_S = 1.0
 _REPORTED_LATELY_NS = 2_000_000_000
-_KINDS: dict[str, type[Message]] = {
-    keys.EVENTS: JobEvents,
-    keys.BELIEF: Belief,
-    keys.SCAN: Scan,
-    keys.LASER_READING: LaserReading,
-    keys.ODOMETRY_READING: OdometryReading,
-    TRUTH_KEY: TrueMotion,
-}
+_KEPT = 20_000
+
+M = TypeVar("M", bound=Message)
 
 
-def _only_itself(map_from_robot: PoseTuple) -> Sequence[PoseTuple]:
-    return (map_from_robot,)
+class _Report(msgspec.Struct):
+    """The fields read of a worker's report: decoding all reports completely takes too long."""
+
+    sender: str
+    job_id: str
 
 
 class Observer:
-    """The promises of one robot.
+    """A client of one robot that holds it to the promises.
 
     Args:
         settings: settings of the robot.
         world: name of its world; in `eight_rooms` each room must keep a place.
+        stop: ends the wait for a router.
     """
 
-    def __init__(self, settings: Settings, world: str) -> None:
+    def __init__(self, settings: Settings, world: str, stop: StopFlag) -> None:
         self.outages = Outages()
-        places_of = copies_in_all_rooms if world == eight_rooms.__name__ else _only_itself
-        self._truth = TruthHeld(self.outages, places_of)
+        alike = world == eight_rooms.__name__
+        self._truth = TruthHeld(
+            self.outages, copies_in_all_rooms if alike else lambda pose: (pose,)
+        )
         self._answered = Answered(self.outages)
         self._age = AgeTrue(settings.coordinator.stale_after_s)
         longest_s = settings.coordinator.step_deadline_s + HAND_OVER_S
@@ -60,6 +68,22 @@ class Observer:
         """The newest well-formed message of each key."""
         self.is_judging = False
         """Set when the first search is over."""
+        self._wall_ns = time.time_ns() - time.monotonic_ns()
+        logging.getLogger("zenoh_link").setLevel("ERROR")  # the soak itself sends malformed ones
+        self.node = Node("soak", "soak", settings, stop, peers=keys.ALL_WORKERS_ALIVE)
+        self._subscribe(keys.BELIEF, Belief, self._on_belief)
+        self._subscribe(keys.SCAN, Scan, lambda at_ns, scan: self._steps.on_scan(at_ns, scan.step))
+        self._subscribe(TRUTH_KEY, TrueMotion, lambda _, motion: self._on_truth(motion))
+        self._subscribe(keys.LASER_READING, LaserReading, lambda *_: None)
+        self._subscribe(keys.ODOMETRY_READING, OdometryReading, lambda *_: None)
+        self._reports = self.node.poll(keys.ALL_REPORTS, "report", _KEPT)
+
+    def _subscribe(self, key: str, message: type[M], handler: Callable[[int, M], object]) -> None:
+        def on_message(decoded: M, received: Received) -> None:
+            self.seen[key] = received.payload
+            handler(self._wall_ns + received.at_ns, decoded)
+
+        self.node.subscribe(key, message, on_message, kind=key, kept=_KEPT)
 
     @property
     def is_ready(self) -> bool:
@@ -83,16 +107,34 @@ class Observer:
         recent = now_ns - _REPORTED_LATELY_NS
         return sorted({worker for worker, at_ns in self._reporters.values() if at_ns >= recent})
 
-    def on_arrived(self, arrived: Arrived) -> None:
-        """Take a message, or the outcome of a pose query."""
-        match arrived:
-            case Question() if self.is_judging:
-                self._answered.on_question(arrived)
-                self._age.on_question(arrived)
-            case Received(key=key) if key in _KINDS:
-                self._on_message(arrived)
-            case Received():
-                self._on_report(arrived)
+    def turn(self, wait_s: float) -> None:
+        """Handle everything that has arrived, or wait for the next message."""
+        while self.node.turn(wait_s) is not None:
+            wait_s = 0.0
+        self.node.drain(self._reports, self._on_report)
+
+    def ask_pose(self) -> None:
+        """Query the pose without blocking; a later turn counts the outcome."""
+        asked_ns = time.time_ns()
+
+        def on_outcome(answer: PoseAnswer | None) -> None:
+            if self.is_judging:
+                question = Question(asked_ns, time.time_ns(), answer)
+                self._answered.on_question(question)
+                self._age.on_question(question)
+
+        self.node.ask(
+            keys.POSE, PoseAnswer, on_outcome, lambda _problem: on_outcome(None),
+            timeout_s=ASK_TIMEOUT_S,
+        )  # fmt: skip
+
+    def publish(self, key: str, payload: bytes) -> None:
+        """Publish any bytes."""
+        self.node.session.put(key, payload)
+
+    def query(self, selector: str, payload: bytes) -> None:
+        """Query with any bytes; replies are ignored."""
+        self.node.session.get(selector, lambda _reply: None, payload=payload, timeout=ASK_TIMEOUT_S)
 
     def verdicts(self, now_ns: int) -> list[Verdict]:
         return [
@@ -102,33 +144,20 @@ class Observer:
             self._steps.verdict(),
         ]
 
-    def _on_message(self, received: Received) -> None:
-        try:
-            message = decode(received.payload, _KINDS[received.key])
-        except MalformedMessageError:
-            return  # injected by the soak itself
-        self.seen[received.key] = received.payload
-        match message:
-            case JobEvents():
-                self._truth.on_events(message)
-            case TrueMotion():
-                self._truth.on_truth(message.stamp_ns, message.map_from_robot, message.kidnapped)
-            case Scan():
-                self._steps.on_scan(received.at_ns, message.step)
-            case Belief():
-                self._belief = message
-                self._truth.on_belief(received.at_ns, message)
-                if self.is_judging:
-                    self._steps.on_belief(received.at_ns, message)
+    def _on_belief(self, at_ns: int, belief: Belief) -> None:
+        self._belief = belief
+        self._truth.on_belief(at_ns, belief)
+        if self.is_judging:
+            self._steps.on_belief(at_ns, belief.step)
 
-    def _on_report(self, received: Received) -> None:
-        """Read only the job of a report: decoding all reports completely takes too long."""
+    def _on_truth(self, motion: TrueMotion) -> None:
+        self._truth.on_truth(motion.stamp_ns, motion.map_from_robot, motion.kidnapped)
+
+    def _on_report(self, payload: bytes) -> None:
         try:
-            report, key = msgpack.unpackb(received.payload), keys.parsed(received.key)
-            job_id = str(report["job_id"])
-            is_cluster = job_id.startswith("c")
-            if is_cluster and isinstance(key, WorkerKey) and key.topic is WorkerTopic.REPORT:
-                self._reporters[job_id] = key.worker, received.at_ns
-                self.seen[received.key] = received.payload
-        except (MalformedMessageError, ValueError, TypeError, KeyError, msgpack.UnpackException):
+            report = msgspec.msgpack.decode(payload, type=_Report)
+        except (msgspec.DecodeError, ValueError):
             return  # injected by the soak itself
+        if report.job_id.startswith("c"):
+            self._reporters[report.job_id] = report.sender, time.time_ns()
+            self.seen[keys.worker_report(report.sender)] = payload

@@ -1,43 +1,36 @@
 """Output of a soak: progress on the terminal, a table, and JSON."""
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from tests.soak.promise import Break, DoneFault, Verdict
+from tests.soak.promises import Break, DoneFault, Verdict
 
 _KEPT = {True: "yes", False: "NO", None: "-"}
 _BREAKS_SHOWN = 3
-_BLAMED_NS = 30_000_000_000
 _LINE_EVERY_S = 30.0
 
 
-@dataclass(frozen=True)
+@dataclass
 class SoakResult:
     """Everything measured in a soak."""
 
-    options: dict[str, object]
-    start_ns: int
+    options: Any
+    """A dataclass."""
+    faults: list[DoneFault]
+    start_ns: int = 0
     """End of the first search."""
-    end_ns: int
-    faults: Sequence[DoneFault]
-    verdicts: Sequence[Verdict]
+    end_ns: int = 0
+    verdicts: list[Verdict] = field(default_factory=list)
 
     @property
     def is_broken(self) -> bool:
         """Whether a promise was broken."""
         return any(verdict.kept is False for verdict in self.verdicts)
-
-    def cause(self, broken: Break) -> DoneFault | None:
-        """Return the newest fault shortly before a violation; None if there is none."""
-        before = [fault for fault in self.faults if fault.at_ns <= broken.at_ns + 1_000_000_000]
-        newest = max(before, key=lambda fault: fault.at_ns, default=None)
-        is_recent = newest is not None and broken.at_ns - newest.until_ns < _BLAMED_NS
-        return newest if is_recent else None
 
     def at_s(self, at_ns: int) -> float:
         """Return the time since the start [s]."""
@@ -45,7 +38,7 @@ class SoakResult:
 
 
 def print_result(result: SoakResult, console: Console) -> None:
-    """Print the table of promises, then time and preceding fault of each violation."""
+    """Print the table of promises, then the first violations with their times."""
     minutes = result.at_s(result.end_ns) / 60
     table = Table(title=f"{minutes:.1f} minutes, {len(result.faults)} faults", box=None)
     for column in ("promise", "target", "measured", "kept"):
@@ -67,7 +60,7 @@ def as_json(result: SoakResult) -> str:
     """Return all figures as JSON; times are seconds since the start."""
     what = {
         "version": version("clustermcl"),
-        "options": result.options,
+        "options": asdict(result.options),
         "minutes": result.at_s(result.end_ns) / 60,
         "kept": not result.is_broken,
         "promises": [
@@ -84,7 +77,7 @@ def as_json(result: SoakResult) -> str:
             for fault in result.faults
         ],
     }
-    return json.dumps(what, indent=1) + "\n"
+    return json.dumps(what, indent=1, default=str) + "\n"
 
 
 class Progress:
@@ -110,9 +103,4 @@ class Progress:
 
 
 def _text(result: SoakResult, broken: Break) -> str:
-    if not broken.at_ns:
-        return broken.what
-    text = f"at {result.at_s(broken.at_ns):.1f} s: {broken.what}"
-    if (fault := result.cause(broken)) is None:
-        return text
-    return f"{text} (after {fault.kind} at {result.at_s(fault.at_ns):.1f} s: {fault.target})"
+    return f"at {result.at_s(broken.at_ns):.1f} s: {broken.what}" if broken.at_ns else broken.what

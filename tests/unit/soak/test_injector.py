@@ -59,13 +59,13 @@ def injector(
         publish=lambda key, _payload: said.append(key) if said is not None else None,
         query=lambda _key, _payload: None,
     )
-    return Injector(faults, 0, targets, seed=1)
+    return Injector(faults, targets, seed=1)
 
 
 def test_a_worker_and_the_coordinator_are_killed_together_and_listed_one_by_one(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
-    done = injector(sleepers, ["worker-1"], BOTH).tick(AT_NS)
+    done = injector(sleepers, ["worker-1"], BOTH).tick(AT_NS, 0)
     assert [(fault.kind, fault.target) for fault in done] == [
         (Kind.COORDINATOR_KILLED, "coordinator"),
         (Kind.WORKER_KILLED, "worker-1"),
@@ -78,11 +78,12 @@ def test_a_worker_and_the_coordinator_are_killed_together_and_listed_one_by_one(
 def test_while_no_worker_tracks_anything_neither_is_killed(
     sleepers: dict[str, subprocess.Popen[bytes]],
 ) -> None:
-    tested = injector(sleepers, [], BOTH)
-    assert tested.tick(AT_NS) == []
-    assert tested.skipped == []
-    assert tested.tick(AT_NS + int(TRY_FOR_S * 1e9)) == []
-    assert tested.skipped == [BOTH]
+    tracking = list[str]()
+    tested = injector(sleepers, tracking, BOTH)
+    assert tested.tick(AT_NS, 0) == []
+    assert tested.tick(AT_NS + int(TRY_FOR_S * 1e9), 0) == []
+    tracking.append("worker-1")
+    assert tested.tick(AT_NS + int(TRY_FOR_S * 1e9) + 1, 0) == [], "it is skipped"
     assert all(process.poll() is None for process in sleepers.values())
 
 
@@ -101,12 +102,12 @@ def test_every_other_worker_is_cut_off_both_ways_or_one_and_then_no_more(
     cables, pids = Cables(), {sleepers[worker].pid}
     fault = Fault(at_s=1.0, kind=Kind.WORKER_LINKS_CUT, lasts_s=20.0, choice=choice)
     tested = injector(sleepers, [], fault, cables=cables)
-    done = tested.tick(AT_NS)
+    done = tested.tick(AT_NS, 0)
     assert [(one.target, one.until_ns) for one in done] == [(worker, 21 * AT_NS)]
     assert cables.set == [(pids, to_router, from_router)]
-    tested.tick(20 * AT_NS)
+    tested.tick(20 * AT_NS, 0)
     assert len(cables.set) == 1
-    tested.tick(21 * AT_NS)
+    tested.tick(21 * AT_NS, 0)
     assert cables.set[1:] == [(pids, True, True)]
 
 
@@ -124,9 +125,9 @@ def test_what_is_cut_in_the_end_is_mended_and_all_workers_are_never_cut_off_at_o
         )
     ]
     tested = injector(sleepers, [], *faults, cables=cables)
-    assert [fault.target for fault in tested.tick(AT_NS)] == ["coordinator", "worker-0"]
+    assert [fault.target for fault in tested.tick(AT_NS, 0)] == ["coordinator", "worker-0"]
     assert cables.set == [(coordinator, False, False), (worker, False, False)]
-    assert tested.tick(6 * AT_NS) == []
+    assert tested.tick(6 * AT_NS, 0) == []
     assert cables.set[2:] == [(coordinator, True, True)]
     tested.end_all()
     tested.end_all()
@@ -138,5 +139,5 @@ def test_the_robot_gets_a_wrong_pose(
 ) -> None:
     said: list[str] = []
     fault = Fault(at_s=1.0, kind=Kind.ROBOT_KIDNAPPED, lasts_s=0.0, choice=0.0)
-    assert len(injector(sleepers, [], fault, said=said).tick(AT_NS)) == 1
+    assert len(injector(sleepers, [], fault, said=said).tick(AT_NS, 0)) == 1
     assert said == [KIDNAP_KEY]

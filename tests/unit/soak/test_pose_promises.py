@@ -1,7 +1,6 @@
 import pytest
 
-from tests.soak.pose_promises import AgeTrue, Answered
-from tests.soak.promise import BACK_WITHIN_S
+from tests.soak.promises import BACK_WITHIN_S, AgeTrue, Answered
 from tests.soak.schedule import Kind
 from tests.unit.soak.made_up import answered, fault, outages, unanswered
 
@@ -36,13 +35,6 @@ def test_one_question_in_a_thousand_may_go_unanswered_and_no_more() -> None:
     assert promise.verdict().kept is True
     promise.on_question(unanswered(51.0))
     assert promise.verdict().kept is False
-
-
-def test_the_longest_time_without_an_answer_is_measured() -> None:
-    promise = Answered(outages())
-    for second in (1.0, 2.0, 5.5, 6.0):
-        promise.on_question(answered(second, stamp_s=second, age_s=0.0))
-    assert promise.verdict().figures["longest_silence_s"] == pytest.approx(3.5)
 
 
 def test_without_a_question_no_promise_is_kept() -> None:

@@ -19,6 +19,7 @@ from particle_filter.settings import BeliefSettings, ClusterSettings, SearchSett
 from process_runtime.settings import (
     BridgeSettings,
     CoordinatorSettings,
+    RobotSettings,
     Settings,
     WorkerSettings,
     ZenohSettings,
@@ -29,7 +30,7 @@ from protocol.codec import decode
 from protocol.message import PoseTuple
 from protocol.steps import LaserReading, Scan
 from robot_simulator.driver import TRUTH_KEY, TrueMotion
-from tests.soak.fleet import Fleet, robots_settings
+from tests.soak.fleet import Fleet
 from zenoh_link.configuration import as_zenoh, client_configuration
 
 WORLD = "hall"
@@ -112,7 +113,12 @@ def run_robots(robots: int, at_most_s: float, folder: Path) -> dict[str, Robot]:
     router = ZenohSettings(router=f"unixsock-stream/{folder}/router.sock")
     worker = msgspec.structs.replace(SETTINGS.worker, cache_folder=str(folder / "cache"))
     settings = msgspec.structs.replace(SETTINGS, zenoh=router, worker=worker)
-    each = robots_settings(settings, robots)
+    each = [
+        msgspec.structs.replace(
+            settings, robot=RobotSettings(name=f"robot-{number}"), seed=settings.seed + number
+        )
+        for number in range(1, robots + 1)
+    ]
     fleet = Fleet(each, folder, world=WORLD, rate_hz=RATE_HZ, coordinators=1, cables=False)
     fleet.start()
     try:
